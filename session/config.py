@@ -1,0 +1,141 @@
+"""``session.toml``: what was recorded, with what, where (FORMATS, ``tinygc-session/1``)."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+
+from session.errors import FormatError
+from session.units import STANDARD_GRAVITY_MPS2
+
+SCHEMA = "tinygc-session/1"
+
+
+@dataclass(frozen=True)
+class Sensor:
+    model: str
+    serial: str
+    odr_hz: float  #: nominal; the stamps say the true one
+    gyro_fs_dps: float
+    accel_fs_g: float
+
+
+@dataclass(frozen=True, eq=False)
+class Accelerometer:
+    """The accelerometer's pre-calibration, ``f = matrix @ (measured - bias)``: matrix (3, 3), bias (3,) m/s^2."""
+
+    matrix: np.ndarray = field(default_factory=lambda: np.eye(3))
+    bias_mps2: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def correct(self, measured: np.ndarray) -> np.ndarray:
+        """Specific force (N, 3) m/s^2 from what was measured."""
+        return (measured - self.bias_mps2) @ self.matrix.T
+
+
+@dataclass(frozen=True)
+class Site:
+    latitude_deg: float | None = None  #: None: the Earth's rotation cannot be predicted
+    gravity_mps2: float | None = None  #: None: standard gravity is expected, loosely
+    heading_deg: float | None = None  #: the table's index direction, from true north
+
+    @property
+    def expected_gravity_mps2(self) -> float:
+        return STANDARD_GRAVITY_MPS2 if self.gravity_mps2 is None else self.gravity_mps2
+
+
+@dataclass(frozen=True)
+class Protocol:
+    still_s: float = 1.0
+    segment_s: float = 5.0
+    reference: str = "gravity"
+
+
+@dataclass(frozen=True)
+class Config:
+    sensor: Sensor
+    accelerometer: Accelerometer
+    site: Site
+    protocol: Protocol
+
+
+def read_config(path: Path) -> Config:
+    """Read and check ``session.toml``; FormatError names the key, what was expected and what came."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FormatError(f"{path}: not found; a session folder holds session.toml and log*.csv (see FORMATS, README)") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FormatError(f"{path}: broken TOML: {error}; correct that line") from None
+    if table.get("schema") != SCHEMA:
+        raise FormatError(f'{path}: schema is {table.get("schema")!r}, expected "{SCHEMA}"; is this a session folder of this tool?')
+    reader = _Reader(path, table)
+    sensor = Sensor(
+        model=reader.text("sensor", "model", "ASM330LHH"),
+        serial=reader.text("sensor", "serial", ""),
+        odr_hz=reader.number("sensor", "odr_hz", low=1, high=20000),
+        gyro_fs_dps=reader.number("sensor", "gyro_fs_dps", low=1, high=1e5),
+        accel_fs_g=reader.number("sensor", "accel_fs_g", low=0.1, high=1000),
+    )
+    accelerometer = Accelerometer(
+        reader.array("accelerometer", "matrix", (3, 3), np.eye(3)), reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3))
+    )
+    if abs(np.linalg.det(accelerometer.matrix)) < 0.1:
+        raise FormatError(f"{path}: accelerometer.matrix is singular; expected a 3x3 matrix close to the identity")
+    site = Site(
+        latitude_deg=reader.number("site", "latitude_deg", None, low=-90, high=90),
+        gravity_mps2=reader.number("site", "gravity_mps2", None, low=9.7, high=9.9),
+        heading_deg=reader.number("site", "heading_deg", None, low=-360, high=360),
+    )
+    protocol = Protocol(
+        still_s=reader.number("protocol", "still_s", 1.0, low=0.1, high=600),
+        segment_s=reader.number("protocol", "segment_s", 5.0, low=0.5, high=3600),
+        reference=reader.text("protocol", "reference", "gravity"),
+    )
+    if protocol.reference not in ("gravity", "table"):
+        raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected "gravity" or "table"')
+    return Config(sensor, accelerometer, site, protocol)
+
+
+class _Reader:
+    """Typed look-ups in the parsed TOML; every complaint names file, key, expectation and value."""
+
+    _REQUIRED = object()
+
+    def __init__(self, path: Path, table: dict):
+        self._path, self._table = path, table
+
+    def _value(self, section: str, key: str, default):
+        group = self._table.get(section, {})
+        if not isinstance(group, dict):
+            raise FormatError(f"{self._path}: [{section}] must be a table, not {group!r}")
+        if key not in group and default is self._REQUIRED:
+            raise FormatError(f"{self._path}: {section}.{key} is missing; add it under [{section}]")
+        return group.get(key, default)
+
+    def text(self, section: str, key: str, default: str) -> str:
+        value = self._value(section, key, default)
+        if not isinstance(value, str):
+            raise FormatError(f"{self._path}: {section}.{key} is {value!r}, expected text in quotes")
+        return value
+
+    def number(self, section: str, key: str, default=_REQUIRED, *, low: float, high: float):
+        value = self._value(section, key, default)
+        if value is None and default is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value) or not low <= value <= high:
+            raise FormatError(f"{self._path}: {section}.{key} is {value!r}, expected a number from {low:g} to {high:g}")
+        return float(value)
+
+    def array(self, section: str, key: str, shape: tuple[int, ...], default: np.ndarray) -> np.ndarray:
+        value = self._value(section, key, default)
+        try:
+            array = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            array = np.empty(0)
+        if array.shape != shape or not np.isfinite(array).all():
+            raise FormatError(f"{self._path}: {section}.{key} is {value!r}, expected finite numbers of shape {shape}")
+        return array

@@ -1,0 +1,99 @@
+"""A session folder as one record: configuration, calibration logs, closure runs, dial readings (FORMATS)."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.config import Config, read_config
+from session.errors import FormatError
+from session.logfile import Log, read_log
+from session.samples import Samples
+from session.units import DEG
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """What a folder holds.  attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still."""
+
+    folder: Path
+    config: Config
+    logs: tuple[Log, ...]
+    closures: tuple[Log, ...]
+    attitudes: np.ndarray | None = None
+
+    @property
+    def name(self) -> str:
+        return self.folder.resolve().name
+
+    def calibrated(self, log: Log) -> Samples:
+        """A log's samples with the accelerometer's pre-calibration applied."""
+        return log.samples.with_accel(self.config.accelerometer.correct(log.samples.accel))
+
+
+def log_paths(folder: Path, stem: str) -> list[Path]:
+    """``stem*.csv`` and ``stem*.csv.gz`` in name order; FormatError where both forms of one log are there."""
+    paths = sorted([*folder.glob(f"{stem}*.csv"), *folder.glob(f"{stem}*.csv.gz")], key=lambda path: path.name)
+    bare = [path.name.removesuffix(".gz") for path in paths]
+    for name in bare:
+        if bare.count(name) > 1:
+            raise FormatError(f"{folder}: holds {name} and {name}.gz; keep one, or the log would count twice")
+    return paths
+
+
+def read_session(folder: Path, progress: Callable[[str], None] = lambda what: None) -> Session:
+    """Read a whole session folder.  Raises FormatError or DataError, naming file and line.  ``progress`` is told each file."""
+    if not folder.is_dir():
+        hint = "that is a file; give the session folder" if folder.exists() else "not found"
+        raise FormatError(f"{folder}: {hint}; a session folder holds session.toml and log*.csv")
+    config = read_config(folder / "session.toml")
+    paths, closures = log_paths(folder, "log"), log_paths(folder, "closure")
+    if not paths:
+        raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz beside session.toml")
+
+    def read(path: Path) -> Log:
+        progress(path.name)
+        return read_log(path, config.sensor)
+
+    attitudes = folder / "attitudes.csv"
+    return Session(
+        folder=folder,
+        config=config,
+        logs=tuple(map(read, paths)),
+        closures=tuple(map(read, closures)),
+        attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
+    )
+
+
+def _read_attitudes(path: Path) -> np.ndarray:
+    """Dial readings ``still,roll_deg,pitch_deg,yaw_deg`` as (stills, 3) rad, NaN rows for stills that have none."""
+    columns = ["still", "roll_deg", "pitch_deg", "yaw_deg"]
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
+    except FileNotFoundError:
+        raise FormatError(
+            f'{path}: not found, but protocol.reference is "table"; add the dial readings, or use "gravity"'
+        ) from None
+    rows = list(csv.reader(lines))
+    if not rows or [cell.strip() for cell in rows[0]] != columns:
+        raise FormatError(f"{path.name}: the header must be {','.join(columns)}")
+    readings = {}
+    for number, row in enumerate(rows[1:], start=2):
+        try:
+            still, *angles = int(row[0]), *map(float, row[1:4])
+        except (ValueError, IndexError):
+            raise FormatError(f"{path.name} line {number}: {','.join(row)!r}, expected still,roll_deg,pitch_deg,yaw_deg") from None
+        if still < 0 or len(angles) != 3 or not all(map(math.isfinite, angles)) or still in readings:
+            raise FormatError(f"{path.name} line {number}: still {still} is doubled, negative or has no finite angles")
+        readings[still] = angles
+    if not readings:
+        raise FormatError(f"{path.name}: a header but no dial readings")
+    table = np.full((max(readings) + 1, 3), np.nan)
+    for still, angles in readings.items():
+        table[still] = np.multiply(angles, DEG)
+    return table

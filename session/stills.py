@@ -1,0 +1,251 @@
+"""Find the still phases of a log, and say how good each is.
+
+No setting: the sensor's own noise, measured on the quietest blocks of the log itself, is the yardstick.  A block of 0.1 s is
+quiet when neither the scatter nor the mean of its rate, nor the scatter of its specific force, leaves what that noise allows.
+Runs of quiet blocks are stills.  A constant slow turn is quiet too, so each still is also asked whether gravity moves in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.blocks import Blocks, block_moments
+from session.samples import Samples
+from session.units import DEG
+
+QUIET_VARIANCE_RATIO = 3.0  #: of a block's variance to the noise's; pure noise of 3 x 7 degrees of freedom exceeds it once in 10^6
+QUIET_ACCEL_RATIO = 6.0  #: looser: a table that trembles by some 0.1 mg still does not turn
+MEAN_SIGMAS = 6.0  #: a block's mean rate against its still's
+MIN_STILL_FRACTION = 0.7  #: of the protocol's still_s
+CREEP_SIGMAS = 6.0
+CREEP_RPS = 0.02 * DEG  #: slower than this, a 2 s still moves by less than 0.04 deg
+TURNING_RPS = 3.0 * DEG  #: a "still" whose rate differs this much from the others' is a steady turn
+BUMP_S = 0.35  #: a shorter disturbance that leaves the attitude as it was does not end a still
+BUMP_RAD = 0.1 * DEG
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """One still phase, samples ``start <= i < stop``.
+
+    gyro_mean (3,) rad/s; accel_mean (3,) m/s^2; gyro_std, accel_std (3,) scatter of single samples; gyro_slope (3,) rad/s^2;
+    tilt_rate (3,) rad/s: how fast gravity's direction turns, in body axes (nothing about the vertical);
+    temp_c or NaN; problem: why it is no reference, or None; bumps: disturbances inside that it survived.
+    """
+
+    start: int
+    stop: int
+    start_s: float
+    duration_s: float
+    gyro_mean: np.ndarray
+    gyro_std: np.ndarray
+    gyro_slope: np.ndarray
+    accel_mean: np.ndarray
+    accel_std: np.ndarray
+    tilt_rate: np.ndarray
+    temp_c: float
+    bumps: int = 0
+    problem: str | None = None
+
+    @property
+    def gravity_mps2(self) -> float:
+        """Length of the mean specific force."""
+        return float(np.linalg.norm(self.accel_mean))
+
+    @property
+    def middle(self) -> int:
+        return (self.start + self.stop) // 2
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """White noise measured in the stills: gyro (3,) rad/s/sqrt(Hz), accel (3,) m/s^2/sqrt(Hz), one-sided densities.
+
+    The random walk of the integral is the one-sided density / sqrt(2).
+    """
+
+    gyro: np.ndarray
+    accel: np.ndarray
+
+    @property
+    def angle_random_walk(self) -> np.ndarray:
+        """(3,) rad/sqrt(s)."""
+        return self.gyro / np.sqrt(2)
+
+    @property
+    def velocity_random_walk(self) -> np.ndarray:
+        """(3,) m/s/sqrt(s)."""
+        return self.accel / np.sqrt(2)
+
+
+def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], Noise | None]:
+    """Still phases of about ``still_s`` or longer, in order, and the noise in them (None where there is no still).
+
+    Phases that are quiet but no reference (they creep) are in the list, with their problem said.
+    """
+    blocks = block_moments(samples)
+    if len(blocks) < 3:
+        return [], None
+    quiet = _quiet_blocks(blocks)
+    spread = _spread_of_block_means(blocks.gyro_mean, quiet)
+    runs = _trim_to_constant_rate(_runs(quiet), blocks, spread)
+    runs = _close_bumps(runs, blocks, spread)
+    shortest = MIN_STILL_FRACTION * still_s / blocks.duration_s
+    runs = [run for run in runs if sum(stop - start for start, stop in run) >= shortest]
+    if not runs:
+        return [], None
+    noise = _noise(runs, blocks)
+    stills = [_settled(samples, run, blocks.size, noise, round(shortest)) for run in runs]
+    return _without_steady_turns(stills), noise
+
+
+def _quiet_blocks(blocks: Blocks) -> np.ndarray:
+    """Blocks (B,) bool whose scatter is the noise's own."""
+    quiet = np.ones(len(blocks), dtype=bool)
+    for variance, ratio in ((blocks.gyro_var, QUIET_VARIANCE_RATIO), (blocks.accel_var, QUIET_ACCEL_RATIO)):
+        noise = _noise_variance(variance)
+        # The worst axis counts as well as the sum: a slow turn shows in one axis only.
+        quiet &= (variance / noise).mean(axis=1) < ratio
+        quiet &= (variance < 2 * ratio * noise).all(axis=1)
+    return quiet
+
+
+def _noise_variance(variance: np.ndarray) -> np.ndarray:
+    """(3,) variance of the sensor's noise: the median of the quiet blocks, which are found from the quietest twentieth."""
+    total = variance.sum(axis=1)
+    # A register that stands still has no scatter at all; such blocks say nothing of the noise.
+    alive = total > 0
+    if not alive.any():
+        return np.full(3, np.finfo(float).tiny)
+    bar = 4 * np.quantile(total[alive], 0.05)
+    for _ in range(3):
+        calm = variance[alive & (total < bar)]
+        bar = QUIET_VARIANCE_RATIO * np.median(calm.sum(axis=1))
+    return np.maximum(np.median(calm, axis=0), np.finfo(float).tiny)
+
+
+def _spread_of_block_means(mean: np.ndarray, quiet: np.ndarray) -> np.ndarray:
+    """(3,) standard deviation of a block's mean from noise alone: from differences of neighbours, robustly."""
+    both = quiet[1:] & quiet[:-1]
+    if not both.any():
+        return np.full(3, np.inf)
+    return np.median(np.abs(np.diff(mean, axis=0)[both]), axis=0) / 0.6745 / np.sqrt(2)
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.view(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _trim_to_constant_rate(runs, blocks: Blocks, spread: np.ndarray) -> list[tuple[int, int]]:
+    """Split each run where a block's mean rate leaves the run's: the slow ends of a turn are not still."""
+    kept = []
+    for start, stop in runs:
+        mean = blocks.gyro_mean[start:stop]
+        steady = (np.abs(mean - np.median(mean, axis=0)) < MEAN_SIGMAS * spread).all(axis=1)
+        kept += [(start + a, start + b) for a, b in _runs(steady)]
+    return kept
+
+
+def _close_bumps(runs, blocks: Blocks, spread: np.ndarray) -> list[list[tuple[int, int]]]:
+    """Join runs that only a short bump parts, one that left the attitude where it was.  A still is a list of runs."""
+    joined: list[list[tuple[int, int]]] = []
+    for run in runs:
+        before = joined[-1][-1] if joined else None
+        if before and _same_rest(before, run, blocks, spread):
+            joined[-1].append(run)
+        else:
+            joined.append([run])
+    return joined
+
+
+def _same_rest(a, b, blocks: Blocks, spread: np.ndarray) -> bool:
+    gap_s = (b[0] - a[1]) * blocks.duration_s
+    if gap_s > BUMP_S or min(a[1] - a[0], b[1] - b[0]) < 2:
+        return False
+    bias = blocks.gyro_mean[a[0] : a[1]].mean(axis=0)
+    turned = (blocks.gyro_mean[a[1] : b[0]] - bias).sum(axis=0) * blocks.duration_s
+    noise = 4 * float(spread.max()) * blocks.duration_s * np.sqrt(b[0] - a[1])
+    down = [blocks.accel_mean[first:last].mean(axis=0) for first, last in (a, b)]
+    tilted = np.linalg.norm(np.cross(*down)) / np.prod(np.linalg.norm(down, axis=1))
+    return bool(np.linalg.norm(turned) < BUMP_RAD + noise and tilted < BUMP_RAD)
+
+
+def _noise(runs, blocks: Blocks) -> Noise:
+    """Allan variance at one block's length, from neighbouring blocks inside the stills (IEEE 952, C.1)."""
+
+    def density(mean: np.ndarray) -> np.ndarray:
+        steps = np.concatenate([np.diff(mean[a:b], axis=0) for run in runs for a, b in run])
+        return np.sqrt(np.mean(steps**2, axis=0) * blocks.duration_s)  # sqrt(2 x AVAR/2 x tau), one-sided
+
+    return Noise(density(blocks.gyro_mean), density(blocks.accel_mean))
+
+
+def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
+    rows = np.concatenate([np.arange(a * size, b * size) for a, b in run])
+    t = (samples.t_ns[rows] - samples.t_ns[rows[0]]) * 1e-9
+    centred = t - t.mean()
+    gyro, accel = samples.gyro[rows], samples.accel[rows]
+    leverage = np.sum(centred**2)
+    accel_mean = accel.mean(axis=0)
+    accel_slope = centred @ accel / leverage
+    # A direction d fixed in the world, seen from a body that turns with omega: dd/dt = -omega x d, so omega = dd/dt x d + (about d).
+    tilt_rate = np.cross(accel_slope, accel_mean) / (accel_mean @ accel_mean)
+    return Still(
+        start=int(rows[0]),
+        stop=int(rows[-1]) + 1,
+        start_s=float((samples.t_ns[rows[0]] - samples.t_ns[0]) * 1e-9),
+        duration_s=float(t[-1]) + samples.period_s,
+        gyro_mean=gyro.mean(axis=0),
+        gyro_std=gyro.std(axis=0, ddof=1),
+        gyro_slope=centred @ gyro / leverage,
+        accel_mean=accel_mean,
+        accel_std=accel.std(axis=0, ddof=1),
+        tilt_rate=tilt_rate,
+        temp_c=float("nan") if samples.temp_c is None else float(samples.temp_c[rows].mean()),
+        bumps=len(run) - 1,
+    )
+
+
+def _settled(samples: Samples, run, size: int, noise: Noise, shortest: int) -> Still:
+    """The still once it has come to rest: what settles at its ends is cut off; one that never rests has a problem."""
+    whole = still = _measure(samples, run, size)
+    while _creep(still, noise):
+        length = sum(stop - start for start, stop in run)
+        cut = max(1, length // 10)
+        if length - cut < max(shortest, 3):
+            axis = "xyz"[int(np.argmax(np.abs(whole.tilt_rate)))]
+            rate = np.linalg.norm(whole.tilt_rate) / DEG
+            return replace(whole, problem=f"creeps {rate:.3f} dps about {axis} (gravity moves in it)")
+        ends = [_without_end(run, cut, at_start) for at_start in (True, False)]
+        run, still = min(((end, _measure(samples, end, size)) for end in ends), key=lambda pair: np.linalg.norm(pair[1].tilt_rate))
+    return still
+
+
+def _creep(still: Still, noise: Noise) -> bool:
+    sigma = noise.velocity_random_walk.max() * np.sqrt(12 / still.duration_s**3) / still.gravity_mps2
+    return float(np.linalg.norm(still.tilt_rate)) > max(CREEP_SIGMAS * sigma, CREEP_RPS)
+
+
+def _without_end(run, cut: int, at_start: bool) -> list[tuple[int, int]]:
+    """A still's runs of blocks, ``cut`` blocks shorter at one end."""
+    blocks = np.concatenate([np.arange(start, stop) for start, stop in run])
+    blocks = blocks[cut:] if at_start else blocks[:-cut]
+    first, last = blocks[0], blocks[-1] + 1
+    return [(max(a, first), min(b, last)) for a, b in run if max(a, first) < min(b, last)]
+
+
+def _without_steady_turns(stills: list[Still]) -> list[Still]:
+    """A turn at constant rate is quiet as well; its rate tells it from the stills."""
+    weights = np.array([still.duration_s for still in stills])
+    rates = np.array([still.gyro_mean for still in stills])
+    usual = np.array([_weighted_median(rates[:, i], weights) for i in range(3)])
+    return [still for still in stills if np.abs(still.gyro_mean - usual).max() <= TURNING_RPS]
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, below[-1] / 2)])

@@ -65,9 +65,11 @@ class Config:
 def read_config(path: Path) -> Config:
     """Read and check ``session.toml``; FormatError names the key, what was expected and what came."""
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise FormatError(f"{path}: not found; a session folder holds session.toml and log*.csv (see FORMATS, README)") from None
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise FormatError(f"{path}: broken TOML: {error}; correct that line") from None
     if table.get("schema") != SCHEMA:

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.clipping import clips, gyro_reach_dps
 from session.config import Protocol, Sensor
 from session.samples import Samples
 from session.stills import Still
 from session.units import DEG
 
 GAP_PERIODS = 2.5  #: a longer step between two stamps is a gap
-CLIP_FRACTION = 0.999  #: of full scale
-LONG_STILL_S = 20.0  #: more of a still than this adds the bias's own wandering, not knowledge of it
+LEAST_MARGIN_S = 0.1  #: of stillness at each end of a turn that fills the window: what one block of the detector may be late
 LONGEST_TURN_SEGMENTS = 6.0  #: times the protocol's segment: beyond that it is a run, not a segment
 
 
@@ -61,9 +61,7 @@ def cut_segments(
 
 
 def _cut(samples, first: Still, last: Still, passed, sensor, protocol, log, number) -> Segment:
-    longest = round(LONG_STILL_S / 2 / samples.period_s)
-    start = max(first.middle, first.stop - longest)
-    stop = min(last.middle, last.start + longest) + 1  # both share the middle sample: the step between is nobody's else
+    start, stop = _window(samples, first, last, protocol)
     turn = slice(first.stop, last.start + 1)
     t_s = (samples.t_ns[turn] - samples.t_ns[first.stop - 1]) * 1e-9
     turn_s = float(t_s[-1])
@@ -87,6 +85,15 @@ def _cut(samples, first: Still, last: Still, passed, sensor, protocol, log, numb
     )
 
 
+def _window(samples: Samples, first: Still, last: Still, protocol: Protocol) -> tuple[int, int]:
+    """The protocol's window, centred on the turn; longer where the turn is, and never beyond the middles of the stills."""
+    turn_s = (samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * 1e-9
+    margin = round(max((protocol.segment_s - turn_s) / 2, LEAST_MARGIN_S) / samples.period_s)
+    start = max(first.stop - 1 - margin, first.middle)
+    stop = min(last.start + margin, last.middle) + 1  # neighbours share the middle sample: the step between is nobody's else
+    return start, stop
+
+
 def _note(passed, turn_s: float, turn_deg: float, protocol: Protocol) -> str | None:
     if passed:
         return f"passes over a still that {passed[0].problem}"
@@ -104,10 +111,11 @@ def _problem(samples: Samples, turn: slice, duration_s: float, sensor: Sensor, p
     if len(steps) and (worst := steps.max()) > GAP_PERIODS * samples.period_s:
         lost = round(worst / samples.period_s) - 1
         return f"{lost} samples are missing during the turn (gap of {worst:.3f} s)"
-    clipped = (np.abs(samples.gyro[turn]) >= CLIP_FRACTION * sensor.gyro_fs_dps * DEG).any(axis=0)
-    if clipped.any():
+    rate_dps = np.abs(samples.gyro[turn]) / DEG
+    clipped = [clips(rate_dps[:, i], sensor.gyro_fs_dps, gyro_reach_dps(sensor.gyro_fs_dps)) for i in range(3)]
+    if any(clipped):
         axes = ", ".join(axis for axis, bad in zip("xyz", clipped, strict=True) if bad)
-        return f"the gyro clips at {sensor.gyro_fs_dps:g} dps on {axes}: turn slower or choose a larger full scale"
-    if duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s + 2 * LONG_STILL_S:
+        return f"the gyro clips at {rate_dps[:, clipped].max():.0f} dps on {axes}: turn slower or choose a larger full scale"
+    if duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s:
         return f"{duration_s:.0f} s from still to still: too long for a segment; make it a closure run"
     return None

@@ -212,7 +212,8 @@ def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
 def _settled(samples: Samples, run, size: int, noise: Noise, shortest: int) -> Still:
     """The still once it has come to rest: what settles at its ends is cut off; one that never rests has a problem."""
     whole = still = _measure(samples, run, size)
-    while _creep(still, noise):
+    zero_rate = _zero_rate(samples, run, size, whole)
+    while _creep(still, whole, zero_rate, noise):
         length = sum(stop - start for start, stop in run)
         cut = max(1, length // 10)
         if length - cut < max(shortest, 3):
@@ -220,13 +221,43 @@ def _settled(samples: Samples, run, size: int, noise: Noise, shortest: int) -> S
             rate = np.linalg.norm(whole.tilt_rate) / DEG
             return replace(whole, problem=f"creeps {rate:.3f} dps about {axis} (gravity moves in it)")
         ends = [_without_end(run, cut, at_start) for at_start in (True, False)]
-        run, still = min(((end, _measure(samples, end, size)) for end in ends), key=lambda pair: np.linalg.norm(pair[1].tilt_rate))
+        run, still = min(
+            ((end, _measure(samples, end, size)) for end in ends), key=lambda pair: _horizontal_rate(pair[1], zero_rate)
+        )
     return still
 
 
-def _creep(still: Still, noise: Noise) -> bool:
-    sigma = noise.velocity_random_walk.max() * np.sqrt(12 / still.duration_s**3) / still.gravity_mps2
-    return float(np.linalg.norm(still.tilt_rate)) > max(CREEP_SIGMAS * sigma, CREEP_RPS)
+def _zero_rate(samples: Samples, run, size: int, whole: Still) -> np.ndarray:
+    """What the gyro reads (3,) at rest: its mean over a still less the rate at which gravity turns in it.
+
+    A fitted slope weighs a rate at time t by ``(T/2)^2 - (t - T/2)^2``; so must the gyro's mean that is compared with it.
+    """
+    rows = np.concatenate([np.arange(a * size, b * size) for a, b in run])
+    part = (rows - rows[0] + 0.5) / (rows[-1] - rows[0] + 1)
+    return np.average(samples.gyro[rows], axis=0, weights=part * (1 - part)) - whole.tilt_rate
+
+
+def _horizontal_rate(still: Still, zero_rate: np.ndarray) -> float:
+    """rad/s at which a still's gyro turns gravity's direction."""
+    rate, down = still.gyro_mean - zero_rate, still.accel_mean / still.gravity_mps2
+    return float(np.linalg.norm(rate - down * (down @ rate)))
+
+
+def _creep(still: Still, whole: Still, zero_rate: np.ndarray, noise: Noise) -> bool:
+    """Whether gravity turns in what is left of a still: by the accelerometer alone, or by the gyro since it was whole.
+
+    The second is sharper in what is short: gravity's slope goes with duration^-1.5, so a steady creep that is only cut short enough
+    would pass the first.
+    """
+
+    def tilt_sigma(duration_s: float) -> float:
+        return float(noise.velocity_random_walk.max()) * np.sqrt(12 / duration_s**3) / still.gravity_mps2
+
+    if np.linalg.norm(still.tilt_rate) > max(CREEP_SIGMAS * tilt_sigma(still.duration_s), CREEP_RPS):
+        return True
+    gyro_sigma = noise.angle_random_walk.max() / np.sqrt(still.duration_s)
+    sigma = np.hypot(tilt_sigma(whole.duration_s), gyro_sigma)
+    return still is not whole and _horizontal_rate(still, zero_rate) > max(CREEP_SIGMAS * sigma, CREEP_RPS)
 
 
 def _without_end(run, cut: int, at_start: bool) -> list[tuple[int, int]]:

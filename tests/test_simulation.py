@@ -1,0 +1,292 @@
+"""The simulated bench, in the words of physics: what it turns it must show, and nothing else."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from session.errors import CalibrationError, FormatError
+from session.folder import read_session
+from session.registers import gyro_rps_per_lsb
+from session.segments import cut_segments
+from session.stills import find_stills
+from session.units import DEG, EARTH_RATE_RPS
+from tinygc.simulation import SimulationOptions, simulate_session, write_session
+from tinygc.simulation.motion import earth_rate_table, move, table_to_body
+from tinygc.simulation.noise import bias_instability
+from tinygc.simulation.options import GYRO_LPF2_HZ, command_line
+from tinygc.simulation.plan import hand_plan
+from tinygc.simulation.sensor import low_pass, oversampling
+from tinygc.simulation.simulate import true_signals
+
+SHORT = SimulationOptions(segments=3, closure_s=20, seed=5)
+PERFECT = replace(
+    SHORT,
+    gyro_noise_dps_rthz=0,
+    accel_noise_ug_rthz=0,
+    bias_instability_dph=0,
+    gyro_scale_error=0,
+    gyro_misalignment=0,
+    gyro_bias_dps=0,
+)
+
+
+def attitude(angles):
+    """R_tb of gimbal angles (3, ...) outer, middle, inner."""
+    return Rotation.from_euler("ZYX", np.moveaxis(angles, 0, -1))
+
+
+def product(turns):
+    """turns[0] * turns[1] * …, by halving."""
+    while len(turns) > 1:
+        odd = turns[-1:] if len(turns) % 2 else None
+        turns = turns[: len(turns) // 2 * 2]
+        turns = turns[0::2] * turns[1::2]
+        turns = turns if odd is None else Rotation.concatenate([turns, odd])
+    return turns[0]
+
+
+def test_true_rate_integrates_to_the_attitude():
+    plan = hand_plan(SimulationOptions(segments=8, closure_s=30), np.random.default_rng(1))
+    step_s = 1e-3
+    motion = move(plan, np.arange(0, plan.duration_s, step_s / 2))
+    first, middle, last = motion.rate[:-2:2], motion.rate[1:-1:2], motion.rate[2::2]
+    # Fourth-order Magnus step (Simpson's mean and the commutator), exact to about 1e-9 rad here.
+    steps = step_s / 6 * (first + 4 * middle + last) + step_s**2 / 12 * np.cross(first, last)
+    end = 2 * len(steps)
+    turned = attitude(motion.angles[:, 0]) * product(Rotation.from_rotvec(steps))
+    assert (attitude(motion.angles[:, end]).inv() * turned).magnitude() < 1e-7
+
+
+def test_angular_acceleration_is_the_derivative_of_the_rate():
+    plan = hand_plan(SHORT, np.random.default_rng(2))
+    t_s = np.arange(0, plan.duration_s, 1e-3)
+    motion = move(plan, t_s)
+    slope = (motion.rate[2:] - motion.rate[:-2]) / 2e-3
+    assert np.abs(slope - motion.acceleration[1:-1]).max() < 1e-3 * np.abs(motion.acceleration).max()
+
+
+def test_vector_fixed_in_the_table_is_turned_like_the_attitude():
+    angles = np.random.default_rng(3).uniform(-7, 7, (3, 50))
+    expected = attitude(angles).inv().apply([1.0, -2.0, 3.0])
+    np.testing.assert_allclose(table_to_body(angles, np.array([1.0, -2.0, 3.0])), expected, atol=1e-12)
+
+
+def test_force_is_gravity_at_rest_and_the_lever_arm_in_a_turn():
+    simulation = simulate_session(SHORT)
+    start_s, stop_s = simulation.plan.turns[0]
+    t_s = np.array([start_s - 0.1, (start_s + stop_s) / 2])
+    motion = move(simulation.plan, t_s)
+    _, force, _ = true_signals(SHORT, simulation.unit, simulation.plan, t_s)
+    gravity = attitude(motion.angles).inv().apply([0, 0, -SHORT.gravity_mps2])
+    np.testing.assert_allclose(force[0], gravity[0], atol=1e-12)
+    # The sensor's position in the table, differentiated twice.
+    step_s = 1e-4
+    near = move(simulation.plan, t_s[1] + np.array([-step_s, 0, step_s]))
+    place = attitude(near.angles).apply(SHORT.lever_m)
+    acceleration = attitude(near.angles)[1].inv().apply(place[0] - 2 * place[1] + place[2]) / step_s**2
+    assert np.linalg.norm(acceleration) > 0.01
+    np.testing.assert_allclose(force[1] - gravity[1], acceleration, atol=1e-4)
+
+
+def test_earth_rate_points_north_and_up():
+    np.testing.assert_allclose(earth_rate_table(0.0, 0.0), [EARTH_RATE_RPS, 0, 0], atol=1e-20)
+    np.testing.assert_allclose(earth_rate_table(np.pi / 2, 1.0), [0, 0, -EARTH_RATE_RPS], atol=1e-20)
+    # An index direction to the east: north is to its left, -y.
+    np.testing.assert_allclose(earth_rate_table(0.0, np.pi / 2), [0, -EARTH_RATE_RPS, 0], atol=1e-20)
+
+
+def test_gyro_at_rest_feels_the_earth():
+    # Noise of about one LSB: enough to dither the register, little enough to see 15 deg/h in stills of 2 s.
+    options = SimulationOptions(segments=20, closure_s=0, seed=4, gyro_fs_dps=125, gyro_noise_dps_rthz=5e-4, bias_instability_dph=0)
+    simulation = simulate_session(options)
+    plan, unit, log = simulation.plan, simulation.unit, simulation.log
+    t_s = log.t_us * 1e-6
+    rate = log.gyro * gyro_rps_per_lsb(125) @ unit.E.T + unit.B
+    rests = zip([0.0, *(stop for _, stop in plan.turns)], [*(start for start, _ in plan.turns), plan.log_s], strict=True)
+    earth_t = earth_rate_table(options.latitude_deg * DEG, unit.heading_deg * DEG)
+    seen, expected = [], []
+    for start_s, stop_s in rests:
+        seen.append(rate[(t_s > start_s + 0.05) & (t_s < stop_s)].mean(axis=0))  # 0.05 s: the low-pass comes to rest
+        expected.append(table_to_body(move(plan, np.array([stop_s])).angles, earth_t)[0])
+    seen, expected = np.array(seen), np.array(expected)
+    still_sigma = 5e-4 * DEG / np.sqrt(2 * 2.0)
+    assert np.std(seen - expected) < 1.3 * still_sigma
+    assert np.sum(seen * expected) / np.sum(expected**2) == pytest.approx(1, abs=0.05)
+
+
+@pytest.mark.parametrize("odr_hz", GYRO_LPF2_HZ)
+def test_noise_has_the_stated_density_after_the_low_pass(odr_hz):
+    factor, block = oversampling(odr_hz), int(odr_hz / 5)
+    still = np.zeros((1500 * block * factor, 3))
+    noise = low_pass(still, GYRO_LPF2_HZ[odr_hz], 0.005, odr_hz, factor, np.random.default_rng(6))
+    means = noise.reshape(-1, block, 3).mean(axis=1)
+    assert np.sqrt(2 * means.var() * block / odr_hz) == pytest.approx(0.005, rel=0.05)
+
+
+def test_bias_instability_has_the_allan_floor_of_its_coefficient():
+    noise = bias_instability(3.0, 4.0, 160_000, np.random.default_rng(7))
+    for tau_s in (8, 64):
+        means = noise.reshape(-1, 4 * tau_s, 3).mean(axis=1)
+        allan = np.sqrt(np.mean(np.diff(means, axis=0) ** 2) / 2)
+        assert allan == pytest.approx(0.664 * 3.0, rel=0.12)
+
+
+def test_filters_begin_at_rest():
+    log = simulate_session(PERFECT).log
+    first = slice(0, int(1.5 * SHORT.odr_hz))
+    assert np.ptp(log.accel[first], axis=0).max() == 0
+    assert np.ptp(log.gyro[first], axis=0).max() == 0
+
+
+def test_closure_run_returns_to_its_start():
+    plan = hand_plan(SHORT, np.random.default_rng(8))
+    start_s, stop_s = plan.closure
+    assert plan.duration_s - plan.log_s == pytest.approx(20)
+    assert start_s - plan.log_s >= 1.2
+    assert plan.duration_s - stop_s >= 1.2
+    angles = move(plan, np.array([plan.log_s, start_s, stop_s, plan.duration_s])).angles
+    np.testing.assert_allclose(angles, angles[:, :1].repeat(4, axis=1), atol=1e-9)
+    turning = move(plan, np.arange(start_s + 0.3, stop_s - 0.3, 0.01))
+    assert np.linalg.norm(turning.rate, axis=1).min() > 0.1 * DEG
+
+
+def test_perfect_sensor_closes():
+    """Identity errors and no noise: what is left over 20 s is the register's step and the integration's, below 0.03 deg."""
+    simulation = simulate_session(PERFECT)
+    log = simulation.closure
+    t_s = log.t_us * 1e-6
+    angles = move(simulation.plan, t_s).angles
+    earth = table_to_body(angles, earth_rate_table(PERFECT.latitude_deg * DEG, simulation.unit.heading_deg * DEG))
+    rate = log.gyro * gyro_rps_per_lsb(PERFECT.gyro_fs_dps) - earth
+    dt = np.diff(t_s)[:, None]
+    steps = dt * (rate[1:] + rate[:-1]) / 2 + dt**2 / 12 * np.cross(rate[:-1], rate[1:])
+    turn = (t_s[:-1] > simulation.plan.closure[0]) & (t_s[1:] < simulation.plan.closure[1] + 0.05)
+    assert product(Rotation.from_rotvec(steps[turn])).magnitude() < 0.03 * DEG
+
+
+def test_stamps_show_the_true_rate():
+    simulation = simulate_session(replace(SHORT, odr_error=0.02))
+    stamps = np.concatenate([simulation.log.t_us, simulation.closure.t_us])
+    true_hz = 208 * (1 + 0.0015 * 13)  # 0.02 in steps of 0.0015
+    assert simulation.unit.odr_hz == pytest.approx(true_hz)
+    np.testing.assert_array_equal(stamps, np.rint(np.arange(len(stamps)) / true_hz * 1e6))
+    assert len(simulation.closure.t_us) / true_hz == pytest.approx(20, abs=0.01)
+
+
+def test_registers_are_16_bit_and_cut_at_full_scale():
+    simulation = simulate_session(SHORT, distort=lambda t_s, rate, force, temp_c: rate * 50)
+    for registers in (simulation.log.gyro, simulation.log.accel, simulation.log.temp):
+        assert registers.dtype == np.int16
+    assert np.abs(simulation.log.gyro.astype(int)).max() == round(500 / 0.0175)
+
+
+@pytest.mark.parametrize("fs_dps", [125, 500])
+def test_turns_stay_below_full_scale(fs_dps):
+    log = simulate_session(SimulationOptions(segments=20, closure_s=58, seed=9, gyro_fs_dps=fs_dps, vigour=3)).log
+    peak_dps = np.abs(log.gyro * gyro_rps_per_lsb(fs_dps) / DEG).max()
+    assert 0.5 * fs_dps < peak_dps < 0.9 * fs_dps
+
+
+def test_distort_adds_to_the_true_rate_and_sees_what_the_elements_feel():
+    added = np.array([3.0, -2.0, 1.0]) * DEG
+    seen = {}
+
+    def distort(t_s, rate, force, temp_c):
+        seen.update(t_s=t_s, rate=rate, force=force, temp_c=temp_c)
+        return rate + added
+
+    options = replace(PERFECT, gyro_noise_dps_rthz=0.005)  # the same noise in both: it dithers the registers
+    plain, distorted = simulate_session(options), simulate_session(options, distort)
+    shift = (distorted.log.gyro.astype(int) - plain.log.gyro) * gyro_rps_per_lsb(PERFECT.gyro_fs_dps)
+    np.testing.assert_allclose(shift.mean(axis=0), added, atol=1e-3 * DEG)
+    assert seen["rate"].shape == seen["force"].shape == (len(seen["t_s"]), 3)
+    assert np.linalg.norm(seen["force"][0]) == pytest.approx(options.gravity_mps2)
+    assert 25 < seen["temp_c"][-1] < 26.5
+    with pytest.raises(ValueError, match="distort"):
+        simulate_session(options, lambda t_s, rate, force, temp_c: rate[:-1])
+
+
+def test_same_seed_same_bytes_and_purposes_have_their_own_stream(tmp_path):
+    first, second = (write_session(SHORT, tmp_path / name) for name in "ab")
+    names = sorted(path.name for path in first.iterdir())
+    assert names == ["closure0001.csv.gz", "log0001.csv.gz", "session.toml", "truth.json"]
+    assert all((first / name).read_bytes() == (second / name).read_bytes() for name in names)
+    other = write_session(replace(SHORT, gyro_noise_dps_rthz=0.01), tmp_path / "c")
+    truths = [json.loads((folder / "truth.json").read_text()) for folder in (first, other)]
+    assert all(truths[0][key] == truths[1][key] for key in ("E", "B_dps", "turns_s", "closure_s", "odr_hz"))
+    assert (first / "log0001.csv.gz").read_bytes() != (other / "log0001.csv.gz").read_bytes()
+
+
+@pytest.mark.parametrize("odr_hz", [104, 208, 833])
+def test_folder_reads_like_a_recorded_one(tmp_path, odr_hz):
+    options = SimulationOptions(segments=12, closure_s=30, seed=10, odr_hz=odr_hz, with_heading=True)
+    session = read_session(write_session(options, tmp_path / "s"))
+    truth = json.loads((tmp_path / "s" / "truth.json").read_text())
+    assert session.config.site.heading_deg == truth["heading_deg"]
+    (log,), (closure,) = session.logs, session.closures
+    assert float(log.comments["odr_hz"]) == pytest.approx(truth["odr_hz"], abs=1e-3)
+    assert log.comments["serial"] == session.config.sensor.serial == "SIM-10"
+    assert not log.notes
+    assert closure.samples.t_ns[0] - log.samples.t_ns[-1] == pytest.approx(log.samples.period_s * 1e9, abs=2000)
+
+    samples = session.calibrated(log)
+    stills, noise = find_stills(samples, session.config.protocol.still_s)
+    segments = cut_segments(samples, stills, session.config.sensor, session.config.protocol)
+    assert len(stills) == 13
+    assert sum(segment.accepted for segment in segments) == 12
+    np.testing.assert_allclose(noise.gyro / DEG, 0.005, rtol=0.25)
+    np.testing.assert_allclose([still.gravity_mps2 for still in stills], options.gravity_mps2, atol=2e-3)
+    assert len(find_stills(session.calibrated(closure))[0]) == 2
+
+
+def test_heading_is_told_only_when_asked_for_and_closure_only_when_there_is_one(tmp_path):
+    session = read_session(write_session(replace(SHORT, closure_s=0), tmp_path / "s"))
+    assert session.config.site.heading_deg is None
+    assert session.closures == ()
+
+
+def test_file_says_how_to_make_it_again(tmp_path):
+    options = replace(SHORT, with_heading=True, odr_hz=104.0, heading_deg=-12.5)
+    expected = "calibrate.py simulate --segments 3 --closure 20 --seed 5 --odr-hz 104 --heading-deg -12.5 --with-heading"
+    assert command_line(options) == expected
+    text = (write_session(options, tmp_path / "s") / "session.toml").read_text()
+    assert "SIMULATED" in text.splitlines()[0]
+    assert expected in text.splitlines()[0]
+
+
+def test_nothing_but_a_simulation_is_replaced(tmp_path):
+    folder = write_session(SHORT, tmp_path / "s")
+    with pytest.raises(FormatError, match="not empty"):
+        write_session(SHORT, folder)
+    write_session(replace(SHORT, closure_s=0), folder, force=True)
+    assert not (folder / "closure0001.csv.gz").exists()
+    (folder / "truth.json").unlink()
+    with pytest.raises(FormatError, match="no simulation"):
+        write_session(SHORT, folder, force=True)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"odr_hz": 300}, "--odr-hz is 300, expected one of 104, 208"),
+        ({"segments": 0}, "--segments"),
+        ({"closure_s": 3}, "--closure is 3"),
+        ({"gyro_fs_dps": 300}, "no ASM330LHH full scale"),
+        ({"gyro_noise_dps_rthz": float("nan")}, "--gyro-noise"),
+    ],
+)
+def test_wrong_options_are_named(wrong, message):
+    with pytest.raises(CalibrationError, match=message):
+        SimulationOptions(**wrong)
+
+
+def test_simulating_never_loads_torch():
+    code = "import tinygc.simulation, sys; print('torch' in sys.modules)"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "False"

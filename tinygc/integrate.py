@@ -1,0 +1,47 @@
+"""From rates to rotation steps.
+
+Between two samples the rate runs about straight, so the step's rotation vector is the mean rate times dt plus the second-order
+coning term dt^2/12 w_k x w_k+1 (Savage 1998, part 1; Bortz's equation for a linear rate).  The paper's step is the first-order
+quaternion [1, w dt/2], renormalised: it turns by theta - theta^3/12 and is kept to show that error.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tinygc import rotation
+
+INTEGRATORS = ("exact", "first-order")
+
+
+def steps(rate, dt, integrator: str = "exact"):
+    """Quaternions (..., T-1, 4) that turn the body from each sample to the next; rate (..., T, 3) rad/s, dt (..., T-1) s."""
+    if integrator == "exact":
+        return rotation.exp(step_vectors(rate, dt))
+    if integrator == "first-order":
+        half = rate[..., :-1, :] * dt[..., None] / 2
+        xp = rotation.namespace(half)
+        q = xp.concatenate([xp.ones_like(half[..., :1]), half], -1)
+        return q / xp.sqrt((q**2).sum(-1))[..., None]
+    raise ValueError(f"integrator is {integrator!r}, expected one of {', '.join(INTEGRATORS)}")
+
+
+def step_vectors(rate, dt):
+    """Rotation vectors (..., T-1, 3) rad of the exact integrator."""
+    before, after = rate[..., :-1, :], rate[..., 1:, :]
+    h = dt[..., None]
+    return (before + after) * (h / 2) + cross(before, after) * (h**2 / 12)
+
+
+def cross(a, b):
+    """Vector product (..., 3), for arrays and tensors alike."""
+    xp = rotation.namespace(a)
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
+
+
+def sample_weights(dt: np.ndarray) -> np.ndarray:
+    """Trapezoidal weights (..., T) s: how long each sample acts."""
+    pad = np.zeros_like(dt[..., :1])
+    return (np.concatenate([dt, pad], -1) + np.concatenate([pad, dt], -1)) / 2

@@ -1,0 +1,80 @@
+"""Gauss-Newton on the linear sensitivity: 12 columns, no autograd, a covariance for every parameter.
+
+Minimises sum_s |r_s|^2 / (sigma_s / 2)^2 plus a prior so weak that it only matters where the data say nothing: a fit must not
+wander along a direction that no segment observes.  (r is half an angle, hence the half.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.errors import FitError
+from session.units import DEG
+from tinygc import closure, linear
+from tinygc.closure import Batch
+from tinygc.linear import LinearModel
+from tinygc.still_rates import StillRates
+
+#: sigma of the prior around "no correction": 20 % for each element of E, 20 dps for the bias
+PRIOR_SIGMA = np.array([0.2] * 9 + [20 * DEG] * 3)
+#: a parameter whose sigma is not at least this much below its prior's was not observed
+OBSERVED_BELOW = 0.3
+MAX_STEPS = 50
+#: rad: a step that changes no residual by more than this ends the search
+TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquaresFit:
+    """model; covariance (12, 12) in the units of ``LinearModel.vector``; unobserved: names of the parameters no segment sees."""
+
+    model: LinearModel
+    covariance: np.ndarray
+    unobserved: tuple[str, ...]
+    steps: int
+
+
+def fit_least_squares(
+    batch: Batch,
+    sigma: np.ndarray,
+    start: LinearModel,
+    *,
+    still_rates: StillRates | None = None,
+    integrator: str = "exact",
+) -> LeastSquaresFit:
+    """Fit the 12 parameters to a batch with per-segment sigma (S,) rad, from a start.
+
+    Raises FitError where the search does not settle (residuals that are not finite, or no segments).
+    The covariance returned is that of independent residuals with these sigmas; ``covariance`` refines it.
+    """
+    if len(batch) == 0:
+        raise FitError("no segments to fit; see the reasons for which they were rejected")
+    vector, prior = start.vector, start.vector
+    weight = 1 / sigma[:, None]
+    for step in range(1, MAX_STEPS + 1):
+        model = LinearModel.from_vector(vector)
+        rate = model(batch.rate)
+        angles = 2 * closure.segment_residuals(batch, rate, integrator)
+        if not np.isfinite(angles).all():
+            raise FitError("least squares left the finite numbers; are the rates in the log in the unit that its header says?")
+        design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, : batch.angles]
+        rows = [(design * weight[..., None]).reshape(-1, linear.PARAMETERS)]
+        values = [(angles * weight).ravel()]
+        if still_rates is not None:
+            rows.append(still_rates.columns())
+            values.append(still_rates.residuals(model))
+        rows.append(np.diag(1 / PRIOR_SIGMA))
+        values.append((vector - prior) / PRIOR_SIGMA)
+        jacobian, r = np.concatenate(rows), np.concatenate(values)
+        change = np.linalg.lstsq(jacobian * PRIOR_SIGMA, -r, rcond=None)[0] * PRIOR_SIGMA
+        vector = vector + change
+        if np.abs(design @ change).max() < TOLERANCE:
+            break
+    else:
+        raise FitError(f"least squares did not settle in {MAX_STEPS} steps; look at `calibrate.py check` for what is wrong with the data")
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    seen = np.sqrt(np.diag(covariance)) < OBSERVED_BELOW * PRIOR_SIGMA
+    unobserved = tuple(name for name, ok in zip(linear.NAMES, seen, strict=True) if not ok)
+    return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, step)

@@ -1,0 +1,230 @@
+"""From a session to the problem that every method solves: the same segments, references, Earth and floor for all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.errors import DataError, SegmentError
+from session.folder import Session
+from session.samples import Samples
+from session.segments import Segment, cut_segments
+from session.stills import Noise, Still, find_stills
+from session.units import DEG
+from tinygc import rotation
+from tinygc.closure import Batch, attitudes
+from tinygc.earth import EarthRate, estimate_heading, no_earth, vertical_only, with_heading
+from tinygc.floor import Floor, closure_floor
+from tinygc.least_squares import fit_least_squares
+from tinygc.linear import LinearModel, bias_only
+from tinygc.still_rates import StillRates
+
+#: how well a person reads a dial
+DIAL_SIGMA_RAD = 0.05 * DEG
+#: a linear fit with 12 parameters and two angles a segment needs at least this many
+FEWEST_SEGMENTS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class StillSet:
+    """The stills of one log: their noise, and attitudes q_tb (Q, 4) with the yaw carried by the gyro from still to still."""
+
+    samples: Samples
+    stills: list[Still]
+    noise: Noise
+    q_tb: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is fitted.
+
+    segments: all of them, accepted or not; batch: the accepted ones, in order; floor of the batch; earth; logs: stills by log;
+    first: the linear fit that carried the yaw; still_rates of every reference still.
+    """
+
+    session: Session
+    segments: list[Segment]
+    batch: Batch
+    floor: Floor
+    earth: EarthRate
+    logs: list[StillSet]
+    first: LinearModel
+    still_rates: StillRates
+
+    @property
+    def used(self) -> list[Segment]:
+        return [segment for segment in self.segments if segment.accepted]
+
+    @property
+    def stills(self) -> list[Still]:
+        return [still for log in self.logs for still in log.stills]
+
+    @property
+    def noise(self) -> Noise:
+        """Mean over the logs."""
+        return Noise(*(np.mean([getattr(log.noise, name) for log in self.logs], axis=0) for name in ("gyro", "accel")))
+
+
+def build_problem(
+    session: Session, *, use_earth: bool = True, exclude: tuple[int, ...] = (), progress: Callable[[str], None] = lambda what: None
+) -> Problem:
+    """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
+
+    exclude: numbers of segments to leave out.  Raises SegmentError (no stills, nothing accepted, too few) and DataError.
+    """
+    logs, segments = _stills_and_segments(session, exclude, progress)
+    _require_enough(session, logs, segments)
+    chain = _batch(session, logs, segments)
+    used = np.array([segment.accepted for segment in segments])
+    sigma = np.full(int(used.sum()), 1e-3)
+    start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
+    earth = no_earth()
+    # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
+    for _ in range(2):
+        fit = fit_least_squares(chain.pick(used), sigma, start)
+        logs, chain = _carry_yaw(session, logs, segments, chain, fit.model)
+        earth = _earth(session, logs, fit.model) if use_earth else no_earth()
+        chain = replace(chain, earth=earth.in_body(attitudes(chain, fit.model(chain.rate))))
+    batch = chain.pick(used)
+    accepted = [segment for segment in segments if segment.accepted]
+    floor = closure_floor(
+        batch,
+        attitudes(batch, fit.model(batch.rate)),
+        [(segment.first, segment.last) for segment in accepted],
+        [logs[segment.log].noise for segment in accepted],
+        DIAL_SIGMA_RAD,
+    )
+    return Problem(session, segments, batch, floor, earth, logs, fit.model, _still_rates(logs, earth))
+
+
+def _stills_and_segments(session: Session, exclude, progress) -> tuple[list[StillSet], list[Segment]]:
+    logs, segments = [], []
+    for number, log in enumerate(session.logs):
+        progress(f"stills of {log.path.name}")
+        samples = session.calibrated(log)
+        stills, noise = find_stills(samples, session.config.protocol.still_s)
+        if noise is None:
+            continue
+        segments += cut_segments(samples, stills, session.config.sensor, session.config.protocol, log=len(logs), number=len(segments))
+        logs.append(StillSet(samples, stills, noise, np.zeros((0, 4))))
+    excluded = [replace(s, problem="left out by request") if s.number in exclude else s for s in segments]
+    if session.config.protocol.reference == "table":
+        excluded = [_with_dials(session, logs, segment) for segment in excluded]
+    return logs, excluded
+
+
+def _with_dials(session: Session, logs: list[StillSet], segment: Segment) -> Segment:
+    """A segment whose ends have no dial reading cannot be used with reference = "table"."""
+    dials = [_dial(session, logs, segment.log, still) for still in (segment.first, segment.last)]
+    missing = any(dial is None for dial in dials)
+    return replace(segment, problem="no dial reading in attitudes.csv for one of its stills") if missing and segment.accepted else segment
+
+
+def _dial(session: Session, logs: list[StillSet], log: int, still: Still) -> np.ndarray | None:
+    """Roll, pitch, yaw (3,) rad of a still, counted over all logs, or None."""
+    number = sum(len(before.stills) for before in logs[:log]) + logs[log].stills.index(still)
+    table = session.attitudes
+    if table is None or number >= len(table) or np.isnan(table[number]).any():
+        return None
+    return table[number]
+
+
+def _require_enough(session: Session, logs: list[StillSet], segments: list[Segment]) -> None:
+    where = session.folder
+    still_s = session.config.protocol.still_s
+    if not logs:
+        raise SegmentError(f"{where}: no still phase of {still_s:g} s found; was the table ever left alone? See `calibrate.py check`")
+    if not segments:
+        stills = [still for log in logs for still in log.stills]
+        bad = next((still.problem for still in stills if still.problem), None)
+        raise SegmentError(
+            f"{where}: {len(stills)} still phase{'s' * (len(stills) != 1)} but no turn between two that are usable"
+            + (f" ({bad})" if bad else "")
+            + "; record still - turn - still"
+        )
+    used = [segment for segment in segments if segment.accepted]
+    if not used:
+        raise SegmentError(f"{where}: all {len(segments)} segments are rejected, the first because {segments[0].problem}")
+    if len(used) < FEWEST_SEGMENTS:
+        raise SegmentError(
+            f"{where}: {len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good): 12 parameters, 2 angles a segment"
+        )
+
+
+def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> Batch:
+    """All segments, accepted or not, with attitudes from the reference; yaw 0 where it is not known, no Earth yet."""
+    dials = session.config.protocol.reference == "table"
+    longest = max(segment.stop - segment.start for segment in segments)
+    rate = np.zeros((len(segments), longest, 3))
+    dt = np.zeros((len(segments), longest - 1))
+    ends = np.zeros((2, len(segments), 4))
+    for i, segment in enumerate(segments):
+        samples = logs[segment.log].samples
+        count = segment.stop - segment.start
+        rate[i, :count] = samples.gyro[segment.start : segment.stop]
+        rate[i, count:] = rate[i, count - 1]
+        dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * 1e-9
+        for end, still in zip(ends, (segment.first, segment.last), strict=True):
+            reading = _dial(session, logs, segment.log, still) if dials else None
+            end[i] = rotation.from_gravity(still.accel_mean) if reading is None else rotation.from_euler(*reading)
+    return Batch(rate, dt, np.zeros_like(rate), ends[0], ends[1], dials)
+
+
+def _carry_yaw(session, logs: list[StillSet], segments: list[Segment], chain: Batch, model: LinearModel) -> tuple[list[StillSet], Batch]:
+    """Give each still the yaw that the gyro carries to it from the log's first still, where the table's index is."""
+    start, end = chain.start.copy(), chain.end.copy()
+    q_tb = [[rotation.from_gravity(still.accel_mean) for still in log.stills] for log in logs]
+    if not chain.yaw_known:
+        step = rotation.multiply(rotation.conjugate(chain.start), attitudes(chain, model(chain.rate))[:, -1])
+        for i, segment in enumerate(segments):
+            stills = logs[segment.log].stills
+            first, last = (stills.index(still) for still in (segment.first, segment.last))
+            start[i] = q_tb[segment.log][first]
+            end[i] = q_tb[segment.log][last] = _nearest_yaw(rotation.multiply(start[i], step[i]), end[i])
+    else:
+        for i, segment in enumerate(segments):
+            stills = logs[segment.log].stills
+            q_tb[segment.log][stills.index(segment.first)] = start[i]
+            q_tb[segment.log][stills.index(segment.last)] = end[i]
+    carried = [replace(log, q_tb=np.array(q)) for log, q in zip(logs, q_tb, strict=True)]
+    return carried, replace(chain, start=start, end=end)
+
+
+def _nearest_yaw(q_pred: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
+    """``q_tilt`` (4,) turned about the vertical to be as near to ``q_pred`` as it can be."""
+    d = rotation.multiply(q_pred, rotation.conjugate(q_tilt))
+    turn = np.array([d[0], 0.0, 0.0, d[3]])
+    length = np.linalg.norm(turn)
+    return rotation.multiply(turn / length, q_tilt) if length > 1e-9 else q_tilt
+
+
+def _earth(session: Session, logs: list[StillSet], model: LinearModel) -> EarthRate:
+    site = session.config.site
+    if site.latitude_deg is None:
+        return no_earth()
+    if site.heading_deg is not None:
+        return with_heading(site.latitude_deg, site.heading_deg)
+    q_tb, rate, sigma = _reference_stills(logs)
+    return estimate_heading(site.latitude_deg, q_tb, model(rate), sigma) if len(rate) > 2 else vertical_only(site.latitude_deg)
+
+
+def _reference_stills(logs: list[StillSet]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Attitudes (Q, 4), mean rates (Q, 3) and their sigmas (Q, 3) of all stills that are references."""
+    rows = [
+        (q, still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s))
+        for log in logs
+        for q, still in zip(log.q_tb, log.stills, strict=True)
+        if still.problem is None
+    ]
+    q_tb, rate, sigma = (np.array(column) for column in zip(*rows, strict=True))
+    return q_tb, rate, sigma
+
+
+def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:
+    q_tb, rate, sigma = _reference_stills(logs)
+    if not (sigma > 0).all():
+        raise DataError("the gyro shows no noise at all in the stills; is the log made of registers, not of smoothed values?")
+    return StillRates(rate, earth.in_body(q_tb), sigma)

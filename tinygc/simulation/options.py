@@ -1,0 +1,108 @@
+"""What a person may choose of a simulated session.  Sources: SENSOR section 1, FORMATS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from math import isfinite
+
+from session import registers
+from session.errors import CalibrationError
+
+#: nominal output data rate, Hz -> bandwidth (-3 dB) of the gyro's LPF2, Hz, always on (SENSOR 1.2, LSM6DSO Table 18)
+GYRO_LPF2_HZ = {104: 33.0, 208: 66.8, 416: 135.9, 833: 295.5, 1667: 1108.1}
+#: stills at the two ends and some turning between them
+SHORTEST_CLOSURE_STILLS = 10
+
+
+@dataclass(frozen=True)
+class SimulationOptions:
+    """One simulated session.  Errors of the unit are drawn from ``seed`` with the sizes given here (1 sigma).
+
+    Every purpose (unit, motion, noise, …) has its own random stream: a change of noise leaves the motion as it was.
+    """
+
+    segments: int = 40  #: turns in the log; the stills are one more
+    closure_s: float = 58.0  #: s, whole length of the closure run with its two stills; 0: none
+    seed: int = 0
+
+    # Sensor
+    odr_hz: float = 208.0  #: Hz, nominal: 104, 208, 416, 833 or 1667
+    odr_error: float | None = None  #: fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %
+    gyro_fs_dps: float = 500.0  #: dps, full scale
+    accel_fs_g: float = 4.0  #: g, full scale
+    gyro_noise_dps_rthz: float = 0.005  #: dps/sqrt(Hz), white, one-sided density
+    accel_noise_ug_rthz: float = 60.0  #: ug/sqrt(Hz), white, one-sided density
+    bias_instability_dph: float = 3.0  #: deg/h, flicker; the floor of the Allan deviation is 0.664 of it; 0: none
+    temperature_start_c: float = 25.0  #: degC at the first sample
+    warm_up_c: float = 1.5  #: degC, how far self-heating goes in the end
+
+    # Linear errors of the unit, 1 sigma
+    gyro_scale_error: float = 0.01  #: fraction
+    gyro_misalignment: float = 0.005  #: rad, cross-axis terms
+    gyro_bias_dps: float = 1.0  #: dps; draws beyond 2 dps are cut to 2
+    accel_scale_error: float = 0.01  #: fraction; session.toml's pre-calibration undoes it
+    accel_misalignment: float = 0.005  #: rad; session.toml's pre-calibration undoes it
+    accel_bias_mg: float = 15.0  #: mg; session.toml's pre-calibration undoes it
+    accel_calibration_error_mg: float = 0.0  #: mg, bias that has crept in since the pre-calibration
+
+    # Bench
+    latitude_deg: float = 31.03  #: deg, north positive
+    gravity_mps2: float = 9.7946  #: m/s^2
+    heading_deg: float | None = None  #: deg from true north to the table's index direction; None: drawn
+    with_heading: bool = False  #: whether session.toml tells the heading
+    lever_m: tuple[float, float, float] = (0.02, -0.015, 0.01)  #: m, from the crossing of the gimbals to the sensor, in b
+    vigour: float = 1.0  #: scales angles and rates of the turns; never beyond 0.85 of full scale
+    still_s: float = 1.0  #: s, still that the protocol asks for on each side of a turn
+    turn_s: float = 3.0  #: s, usual length of a turn
+
+    def __post_init__(self):
+        for name in ("closure_s", "accel_noise_ug_rthz", "bias_instability_dph", "gyro_noise_dps_rthz"):
+            self._require(getattr(self, name) >= 0, name, "0 or more")
+        for name in ("gyro_scale_error", "gyro_misalignment", "accel_scale_error", "accel_misalignment"):
+            self._require(0 <= getattr(self, name) <= 0.1, name, "0 to 0.1 (larger ones may be no invertible matrix)")
+        for name in ("gyro_bias_dps", "accel_bias_mg", "accel_calibration_error_mg"):
+            self._require(getattr(self, name) >= 0, name, "0 or more")
+        for name in ("vigour", "still_s", "turn_s"):
+            self._require(0 < getattr(self, name) < float("inf"), name, "more than 0")
+        self._require(self.segments >= 1, "segments", "1 or more")
+        self._require(self.seed >= 0, "seed", "0 or more")
+        self._require(self.odr_hz in GYRO_LPF2_HZ, "odr_hz", "one of " + ", ".join(map(str, GYRO_LPF2_HZ)))
+        self._require(abs(self.odr_error or 0) <= 0.19, "odr_error", "within 0.19: the chip's register ends there")
+        self._require(abs(self.latitude_deg) <= 90, "latitude_deg", "-90 to 90")
+        self._require(9.7 <= self.gravity_mps2 <= 9.9, "gravity_mps2", "9.7 to 9.9")
+        self._require(abs(self.heading_deg or 0) <= 360, "heading_deg", "-360 to 360")
+        self._require(len(self.lever_m) == 3 and all(map(isfinite, self.lever_m)), "lever_m", "three finite numbers")
+        for name, settled_c in (
+            ("temperature_start_c", self.temperature_start_c),
+            ("warm_up_c", self.temperature_start_c + self.warm_up_c),
+        ):
+            self._require(-40 <= settled_c <= 105, name, "within the sensor's range, -40 to 105 degC in all")
+        shortest = SHORTEST_CLOSURE_STILLS * self.still_s
+        self._require(self.closure_s == 0 or shortest <= self.closure_s < float("inf"), "closure_s", f"0, or {shortest:g} and more")
+        registers.gyro_rps_per_lsb(self.gyro_fs_dps)
+        registers.accel_mps2_per_lsb(self.accel_fs_g)
+
+    def _require(self, fine: bool, name: str, expected: str) -> None:
+        if not fine:
+            raise CalibrationError(f"{flag(name)} is {getattr(self, name)!r}, expected {expected}")
+
+
+def flag(name: str) -> str:
+    """The command line's flag of an option: its name, except the short ``--closure`` for closure_s."""
+    return "--closure" if name == "closure_s" else "--" + name.replace("_", "-")
+
+
+def command_line(options: SimulationOptions) -> str:
+    """The command that makes this session again: segments, closure and seed, and whatever else is not the default."""
+    words = ["calibrate.py simulate"]
+    for field in fields(options):
+        value = getattr(options, field.name)
+        if value == field.default and field.name not in ("segments", "closure_s", "seed"):
+            continue
+        if isinstance(value, bool):
+            words.append(flag(field.name))
+        elif isinstance(value, tuple):
+            words.append(" ".join([flag(field.name), *map(repr, value)]))
+        else:
+            words.append(f"{flag(field.name)} {value!r}".removesuffix(".0"))
+    return " ".join(words)

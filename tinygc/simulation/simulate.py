@@ -1,0 +1,101 @@
+"""A whole session from its options: hand, table, Earth, unit, noise, registers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.units import DEG, DEG_PER_HOUR, G
+from tinygc.simulation import motion as table
+from tinygc.simulation import sensor
+from tinygc.simulation.noise import bias_instability
+from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions
+from tinygc.simulation.plan import Plan, hand_plan
+from tinygc.simulation.unit import Unit, draw_unit
+
+#: Physics beyond the linear model: ``distort(t_s (N,), rate (N, 3), force (N, 3), temp_c (N,)) -> rate (N, 3)``, SI, on the fine
+#: grid, before linear errors, noise and low-pass.  rate and force are what the elements truly feel (Earth and lever arm included).
+#: t_s counts from the log's first sample, begins ``sensor.RUN_UP_S`` before it and goes on through the closure run.
+Distort = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One log as the chip gives it.
+
+    t_us (N,) int64 since the session's first sample; gyro, accel (N, 3) and temp (N,) int16 registers.
+    """
+
+    t_us: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    temp: np.ndarray
+
+    def part(self, start: int, stop: int) -> Recording:
+        """Samples start <= i < stop."""
+        return Recording(self.t_us[start:stop], self.gyro[start:stop], self.accel[start:stop], self.temp[start:stop])
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A simulated session and its truth.  closure is None where no closure run was asked for."""
+
+    options: SimulationOptions
+    plan: Plan
+    unit: Unit
+    log: Recording
+    closure: Recording | None
+
+
+def simulate_session(options: SimulationOptions, distort: Distort | None = None) -> Simulation:
+    """Simulate a session; ``distort`` conceals physics in it.  The same options and distort give the same registers."""
+    # One stream per purpose; a new purpose goes last, so that the others keep theirs.
+    unit_rng, motion_rng, *signal_rngs = np.random.default_rng(options.seed).spawn(6)
+    unit, plan = draw_unit(options, unit_rng), hand_plan(options, motion_rng)
+    log_count, closure_count = (int(np.ceil(seconds * unit.odr_hz)) for seconds in (plan.log_s, options.closure_s))
+    whole = _record(options, unit, plan, log_count + closure_count, distort, signal_rngs)
+    log, closure = whole.part(0, log_count), whole.part(log_count, log_count + closure_count)
+    return Simulation(options, plan, unit, log, closure if closure_count else None)
+
+
+def _record(options: SimulationOptions, unit: Unit, plan: Plan, count: int, distort: Distort | None, rngs) -> Recording:
+    """The first ``count`` samples of the chip, log and closure run without a break."""
+    gyro_rng, accel_rng, flicker_rng, temperature_rng = rngs
+    odr_hz = unit.odr_hz
+    factor = sensor.oversampling(odr_hz)
+    run_up = int(np.ceil(sensor.RUN_UP_S * odr_hz))  # samples before the first, thrown away when the filters have seen them
+    t_fine = np.arange(-run_up * factor, count * factor) / (factor * odr_hz)
+    rate, force, temp_c = true_signals(options, unit, plan, t_fine)
+    if distort is not None:
+        rate = _distorted(distort, t_fine, rate, force, temp_c)
+
+    gyro_noise, accel_noise = options.gyro_noise_dps_rthz * DEG, options.accel_noise_ug_rthz * 1e-6 * G
+    gyro_hz, accel_hz = GYRO_LPF2_HZ[options.odr_hz], sensor.ACCEL_BANDWIDTH_ODR * odr_hz
+    gyro = sensor.low_pass(unit.measured_rate(rate), gyro_hz, gyro_noise, odr_hz, factor, gyro_rng)[run_up:]
+    accel = sensor.low_pass(unit.measured_force(force), accel_hz, accel_noise, odr_hz, factor, accel_rng)[run_up:]
+    gyro += bias_instability(options.bias_instability_dph * DEG_PER_HOUR, odr_hz, count, flicker_rng)
+    return Recording(
+        t_us=np.rint(np.arange(count) / odr_hz * 1e6).astype(np.int64),
+        gyro=sensor.gyro_registers(gyro, options.gyro_fs_dps),
+        accel=sensor.accel_registers(accel, options.accel_fs_g),
+        temp=sensor.temperature_registers(temp_c[run_up * factor :: factor], temperature_rng),
+    )
+
+
+def true_signals(options: SimulationOptions, unit: Unit, plan: Plan, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the elements feel at times t_s (N,) s: rate against inertial space (N, 3) rad/s and specific force (N, 3) m/s^2, both
+    in b, and temperature (N,) degC."""
+    motion = table.move(plan, t_s)
+    earth_t = table.earth_rate_table(options.latitude_deg * DEG, unit.heading_deg * DEG)
+    rate = motion.rate + table.table_to_body(motion.angles, earth_t)
+    force = table.specific_force(motion, options.gravity_mps2, np.array(options.lever_m))
+    return rate, force, sensor.temperature(t_s, options.temperature_start_c, options.warm_up_c)
+
+
+def _distorted(distort: Distort, t_s, rate, force, temp_c) -> np.ndarray:
+    distorted = np.asarray(distort(t_s, rate, force, temp_c), dtype=float)
+    if distorted.shape != rate.shape or not np.isfinite(distorted).all():
+        raise ValueError(f"distort must return finite rates of shape {rate.shape}, got shape {distorted.shape}")
+    return distorted

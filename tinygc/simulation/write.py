@@ -1,0 +1,130 @@
+"""Write a simulated session as a folder (FORMATS ``tinygc-session/1``), and its truth beside it."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from session.config import SCHEMA
+from session.errors import FormatError
+from session.units import DEG, MG
+from tinygc.simulation.options import SimulationOptions, command_line
+from tinygc.simulation.simulate import Distort, Recording, Simulation, simulate_session
+from tinygc.simulation.unit import BIAS_DIGITS, MATRIX_DIGITS
+
+HEADER = "t_us,gx,gy,gz,ax,ay,az,temp"
+TRUTH_SCHEMA = "tinygc-truth/1"
+GZIP_LEVEL = 6  #: level 9 takes three times as long for a few percent
+LOG, CLOSURE, CONFIG, TRUTH = "log0001.csv.gz", "closure0001.csv.gz", "session.toml", "truth.json"
+
+
+def write_session(
+    options: SimulationOptions,
+    folder: Path,
+    force: bool = False,
+    distort: Distort | None = None,
+    effects: Mapping[str, object] | None = None,
+) -> Path:
+    """Simulate a session and write its folder; returns the folder.
+
+    distort as for ``simulate_session``; effects: what it conceals, by id (FORMATS), only for truth.json.  The same arguments give
+    the same bytes.  Raises FormatError where the folder holds something: ``force`` replaces an earlier simulation, nothing else.
+    """
+    _check_folder(folder, force)
+    simulation = simulate_session(options, distort)
+    folder.mkdir(parents=True, exist_ok=True)
+    concealed = distort is not None
+    (folder / CONFIG).write_text(_config_text(simulation, concealed), encoding="utf-8")
+    _write_log(folder / LOG, simulation, simulation.log)
+    if simulation.closure is None:
+        (folder / CLOSURE).unlink(missing_ok=True)
+    else:
+        _write_log(folder / CLOSURE, simulation, simulation.closure)
+    (folder / TRUTH).write_text(json.dumps(_truth(simulation, effects or {}), indent=1) + "\n", encoding="utf-8")
+    return folder
+
+
+def _check_folder(folder: Path, force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise FormatError(f"{folder}: that is a file; give a new folder")
+    present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if not present:
+        return
+    if not force:
+        raise FormatError(f"{folder}: not empty; give a new folder, or --force to replace an earlier simulation")
+    if TRUTH not in present:
+        raise FormatError(f"{folder}: holds no simulation ({TRUTH} is missing) and is not replaced; give a new folder")
+    strangers = {name for name in present if name.startswith(("log", "closure"))} - {LOG, CLOSURE}
+    if strangers:
+        raise FormatError(f"{folder}: holds {min(strangers)} beside a simulation and is not replaced; give a new folder")
+
+
+def _write_log(path: Path, simulation: Simulation, recording: Recording) -> None:
+    options, odr_hz = simulation.options, simulation.unit.odr_hz
+    ranges = f"gyro_fs_dps={options.gyro_fs_dps:g} accel_fs_g={options.accel_fs_g:g}"
+    comment = f"# {ranges} odr_hz={odr_hz:.4f} serial={_serial(options)}"
+    table = np.column_stack([recording.t_us, recording.gyro, recording.accel, recording.temp])
+    row = ",".join(["%d"] * table.shape[1]) + "\n"
+    text = f"{comment}\n{HEADER}\n" + row * len(table) % tuple(table.ravel().tolist())
+    path.write_bytes(gzip.compress(text.encode("ascii"), GZIP_LEVEL, mtime=0))  # mtime 0: the same seed gives the same bytes
+
+
+def _serial(options: SimulationOptions) -> str:
+    return f"SIM-{options.seed}"
+
+
+def _config_text(simulation: Simulation, concealed: bool) -> str:
+    options, unit = simulation.options, simulation.unit
+    matrix = ", ".join("[" + ", ".join(f"{x:.{MATRIX_DIGITS}f}" for x in row) + "]" for row in unit.accel_matrix)
+    bias = ", ".join(f"{x:.{BIAS_DIGITS}f}" for x in unit.accel_bias)
+    heading = f"heading_deg = {unit.heading_deg!r}\n" if options.with_heading else ""
+    remark = f"# Physics is concealed in it besides: {TRUTH} tells which.\n" if concealed else ""
+    return f"""\
+# SIMULATED, not recorded.  To make it again: {command_line(options)}
+{remark}schema = "{SCHEMA}"
+
+[sensor]
+model = "ASM330LHH"
+serial = "{_serial(options)}"
+odr_hz = {float(options.odr_hz)!r}
+gyro_fs_dps = {options.gyro_fs_dps:g}
+accel_fs_g = {options.accel_fs_g:g}
+
+[accelerometer]  # a = matrix @ (measured_mps2 - bias_mps2)
+matrix = [{matrix}]
+bias_mps2 = [{bias}]
+
+[site]
+latitude_deg = {float(options.latitude_deg)!r}
+gravity_mps2 = {float(options.gravity_mps2)!r}
+{heading}
+[protocol]
+still_s = {float(options.still_s)!r}
+segment_s = {float(2 * options.still_s + options.turn_s)!r}
+reference = "gravity"
+"""
+
+
+def _truth(simulation: Simulation, effects: Mapping[str, object]) -> dict:
+    options, unit, plan = simulation.options, simulation.unit, simulation.plan
+    return {
+        "schema": TRUTH_SCHEMA,
+        "effects": dict(effects),
+        "E": unit.E.tolist(),
+        "B_dps": (unit.B / DEG).tolist(),
+        "heading_deg": unit.heading_deg,
+        "lever_m": list(options.lever_m),
+        "odr_hz": unit.odr_hz,
+        "accel_shift_mg": (unit.accel_shift / MG).tolist(),
+        "gyro_noise_dps_rthz": options.gyro_noise_dps_rthz,
+        "accel_noise_ug_rthz": options.accel_noise_ug_rthz,
+        "bias_instability_dph": options.bias_instability_dph,
+        "turns_s": [list(turn) for turn in plan.turns],
+        "closure_s": list(plan.closure) if plan.closure else None,
+        "options": asdict(options),
+    }

@@ -76,9 +76,7 @@ def _read_attitudes(path: Path) -> np.ndarray:
     try:
         lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
     except FileNotFoundError:
-        raise FormatError(
-            f'{path}: not found, but protocol.reference is "table"; add the dial readings, or use "gravity"'
-        ) from None
+        raise FormatError(f'{path}: not found, but protocol.reference is "table"; add the dial readings, or use "gravity"') from None
     rows = list(csv.reader(lines))
     if not rows or [cell.strip() for cell in rows[0]] != columns:
         raise FormatError(f"{path.name}: the header must be {','.join(columns)}")

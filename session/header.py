@@ -75,9 +75,7 @@ def parse_header(line: str, where: str) -> Header:
 
 def _triad(names, letter, units, where, expected):
     """Positions and scale of the three columns of one sensor, all in one unit."""
-    found = {
-        suffix: [names.index(f"{letter}{axis}{suffix}") for axis in "xyz" if f"{letter}{axis}{suffix}" in names] for suffix in units
-    }
+    found = {suffix: [names.index(f"{letter}{axis}{suffix}") for axis in "xyz" if f"{letter}{axis}{suffix}" in names] for suffix in units}
     whole = [suffix for suffix, columns in found.items() if len(columns) == 3]
     if len(whole) == 1 and sum(map(len, found.values())) == 3:
         return tuple(found[whole[0]]), units[whole[0]]

@@ -165,9 +165,7 @@ def _to_si(table, header: Header, sensor: Sensor, name: str, body: str, first_li
             fail(row, f"{header.names[column]} is {values[row]}, expected a finite number; remove that line")
         if values.dtype == np.int64 and column != header.time and not (fine := np.abs(values + 0.5) < 32768).all():
             row = int(np.argmin(fine))
-            fail(
-                row, f"{header.names[column]} is {values[row]}, no 16-bit register value; units belong in the header (gx_dps, ax_g)"
-            )
+            fail(row, f"{header.names[column]} is {values[row]}, no 16-bit register value; units belong in the header (gx_dps, ax_g)")
     time = columns[0]
     t_ns = np.rint(time * 1e9).astype(np.int64) if header.time_name == "t_s" else time * TIME_NS[header.time_name]
     gyro_scale = registers.gyro_rps_per_lsb(sensor.gyro_fs_dps) if header.gyro_scale is None else header.gyro_scale

@@ -8,6 +8,7 @@ passed over: the two turns around it become one longer segment.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def cut_segments(
     """All segments of one log, accepted or with the reason why not, in order; ``number`` is given to the first."""
     references = [still for still in stills if still.problem is None]
     segments = []
-    for first, last in zip(references[:-1], references[1:], strict=True):
+    for first, last in pairwise(references):
         passed = [still for still in stills if first.start < still.start < last.start]
         segments.append(_cut(samples, first, last, passed, sensor, protocol, log, number + len(segments)))
     return segments

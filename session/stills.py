@@ -221,9 +221,7 @@ def _settled(samples: Samples, run, size: int, noise: Noise, shortest: int) -> S
             rate = np.linalg.norm(whole.tilt_rate) / DEG
             return replace(whole, problem=f"creeps {rate:.3f} dps about {axis} (gravity moves in it)")
         ends = [_without_end(run, cut, at_start) for at_start in (True, False)]
-        run, still = min(
-            ((end, _measure(samples, end, size)) for end in ends), key=lambda pair: _horizontal_rate(pair[1], zero_rate)
-        )
+        run, still = min(((end, _measure(samples, end, size)) for end in ends), key=lambda pair: _horizontal_rate(pair[1], zero_rate))
     return still
 
 

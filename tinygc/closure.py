@@ -1,9 +1,9 @@
 """The closure residual: what is left between the attitude that the gyro predicts and the one that the reference saw.
 
-Integrating from ``start`` gives q_pred; the error rotation, in the table frame, is d = q_pred q_end^-1 = (w, x, y, z).  q and -q are
-one attitude, so the nearer sign counts.  Where yaw is unknown, the reference is first turned about the vertical by the yaw that
-brings it nearest to the prediction; what remains is the tilt, in the frame of the prediction, with cosine c = sqrt(w^2 + z^2) of half its angle.  The loss is the paper's
-squared Euclidean distance of the two quaternions,
+Integrating from ``start`` gives q_pred; the error rotation, in the table frame, is d = q_pred q_end^-1 = (w, x, y, z).  q and -q
+are one attitude, so the nearer sign counts.  Where yaw is unknown, the reference is first turned about the vertical by the yaw that
+brings it nearest to the prediction; what remains is the tilt, in the frame of the prediction, with cosine c = sqrt(w^2 + z^2) of
+half its angle.  The loss is the paper's squared Euclidean distance of the two quaternions,
 
     D^2 = 2 - 2c = 2 s^2 / (1 + c),   s the length of the vector part,
 
@@ -104,6 +104,14 @@ def sensitivity(batch: Batch, rate: np.ndarray) -> np.ndarray:
     The residual is half of phi, its first two or all three components.
     """
     return rotation.matrix(attitudes(batch, rate)) * sample_weights(batch.dt)[..., None, None]
+
+
+def nearest_yaw(q_tb: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
+    """``q_tilt`` (4,) turned about the vertical to be as near to ``q_tb`` (4,) as it can be."""
+    d = rotation.multiply(q_tb, rotation.conjugate(q_tilt))
+    turn = np.array([d[0], 0.0, 0.0, d[3]])
+    length = np.linalg.norm(turn)
+    return rotation.multiply(turn / length, q_tilt) if length > 1e-9 else q_tilt
 
 
 def _like(model, array):

@@ -53,7 +53,7 @@ def fit_least_squares(
         raise FitError("no segments to fit; see the reasons for which they were rejected")
     vector, prior = start.vector, start.vector
     weight = 1 / sigma[:, None]
-    for step in range(1, MAX_STEPS + 1):
+    for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
         model = LinearModel.from_vector(vector)
         rate = model(batch.rate)
         angles = 2 * closure.segment_residuals(batch, rate, integrator)
@@ -77,4 +77,4 @@ def fit_least_squares(
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     seen = np.sqrt(np.diag(covariance)) < OBSERVED_BELOW * PRIOR_SIGMA
     unobserved = tuple(name for name, ok in zip(linear.NAMES, seen, strict=True) if not ok)
-    return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, step)
+    return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps)

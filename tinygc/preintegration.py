@@ -43,7 +43,9 @@ class Windows:
         Et = E.transpose(0, 2, 1)[:, None]
         cofactor_t = np.linalg.inv(E)[:, None] * np.linalg.det(E)[:, None, None, None]
         theta = self.alpha @ Et + b * self.tau[..., None] + self.beta @ cofactor_t + cross(self.gamma @ Et, b) / 2
-        q_pred = rotation.multiply(np.broadcast_to(self.batch.start, (len(E), *self.batch.start.shape)), rotation.compose(rotation.exp(theta)))
+        q_pred = rotation.multiply(
+            np.broadcast_to(self.batch.start, (len(E), *self.batch.start.shape)), rotation.compose(rotation.exp(theta))
+        )
         return closure.residual(q_pred, self.batch.end, self.batch.yaw_known)
 
 

@@ -14,7 +14,7 @@ from session.segments import Segment, cut_segments
 from session.stills import Noise, Still, find_stills
 from session.units import DEG
 from tinygc import rotation
-from tinygc.closure import Batch, attitudes
+from tinygc.closure import Batch, attitudes, nearest_yaw
 from tinygc.earth import EarthRate, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.floor import Floor, closure_floor
 from tinygc.least_squares import fit_least_squares
@@ -102,7 +102,7 @@ def build_problem(
 
 def _stills_and_segments(session: Session, exclude, progress) -> tuple[list[StillSet], list[Segment]]:
     logs, segments = [], []
-    for number, log in enumerate(session.logs):
+    for log in session.logs:
         progress(f"stills of {log.path.name}")
         samples = session.calibrated(log)
         stills, noise = find_stills(samples, session.config.protocol.still_s)
@@ -183,7 +183,7 @@ def _carry_yaw(session, logs: list[StillSet], segments: list[Segment], chain: Ba
             stills = logs[segment.log].stills
             first, last = (stills.index(still) for still in (segment.first, segment.last))
             start[i] = q_tb[segment.log][first]
-            end[i] = q_tb[segment.log][last] = _nearest_yaw(rotation.multiply(start[i], step[i]), end[i])
+            end[i] = q_tb[segment.log][last] = nearest_yaw(rotation.multiply(start[i], step[i]), end[i])
     else:
         for i, segment in enumerate(segments):
             stills = logs[segment.log].stills
@@ -191,14 +191,6 @@ def _carry_yaw(session, logs: list[StillSet], segments: list[Segment], chain: Ba
             q_tb[segment.log][stills.index(segment.last)] = end[i]
     carried = [replace(log, q_tb=np.array(q)) for log, q in zip(logs, q_tb, strict=True)]
     return carried, replace(chain, start=start, end=end)
-
-
-def _nearest_yaw(q_pred: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
-    """``q_tilt`` (4,) turned about the vertical to be as near to ``q_pred`` as it can be."""
-    d = rotation.multiply(q_pred, rotation.conjugate(q_tilt))
-    turn = np.array([d[0], 0.0, 0.0, d[3]])
-    length = np.linalg.norm(turn)
-    return rotation.multiply(turn / length, q_tilt) if length > 1e-9 else q_tilt
 
 
 def _earth(session: Session, logs: list[StillSet], model: LinearModel) -> EarthRate:

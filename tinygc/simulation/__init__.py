@@ -5,11 +5,6 @@
 The rest of the project reads that folder as it reads a recorded one; ``truth.json`` in it is for tests and demonstrations only.
 
 Physics that the linear model leaves out enters by ``distort``, a function that the caller gives: no effect is known here by name.
-Conventions are those of ``session``'s docstring.
+Conventions are those of ``session``'s docstring.  Import from the modules: ``options.SimulationOptions``,
+``simulate.simulate_session``, ``write.write_session``; the first costs nothing, the others import scipy.signal.
 """
-
-from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import Simulation, simulate_session
-from tinygc.simulation.write import write_session
-
-__all__ = ["Simulation", "SimulationOptions", "simulate_session", "write_session"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from math import isfinite
 
 from session import registers
@@ -14,6 +14,11 @@ GYRO_LPF2_HZ = {104: 33.0, 208: 66.8, 416: 135.9, 833: 295.5, 1667: 1108.1}
 SHORTEST_CLOSURE_STILLS = 10
 
 
+def _choice(default, meaning: str):
+    """A field whose meaning, with its unit, the command line shows."""
+    return field(default=default, metadata={"help": meaning})
+
+
 @dataclass(frozen=True)
 class SimulationOptions:
     """One simulated session.  Errors of the unit are drawn from ``seed`` with the sizes given here (1 sigma).
@@ -21,39 +26,39 @@ class SimulationOptions:
     Every purpose (unit, motion, noise, …) has its own random stream: a change of noise leaves the motion as it was.
     """
 
-    segments: int = 40  #: turns in the log; the stills are one more
-    closure_s: float = 58.0  #: s, whole length of the closure run with its two stills; 0: none
-    seed: int = 0
+    segments: int = _choice(40, "turns in the log; the stills are one more")
+    closure_s: float = _choice(58.0, "s, whole length of the closure run with its two stills; 0: none")
+    seed: int = _choice(0, "of every random draw")
 
     # Sensor
-    odr_hz: float = 208.0  #: Hz, nominal: 104, 208, 416, 833 or 1667
-    odr_error: float | None = None  #: fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %
-    gyro_fs_dps: float = 500.0  #: dps, full scale
-    accel_fs_g: float = 4.0  #: g, full scale
-    gyro_noise_dps_rthz: float = 0.005  #: dps/sqrt(Hz), white, one-sided density
-    accel_noise_ug_rthz: float = 60.0  #: ug/sqrt(Hz), white, one-sided density
-    bias_instability_dph: float = 3.0  #: deg/h, flicker; the floor of the Allan deviation is 0.664 of it; 0: none
-    temperature_start_c: float = 25.0  #: degC at the first sample
-    warm_up_c: float = 1.5  #: degC, how far self-heating goes in the end
+    odr_hz: float = _choice(208.0, "Hz, nominal: 104, 208, 416, 833 or 1667")
+    odr_error: float | None = _choice(None, "fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %")
+    gyro_fs_dps: float = _choice(500.0, "dps, full scale")
+    accel_fs_g: float = _choice(4.0, "g, full scale")
+    gyro_noise_dps_rthz: float = _choice(0.005, "dps/sqrt(Hz), white, one-sided density")
+    accel_noise_ug_rthz: float = _choice(60.0, "ug/sqrt(Hz), white, one-sided density")
+    bias_instability_dph: float = _choice(3.0, "deg/h, flicker; the floor of the Allan deviation is 0.664 of it; 0: none")
+    temperature_start_c: float = _choice(25.0, "degC at the first sample")
+    warm_up_c: float = _choice(1.5, "degC, how far self-heating goes in the end")
 
     # Linear errors of the unit, 1 sigma
-    gyro_scale_error: float = 0.01  #: fraction
-    gyro_misalignment: float = 0.005  #: rad, cross-axis terms
-    gyro_bias_dps: float = 1.0  #: dps; draws beyond 2 dps are cut to 2
-    accel_scale_error: float = 0.01  #: fraction; session.toml's pre-calibration undoes it
-    accel_misalignment: float = 0.005  #: rad; session.toml's pre-calibration undoes it
-    accel_bias_mg: float = 15.0  #: mg; session.toml's pre-calibration undoes it
-    accel_calibration_error_mg: float = 0.0  #: mg, bias that has crept in since the pre-calibration
+    gyro_scale_error: float = _choice(0.01, "fraction")
+    gyro_misalignment: float = _choice(0.005, "rad, cross-axis terms")
+    gyro_bias_dps: float = _choice(1.0, "dps; draws beyond 2 dps are cut to 2")
+    accel_scale_error: float = _choice(0.01, "fraction; session.toml's pre-calibration undoes it")
+    accel_misalignment: float = _choice(0.005, "rad; session.toml's pre-calibration undoes it")
+    accel_bias_mg: float = _choice(15.0, "mg; session.toml's pre-calibration undoes it")
+    accel_calibration_error_mg: float = _choice(0.0, "mg, bias that has crept in since the pre-calibration")
 
     # Bench
-    latitude_deg: float = 31.03  #: deg, north positive
-    gravity_mps2: float = 9.7946  #: m/s^2
-    heading_deg: float | None = None  #: deg from true north to the table's index direction; None: drawn
-    with_heading: bool = False  #: whether session.toml tells the heading
-    lever_m: tuple[float, float, float] = (0.02, -0.015, 0.01)  #: m, from the crossing of the gimbals to the sensor, in b
-    vigour: float = 1.0  #: scales angles and rates of the turns; never beyond 0.85 of full scale
-    still_s: float = 1.0  #: s, still that the protocol asks for on each side of a turn
-    turn_s: float = 3.0  #: s, usual length of a turn
+    latitude_deg: float = _choice(31.03, "deg, north positive")
+    gravity_mps2: float = _choice(9.7946, "m/s^2")
+    heading_deg: float | None = _choice(None, "deg from true north to the table's index direction; None: drawn")
+    with_heading: bool = _choice(False, "whether session.toml tells the heading")
+    lever_m: tuple[float, float, float] = _choice((0.02, -0.015, 0.01), "m, from the crossing of the gimbals to the sensor, in b")
+    vigour: float = _choice(1.0, "scales angles and rates of the turns; never beyond 0.85 of full scale")
+    still_s: float = _choice(1.0, "s, still that the protocol asks for on each side of a turn")
+    turn_s: float = _choice(3.0, "s, usual length of a turn")
 
     def __post_init__(self):
         for name in ("closure_s", "accel_noise_ug_rthz", "bias_instability_dph", "gyro_noise_dps_rthz"):
@@ -95,14 +100,14 @@ def flag(name: str) -> str:
 def command_line(options: SimulationOptions) -> str:
     """The command that makes this session again: segments, closure and seed, and whatever else is not the default."""
     words = ["calibrate.py simulate"]
-    for field in fields(options):
-        value = getattr(options, field.name)
-        if value == field.default and field.name not in ("segments", "closure_s", "seed"):
+    for option in fields(options):
+        value = getattr(options, option.name)
+        if value == option.default and option.name not in ("segments", "closure_s", "seed"):
             continue
         if isinstance(value, bool):
-            words.append(flag(field.name))
+            words.append(flag(option.name))
         elif isinstance(value, tuple):
-            words.append(" ".join([flag(field.name), *map(repr, value)]))
+            words.append(" ".join([flag(option.name), *map(repr, value)]))
         else:
-            words.append(f"{flag(field.name)} {value!r}".removesuffix(".0"))
+            words.append(f"{flag(option.name)} {value!r}".removesuffix(".0"))
     return " ".join(words)

@@ -96,8 +96,7 @@ def _closure_run(start_s: float, stop_s: float, vigour: float, rng: np.random.Ge
         targets = vigour * rng.uniform(-CLOSURE_RANGE_RAD, CLOSURE_RANGE_RAD, len(knots) - 3)
         changes = np.diff(targets, prepend=0, append=0)
         strokes += [
-            _stroke(gimbal, first, last - first, change, rng)
-            for first, last, change in zip(knots[:-2], knots[2:], changes, strict=True)
+            _stroke(gimbal, first, last - first, change, rng) for first, last, change in zip(knots[:-2], knots[2:], changes, strict=True)
         ]
     return strokes
 

@@ -56,9 +56,7 @@ class Stroke:
             [
                 self.change_rad * profile[0] + window[0] * wave[0],
                 (self.change_rad * profile[1] + window[1] * wave[0]) * rate + window[0] * wave[1],
-                (self.change_rad * profile[2] + window[2] * wave[0]) * acceleration
-                + 2 * window[1] * rate * wave[1]
-                + window[0] * wave[2],
+                (self.change_rad * profile[2] + window[2] * wave[0]) * acceleration + 2 * window[1] * rate * wave[1] + window[0] * wave[2],
             ]
         )
 

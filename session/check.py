@@ -1,0 +1,89 @@
+"""The first look at a session: everything that has burnt users before, tested before anything is fitted.
+
+Each check returns findings: a measured number, the bar it was held against, what to do.  The bars come from physics and the
+datasheet, not from recordings.  Order: the log by itself, then its stills, then the gyroscope against gravity.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from session.check_axes import check_axes
+from session.check_samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
+from session.check_stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
+from session.config import read_config
+from session.errors import CalibrationError
+from session.findings import Finding, worst
+from session.folder import Session, log_paths, read_session
+from session.logfile import Log, read_log
+from session.stills import Noise, Still, find_stills
+
+__all__ = ["Finding", "check_folder", "first_look", "worst"]
+
+
+def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | None) -> list[Finding]:
+    """All checks of one log; stills and noise as ``find_stills(session.calibrated(log), …)`` gave them."""
+    config, where = session.config, log.path.name
+    good = [still for still in stills if still.problem is None]
+    findings = [
+        *check_reading(log),
+        *check_comments(log, config.sensor),
+        *check_rate(log, config.sensor),
+        *check_stamps(log, noise, config.protocol.segment_s),
+        *check_registers(log, config.sensor, good),
+        *check_temperature(log, good),
+        *check_stills(where, stills),
+    ]
+    if not good:
+        return findings
+    factor, _ = accel_unit_factor(good, config)
+    force = config.accelerometer.correct(log.samples.accel * factor)
+    return [
+        *findings,
+        *check_noise(where, noise, config.sensor.model),
+        *check_zero_rate(where, good, config.sensor.model),
+        *check_gravity(where, good, config, noise),
+        *check_axes(where, log.samples.with_accel(force), good, config, log.raw),
+    ]
+
+
+def check_folder(folder: Path) -> list[Finding]:
+    """The first look at every log and closure run of a folder; a log that cannot be read becomes an error among the findings."""
+    try:
+        session, findings = read_session(folder), []
+    except CalibrationError as error:
+        session, findings = _read_what_there_is(folder, error)
+    if session is None:
+        return findings
+    all_stills = []
+    for log in (*session.logs, *session.closures):
+        stills, noise = find_stills(session.calibrated(log), session.config.protocol.still_s)
+        findings += first_look(session, log, stills, noise)
+        if log in session.logs:
+            all_stills.append(stills)
+    if all_stills:
+        findings += check_segment_count(session.name, all_stills)
+    return findings
+
+
+def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session | None, list[Finding]]:
+    """The session without what cannot be read, and why not; ``error`` is what stopped the reading of the whole."""
+
+    def finding(where: str, error: CalibrationError) -> Finding:
+        return Finding("error", where, "reading", str(error))
+
+    try:
+        config = read_config(folder / "session.toml")
+        paths = {stem: log_paths(folder, stem) for stem in ("log", "closure")}
+    except CalibrationError:
+        return None, [finding(folder.name, error)]
+    logs, findings = {"log": [], "closure": []}, []
+    for stem in paths:
+        for path in paths[stem]:
+            try:
+                logs[stem].append(read_log(path, config.sensor))
+            except CalibrationError as reason:
+                findings.append(finding(path.name, reason))
+    if not findings:  # the logs are readable: it was the dial readings, or there is no log
+        findings.append(finding(folder.name, error))
+    return Session(folder, config, tuple(logs["log"]), tuple(logs["closure"])), findings

@@ -1,0 +1,206 @@
+"""Checks of one log by itself: stamps, registers, temperature, and what its comments say.  Each returns findings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.clipping import accel_reach_g, gyro_reach_dps, plateau, run_bar
+from session.config import Sensor
+from session.findings import Finding, axes_text
+from session.logfile import Log
+from session.segments import GAP_PERIODS
+from session.stills import Noise, Still
+from session.units import DEG, G
+
+ODR_HZ = (12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667)
+ODR_UNIT_SPREAD = 0.01  #: part-to-part departure from the nominal rate that is usual
+ODR_WRONG = 0.10  #: beyond what parts were seen to have (5 %): another rate is set than the one declared
+ODR_CLOCKS = 0.005  #: INTERNAL_FREQ_FINE's step 0.15 % and the host clock's 0.3 %
+TEMP_RANGE_C = (-40.0, 105.0)  #: the sensor's operating range
+TEMP_CHANGE_C = 3.0
+
+
+def check_reading(log: Log) -> list[Finding]:
+    """What the reader mended or left out."""
+    return [Finding("note", log.path.name, "reading", note) for note in log.notes]
+
+
+def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
+    """The log's own ``gyro_fs_dps=``, ``accel_fs_g=``, ``serial=`` against session.toml.
+
+    Registers times the wrong sensitivity are wrong by the ratio of the full scales: nothing in a fit can repair the units.
+    """
+    findings = []
+    for key, declared in (("gyro_fs_dps", sensor.gyro_fs_dps), ("accel_fs_g", sensor.accel_fs_g)):
+        said = _number(log.comments.get(key))
+        if said is not None and abs(said / declared - 1) > 1e-6:
+            says = f"the log says {key}={said:g}, session.toml {declared:g}"
+            findings.append(Finding("error", log.path.name, "full scale", says, f"correct {key} in session.toml"))
+    serial = log.comments.get("serial")
+    if serial and sensor.serial and serial != sensor.serial:
+        says = f"the log is of sensor {serial}, session.toml says {sensor.serial}"
+        findings.append(Finding("warning", log.path.name, "serial", says, "keep one folder per sensor"))
+    return findings
+
+
+def check_rate(log: Log, sensor: Sensor) -> list[Finding]:
+    """The true output data rate, from the stamps, against the declared one and the log's ``odr_hz=``.
+
+    The nominal rate is only that: the sensor's oscillator is off by up to 5 %.  Rates are integrated with the stamps, so a true
+    rate that differs does no harm; stamps that are wrong are a scale error of the same size.
+    """
+    steps = log.samples.dt_s
+    true_hz = 1 / float(steps[steps < GAP_PERIODS * log.samples.period_s].mean())
+    off = true_hz / sensor.odr_hz - 1
+    where, says = log.path.name, f"{true_hz:.2f} Hz by the stamps, {sensor.odr_hz:g} Hz declared ({off:+.1%})"
+    if abs(off) > ODR_WRONG:
+        near = min(ODR_HZ, key=lambda odr: abs(np.log(true_hz / odr)))
+        fits = f"the sensor has {near:g} Hz: correct odr_hz" if abs(true_hz / near - 1) < ODR_WRONG else "no rate of the sensor fits"
+        do = f"{fits}; or the stamps are not the device's time: then every rate is wrong by this much"
+        findings = [Finding("error", where, "sample rate", f"{says}; parts differ by 5 % at most", do)]
+    else:
+        level = "note" if abs(off) > ODR_UNIT_SPREAD else "ok"
+        findings = [Finding(level, where, "sample rate", says + ("; the stamps are used" if level == "note" else ""))]
+    said_hz = _number(log.comments.get("odr_hz"))
+    if said_hz and abs(off := true_hz / said_hz - 1) > ODR_CLOCKS:
+        says = f"{true_hz:.2f} Hz by the stamps, odr_hz={said_hz:g} by the log's own comment ({off:+.1%}, bar {ODR_CLOCKS:.1%})"
+        findings.append(Finding("warning", where, "sample rate", says, "one of them is wrong; wrong stamps are a scale error of this size"))
+    return findings
+
+
+def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Finding]:
+    """Gaps, and the jitter of the stamps.
+
+    A stamp wrong by e misplaces e times the change of rate around it, (m[k+1] - m[k-1]) / 2; over a segment these add up as a
+    random walk.  It matters where it exceeds the gyro's own: angle random walk x sqrt(duration).
+    """
+    samples, where = log.samples, log.path.name
+    steps, period = samples.dt_s, samples.period_s
+    gaps = steps > GAP_PERIODS * period
+    findings = []
+    if gaps.any():
+        lost = int(np.round(steps[gaps] / period).sum() - gaps.sum())
+        first = samples.t_s[int(np.argmax(gaps))]
+        says = f"{gaps.sum()} gaps, {lost} samples lost, the longest {steps.max():.3f} s, the first at {first:.1f} s"
+        findings.append(Finding("warning", where, "gaps", says, "turns with a gap are not used; look at the card or the port"))
+    else:
+        findings.append(Finding("ok", where, "gaps", f"none longer than {GAP_PERIODS:g} periods"))
+    jitter = float(steps[~gaps].std()) / np.sqrt(2)
+    change = (samples.gyro[2:] - samples.gyro[:-2]) / 2
+    angle = float(np.sqrt((change**2).mean(axis=0).max(initial=0.0) * segment_s / period)) * jitter if len(change) else 0.0
+    floor = float("inf") if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(segment_s)
+    says = f"{jitter * 1e6:.1f} us rms ({jitter / period:.1%} of a period): {angle / DEG:.4f} deg per turn"
+    if np.isfinite(floor):
+        says += f", noise {floor / DEG:.4f}"
+    if angle > floor:
+        do = "stamp with the sensor's or the board's clock, not on arrival"
+        findings.append(Finding("warning", where, "jitter", says, do))
+    else:
+        findings.append(Finding("ok", where, "jitter", says))
+    return findings
+
+
+def check_registers(log: Log, sensor: Sensor, stills: list[Still]) -> list[Finding]:
+    """Clipping, axes that never move, readings that repeat."""
+    samples, findings = log.samples, []
+    for name, unit, values, full, reach, factor, stds in (
+        ("gyro", "dps", samples.gyro, sensor.gyro_fs_dps, gyro_reach_dps(sensor.gyro_fs_dps), DEG, [s.gyro_std for s in stills]),
+        (
+            "accelerometer",
+            "g",
+            samples.accel,
+            sensor.accel_fs_g,
+            accel_reach_g(sensor.accel_fs_g),
+            G,
+            [s.accel_std for s in stills],
+        ),
+    ):
+        stuck = np.ptp(values, axis=0) == 0
+        if stuck.any():
+            says = f"{axes_text(stuck)} reads one value throughout; a sensor has noise"
+            findings.append(Finding("error", log.path.name, f"{name} stuck", says, "look at the wiring, the register map, the columns"))
+        noise = np.median(stds, axis=0) if stds else np.zeros(3)
+        says = [
+            _clipping(values[:, i] / factor, noise[i] / factor, reach, samples.t_s, f"{axis}", unit)
+            for i, axis in enumerate("xyz")
+            if not stuck[i]
+        ]
+        says = [text for text in says if text]
+        peak = np.abs(values).max() / factor
+        if says:
+            do = "turn slower or choose a larger full scale" if name == "gyro" else "choose a larger full scale, or do not knock"
+            findings.append(Finding("warning", log.path.name, f"{name} clipping", "; ".join(says), do))
+        else:
+            level = "note" if peak > full else "ok"
+            beyond = " is passed: the datasheet promises nothing there" if peak > full else ""
+            findings.append(Finding(level, log.path.name, f"{name} clipping", f"peak {peak:.4g} {unit}, full scale {full:g}{beyond}"))
+    return findings + _repeats(log, stills)
+
+
+def _clipping(values, noise_std: float, reach: float, t_s, axis: str, unit: str) -> str | None:
+    """At the register's end, or at an extreme that the axis keeps for longer than noise lets it."""
+    run = run_bar(noise_std, _step(values))
+    rest = np.median(values)
+    mask = np.zeros(len(values), dtype=bool)
+    for level in (values.max(), values.min()):
+        if abs(level) >= reach * (1 - 1e-6):
+            mask |= values == level
+        elif abs(level - rest) > 20 * noise_std:  # an axis that is not turned has its extremes in the noise
+            mask |= plateau(values, level, run)
+    if not mask.any():
+        return None
+    levels = " and ".join(f"{level:.5g}" for level in np.unique(values[mask]))
+    return f"{axis} stands at {levels} {unit} in {mask.sum()} samples, first at {t_s[np.argmax(mask)]:.1f} s"
+
+
+def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
+    """Rows whose six readings all repeat the row before: the log was read faster than the sensor measures.
+
+    Noise repeats a reading with a chance of step / (2 sqrt(pi) std) per axis, all six at once nearly never.
+    """
+    six = np.concatenate([log.samples.gyro, log.samples.accel], axis=1)
+    same = (np.diff(six, axis=0) == 0).all(axis=1)
+    share = float(same.mean())
+    std = np.median([np.concatenate([s.gyro_std, s.accel_std]) for s in stills], axis=0) if stills else np.zeros(6)
+    steps = np.array([_step(column) for column in six.T])
+    chance = np.prod(np.minimum(1.0, steps / np.maximum(2 * np.sqrt(np.pi) * std, 1e-300)))
+    if share < max(0.01, 10 * chance):
+        return []
+    fresh_hz = (1 - share) / log.samples.period_s
+    says = f"{share:.0%} of the rows repeat all six readings (by noise {chance:.1g}): new ones come at {fresh_hz:.0f} Hz"
+    return [Finding("warning", log.path.name, "repeats", says, "read on the data-ready signal or from the FIFO; log each sample once")]
+
+
+def check_temperature(log: Log, stills: list[Still]) -> list[Finding]:
+    """Temperature there, plausible, and how far it moves.
+
+    A zero-rate level moves by some 0.01 dps/degC: 3 degC are 0.03 dps, or 0.15 deg over a turn of 5 s, ten times the noise.
+    """
+    temp_c, where = log.samples.temp_c, log.path.name
+    if temp_c is None:
+        return [Finding("note", where, "temperature", "not recorded: a bias that follows temperature cannot be told from drift")]
+    low, high = np.percentile(temp_c, [1, 99])
+    if low < TEMP_RANGE_C[0] or high > TEMP_RANGE_C[1]:
+        says = f"{low:.1f} to {high:.1f} degC; the sensor works from {TEMP_RANGE_C[0]:g} to {TEMP_RANGE_C[1]:g}"
+        return [Finding("warning", where, "temperature", says, "256 LSB per degC, 0 at 25 degC: look at the column and its unit")]
+    if np.ptp(temp_c) == 0:
+        return [Finding("note", where, "temperature", f"stands at {temp_c[0]:.2f} degC: is the register read?")]
+    means = np.array([still.temp_c for still in stills]) if len(stills) > 1 else np.array([low, high])
+    moved, says = np.ptp(means), f"{means.min():.1f} to {means.max():.1f} degC"
+    if moved > TEMP_CHANGE_C:
+        says += f", moved {moved:.1f} (bar {TEMP_CHANGE_C:g}): the bias is likely to follow"
+        return [Finding("note", where, "temperature", says, "let it warm up before, or let the fit include temperature")]
+    return [Finding("ok", where, "temperature", says)]
+
+
+def _step(values: np.ndarray) -> float:
+    """The register's step as seen in the values: the smallest difference between neighbours, or 0."""
+    steps = np.abs(np.diff(values))
+    return float(steps[steps > 1e-9 * max(np.abs(values).max(), 1e-300)].min(initial=np.inf)) if (steps > 0).any() else 0.0
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return None

@@ -1,0 +1,154 @@
+"""Checks of what a log's still phases show: their number, the noise, the zero-rate level, the length of gravity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.config import Config
+from session.findings import Finding, xyz_text
+from session.registers import ACCEL_MG_PER_LSB
+from session.stills import Noise, Still
+from session.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
+
+#: of the ASM330LHH: noise densities in mdps/sqrt(Hz) and ug/sqrt(Hz), greatest zero-rate level in dps
+GYRO_NOISE_MDPS, ACCEL_NOISE_UG, ZERO_RATE_DPS = 5.0, 60.0, 3.0
+NOISE_RATIO = 3.0  #: units differ by 1.4 at most
+GRAVITY_OK = 0.02  #: an accelerometer's sensitivity tolerance
+GRAVITY_WRONG = 0.10  #: what an offset of 65 mg and 2 % of sensitivity can do together
+ENOUGH_SEGMENTS = 13
+
+
+def check_stills(where: str, stills: list[Still]) -> list[Finding]:
+    """How many stills there are, how long, and those that are no reference."""
+    good = [still for still in stills if still.problem is None]
+    if not good:
+        do = "let go of the table for still_s between turns; is it vibrating?"
+        reason = f"none of {len(stills)} quiet phases is at rest: each {stills[0].problem}" if stills else "none found: it never rests"
+        return [Finding("error", where, "stills", reason, do)]
+    durations = np.array([still.duration_s for still in good])
+    says = f"{len(good)} of {durations.min():.1f} to {durations.max():.1f} s (median {np.median(durations):.1f})"
+    bumps = sum(still.bumps for still in good)
+    findings = [Finding("ok", where, "stills", says + (f", {bumps} bumps survived" if bumps else ""))]
+    bad = [(number, still) for number, still in enumerate(stills) if still.problem]
+    if bad:
+        listed = "; ".join(f"still {number} at {still.start_s:.1f} s {still.problem}" for number, still in bad[:3])
+        says = f"{len(bad)} of {len(stills)} are no reference: {listed}" + ("; …" if len(bad) > 3 else "")
+        findings.append(Finding("warning", where, "not still", says, "their turns are joined over them; take the hand off the table"))
+    return findings
+
+
+def check_segment_count(where: str, stills_per_log: list[list[Still]]) -> list[Finding]:
+    """Whether the turns can hold 12 parameters: gravity gives 2 angles each.
+
+    12 segments give twice as many angles as there are parameters; one more can be held out to try the result on.
+    """
+    count = sum(max(0, sum(still.problem is None for still in stills) - 1) for stills in stills_per_log)
+    says = f"{count} turns from still to still, {2 * count} angles for 12 parameters"
+    if count >= ENOUGH_SEGMENTS:
+        return [Finding("ok", where, "turns", says)]
+    do = "record more turns, each to another attitude, both ways about each axis"
+    return [Finding("warning", where, "turns", f"{says}; expected {ENOUGH_SEGMENTS} turns or more", do)]
+
+
+def check_noise(where: str, noise: Noise | None, model: str) -> list[Finding]:
+    """White noise in the stills against the sensor's own.
+
+    Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it; what raises it is vibration of the table, and
+    then the stills are no longer still.  Another sensor than the ASM330LHH is compared with it as well, but only for information.
+    """
+    if noise is None:
+        return []
+    findings = []
+    for name, unit, found, datasheet in (
+        ("gyro", "mdps/√Hz", noise.gyro / MDPS, GYRO_NOISE_MDPS),
+        ("accelerometer", "ug/√Hz", noise.accel / MG * 1e3, ACCEL_NOISE_UG),
+    ):
+        ratio = found.max() / datasheet
+        says = f"{xyz_text(found, 1 if name == 'gyro' else 0)} {unit}, the ASM330LHH has {datasheet:g}"
+        level, do = "ok", ""
+        if ratio > NOISE_RATIO:
+            says += f": {ratio:.1f} times as much (bar {NOISE_RATIO:g})"
+            level = "warning" if _is_asm330(model) else "note"
+            do = "not the sensor's noise: does the table, the floor or a fan vibrate? or wrong units" if level == "warning" else ""
+        elif found.min() < datasheet / NOISE_RATIO:
+            level, says = "note", says + ": less than it can be; averaged before logging, or wrong units?"
+        findings.append(Finding(level, where, f"{name} noise", says, do))
+    return findings
+
+
+def check_zero_rate(where: str, stills: list[Still], model: str) -> list[Finding]:
+    """The rate read at rest, median over the stills, against the greatest zero-rate level of a good part."""
+    if not stills:
+        return []
+    bias = np.median([still.gyro_mean for still in stills], axis=0) / DEG
+    says = f"{xyz_text(bias)} dps, bar {ZERO_RATE_DPS:g}"
+    if np.abs(bias).max() <= ZERO_RATE_DPS:
+        return [Finding("ok", where, "zero-rate level", says)]
+    level = "warning" if _is_asm330(model) else "note"
+    return [Finding(level, where, "zero-rate level", says, "a calibration removes it; a unit that far off is worth a look, or the units")]
+
+
+def accel_unit_factor(stills: list[Still], config: Config) -> tuple[float, float]:
+    """What the measured specific force must be multiplied by to make gravity right, among the usual mistakes.
+
+    Returns (factor, gravity's mean length with it, m/s^2).  The pre-calibration holds for right units only, so it is undone and
+    applied again for each candidate: 1, g for m/s^2 and the reverse, and the ratios of full scales.
+    """
+    found = np.array([still.accel_mean for still in stills])
+    measured = np.linalg.solve(config.accelerometer.matrix, found.T).T + config.accelerometer.bias_mps2
+    g, one = config.site.expected_gravity_mps2, STANDARD_GRAVITY_MPS2
+    candidates = [1.0, one, 1 / one, 1e3, 1e-3, 0.125, 0.25, 0.5, 2.0, 4.0, 8.0]
+    lengths = [float(np.linalg.norm(config.accelerometer.correct(measured * c), axis=1).mean()) for c in candidates]
+    best = int(np.argmin([abs(np.log(length / g)) for length in lengths]))
+    if abs(lengths[0] / g - 1) < GRAVITY_WRONG:
+        best = 0
+    return candidates[best], lengths[best]
+
+
+def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise | None) -> list[Finding]:
+    """Length of gravity in the stills against the site's, and its spread over attitudes.
+
+    The length does not depend on attitude, so its mean tests the units and the sensitivity.  Its spread is what the
+    pre-calibration leaves: a spread of s turns the measured vertical by about s/g, to be held against what the gyro's own
+    noise adds to a segment (angle random walk x sqrt(duration)).
+    """
+    if not stills:
+        return []
+    lengths = np.array([still.gravity_mps2 for still in stills])
+    g = config.site.expected_gravity_mps2
+    off = lengths.mean() / g - 1
+    says = f"{lengths.mean():.4f} m/s² in the stills, {g:.4f} expected ({off:+.2%}, bar {GRAVITY_OK:.0%})"
+    if abs(off) <= GRAVITY_OK:
+        findings = [Finding("ok", where, "gravity", says)]
+    elif abs(off) < GRAVITY_WRONG:
+        findings = [Finding("warning", where, "gravity", says, "is [accelerometer] of session.toml this sensor's pre-calibration?")]
+    else:
+        return [Finding("error", where, "gravity", says, _unit_advice(*accel_unit_factor(stills, config), config))]
+    spread = float(lengths.std())
+    tilt = spread / lengths.mean()
+    floor = np.inf if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(config.protocol.segment_s)
+    says = f"{spread / MG:.2f} mg over {len(lengths)} attitudes, worth {tilt / DEG:.4f} deg of tilt"
+    says += f"; gyro noise per segment {floor / DEG:.4f}"
+    level = "warning" if tilt > 3 * floor else "note" if tilt > floor else "ok"
+    do = "calibrate the accelerometer again: the reference is worse than the gyro" if level != "ok" else ""
+    if len(lengths) > 1:
+        findings.append(Finding(level, where, "gravity spread", says, do))
+    return findings
+
+
+def _unit_advice(factor: float, length: float, config: Config) -> str:
+    if factor == 1.0 or abs(length / config.site.expected_gravity_mps2 - 1) > GRAVITY_WRONG:
+        return "no usual mistake of units explains it: look at the columns, and at [accelerometer] in session.toml"
+    if factor in (G, 1 / G):
+        have, want = ("g", "ax_mps2") if factor == G else ("m/s²", "ax_g")
+        return f"m/s² and g are mixed up: the values are in {have}, but the header says {want}; correct the header"
+    if factor in (1e3, 1e-3):
+        return f"the values are {'1000 times too small' if factor > 1 else 'in mg or mm/s²'}: correct the unit"
+    full_scale = factor * config.sensor.accel_fs_g
+    there = full_scale in ACCEL_MG_PER_LSB
+    would = f"accel_fs_g = {full_scale:g} would make it {length:.3f}"
+    return f"a wrong full scale: {would}" + ("; correct session.toml, or what converted the log" if there else ", but no such range exists")
+
+
+def _is_asm330(model: str) -> bool:
+    return "ASM330" in model.upper()

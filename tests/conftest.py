@@ -1,0 +1,145 @@
+"""What the tests share: the recordings beside the repository, and a simulated hand-turned table with a known truth."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from session.config import Accelerometer, Config, Protocol, Sensor, Site  # noqa: E402
+from session.folder import Session  # noqa: E402
+from session.logfile import Log  # noqa: E402
+from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noqa: E402
+from session.samples import Samples  # noqa: E402
+
+DEG = np.pi / 180
+GRAVITY = 9.7946
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of recordings that lies beside the repository."""
+    folder = ROOT.parent / "shared"
+    if not (folder / "FORMATS.md").exists():
+        pytest.skip(f"no recordings: {folder} is not there")
+    return folder
+
+
+class Table:
+    """A plan of rests and turns, played to a sensor in the middle of the table (no lever arm), starting level.
+
+    ``Table().rest(2).turn(90, (1, 0, 0), 3).rest(2).samples(odr_hz=208)``; rests are listed as (start_s, stop_s) in ``rests``.
+    """
+
+    def __init__(self):
+        self.phases: list[tuple[float, np.ndarray, bool]] = []  # duration s, rotation vector in body axes rad, smooth
+        self.rests: list[tuple[float, float]] = []
+
+    @property
+    def duration_s(self) -> float:
+        return sum(duration for duration, _, _ in self.phases)
+
+    def rest(self, seconds: float) -> Table:
+        self.rests.append((self.duration_s, self.duration_s + seconds))
+        self.phases.append((seconds, np.zeros(3), True))
+        return self
+
+    def turn(self, degrees: float, axis, seconds: float = 3.0) -> Table:
+        """About an axis fixed in the body, starting and ending at rest."""
+        axis = np.asarray(axis, float)
+        self.phases.append((seconds, degrees * DEG * axis / np.linalg.norm(axis), True))
+        return self
+
+    def steady(self, dps: float, axis, seconds: float) -> Table:
+        """At a constant rate from the first moment to the last."""
+        axis = np.asarray(axis, float)
+        self.phases.append((seconds, dps * DEG * seconds * axis / np.linalg.norm(axis), False))
+        return self
+
+    def tumble(self, turns: int, rest_s: float = 2.0, turn_s: float = 3.0, seed: int = 0) -> Table:
+        """Rest, turn, rest, … by 90 to 200 degrees about random axes."""
+        rng = np.random.default_rng(seed)
+        self.rest(rest_s)
+        for _ in range(turns):
+            self.turn(rng.uniform(90, 200), rng.normal(size=3), turn_s).rest(rest_s)
+        return self
+
+    def truth(self, t_s: np.ndarray) -> tuple[np.ndarray, Rotation]:
+        """Rate in body axes (N, 3) rad/s and attitude, body to north-east-down."""
+        rate = np.zeros((len(t_s), 3))
+        quat = np.zeros((len(t_s), 4))
+        start, attitude = 0.0, Rotation.identity()
+        for duration, vector, smooth in self.phases:
+            now = (t_s >= start) & (t_s <= start + duration)
+            part = (t_s[now] - start) / duration
+            done = part - np.sin(2 * np.pi * part) / (2 * np.pi) if smooth else part
+            speed = (1 - np.cos(2 * np.pi * part)) / duration if smooth else np.full(len(part), 1 / duration)
+            rate[now] = speed[:, None] * vector
+            quat[now] = (attitude * Rotation.from_rotvec(done[:, None] * vector)).as_quat()
+            start, attitude = start + duration, attitude * Rotation.from_rotvec(vector)
+        return rate, Rotation.from_quat(quat)
+
+    def samples(
+        self,
+        odr_hz: float = 208.0,
+        gyro_mdps: float = 5.0,
+        accel_ug: float = 60.0,
+        bias_dps=(0.5, -0.3, 0.6),
+        seed: int = 0,
+        registers: bool = True,
+    ) -> Samples:
+        """What an ideal sensor reads: bias, white noise (one-sided densities in mdps, ug per √Hz), registers of 500 dps, 4 g."""
+        rng = np.random.default_rng(seed)
+        t_ns = np.rint(np.arange(0, self.duration_s, 1 / odr_hz) * 1e6).astype(np.int64) * 1000
+        rate, attitude = self.truth(t_ns * 1e-9)
+        nyquist = np.sqrt(odr_hz / 2)
+        gyro = rate + np.multiply(bias_dps, DEG) + rng.normal(size=rate.shape) * gyro_mdps * 1e-3 * DEG * nyquist
+        accel = attitude.inv().apply([0, 0, -GRAVITY]) + rng.normal(size=rate.shape) * accel_ug * 1e-6 * 9.80665 * nyquist
+        if registers:
+            gyro, accel = (np.rint(values / lsb) * lsb for values, lsb in ((gyro, gyro_rps_per_lsb(500)), (accel, accel_mps2_per_lsb(4))))
+        return Samples(t_ns, gyro, accel, 25 + np.rint(rng.normal(size=len(t_ns)) * 20) / 256)
+
+
+def config(odr_hz=208.0, gyro_fs_dps=500.0, accel_fs_g=4.0, still_s=1.0, segment_s=5.0, model="ASM330LHH") -> Config:
+    return Config(
+        Sensor(model, "test", odr_hz, gyro_fs_dps, accel_fs_g),
+        Accelerometer(),
+        Site(latitude_deg=31.03, gravity_mps2=GRAVITY),
+        Protocol(still_s, segment_s),
+    )
+
+
+def session_of(samples: Samples, raw: bool = True, **settings) -> Session:
+    """A session of one log, in memory."""
+    return Session(Path("made"), config(**settings), (Log(Path("log0001.csv"), samples, raw=raw),), ())
+
+
+SESSION_TOML = """schema = "tinygc-session/1"
+[sensor]
+model = "ASM330LHH"
+serial = "42"
+odr_hz = 208.0
+gyro_fs_dps = 500
+accel_fs_g = 4
+[site]
+latitude_deg = 31.03
+gravity_mps2 = 9.7946
+"""
+
+
+def write_session(folder: Path, samples: Samples, name: str = "log0001.csv", toml: str = SESSION_TOML) -> Path:
+    """A session folder with the samples as registers."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "session.toml").write_text(toml)
+    gyro = np.rint(samples.gyro / gyro_rps_per_lsb(500)).astype(int)
+    accel = np.rint(samples.accel / accel_mps2_per_lsb(4)).astype(int)
+    temp = np.rint((samples.temp_c - 25) * 256).astype(int)
+    rows = np.column_stack([samples.t_ns // 1000, gyro, accel, temp])
+    np.savetxt(folder / name, rows, fmt="%d", delimiter=",", header="t_us,gx,gy,gz,ax,ay,az,temp", comments="")
+    return folder

@@ -1,0 +1,99 @@
+"""session.toml: what it means, and that every complaint names file, key, expectation and value."""
+
+import numpy as np
+import pytest
+from conftest import SESSION_TOML
+
+from session.config import Accelerometer, read_config
+from session.errors import CalibrationError, FormatError
+from session.units import STANDARD_GRAVITY_MPS2
+
+
+def read(tmp_path, text):
+    path = tmp_path / "session.toml"
+    path.write_text(text)
+    return read_config(path)
+
+
+def test_a_full_file_is_read(tmp_path):
+    config = read(
+        tmp_path,
+        SESSION_TOML
+        + "heading_deg = -12.5\n[accelerometer]\nmatrix = [[1.01,0,0],[0,0.99,0],[0,0,1]]\nbias_mps2 = [0.1,-0.2,0.3]\n"
+        + '[protocol]\nstill_s = 2\nsegment_s = 6.5\nreference = "table"\n',
+    )
+    assert config.sensor.odr_hz == 208.0
+    assert (config.sensor.gyro_fs_dps, config.sensor.accel_fs_g, config.sensor.serial) == (500, 4, "42")
+    assert (config.site.latitude_deg, config.site.gravity_mps2, config.site.heading_deg) == (31.03, 9.7946, -12.5)
+    assert (config.protocol.still_s, config.protocol.segment_s, config.protocol.reference) == (2.0, 6.5, "table")
+    assert config.accelerometer.matrix[0, 0] == 1.01
+
+
+def test_what_is_optional_has_the_defaults_of_formats(tmp_path):
+    config = read(tmp_path, 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 104\ngyro_fs_dps = 250\naccel_fs_g = 2\n')
+    assert config.site.latitude_deg is None
+    assert config.site.expected_gravity_mps2 == STANDARD_GRAVITY_MPS2
+    assert (config.protocol.still_s, config.protocol.segment_s, config.protocol.reference) == (1.0, 5.0, "gravity")
+    np.testing.assert_array_equal(config.accelerometer.matrix, np.eye(3))
+    np.testing.assert_array_equal(config.accelerometer.bias_mps2, np.zeros(3))
+
+
+def test_the_pre_calibration_undoes_offset_and_matrix():
+    matrix = np.array([[1.01, 0.002, 0], [-0.003, 0.99, 0.004], [0, 0, 1.02]])
+    bias = np.array([0.1, -0.2, 0.3])
+    truth = np.array([[0, 0, -9.8], [9.8, 0, 0], [1.0, 2.0, 3.0]])
+    measured = truth @ np.linalg.inv(matrix).T + bias
+    np.testing.assert_allclose(Accelerometer(matrix, bias).correct(measured), truth, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "schema"),
+        ('schema = "tinygc-session/2"\n', "tinygc-session/2"),
+        ('schema = "tinygc-session/1"\n', "sensor.odr_hz is missing"),
+        (SESSION_TOML.replace("odr_hz = 208.0\n", ""), "sensor.odr_hz is missing"),
+        (SESSION_TOML.replace("208.0", '"208"'), "sensor.odr_hz is '208'"),
+        (SESSION_TOML.replace("208.0", "true"), "sensor.odr_hz is True"),
+        (SESSION_TOML.replace("208.0", "nan"), "sensor.odr_hz is nan"),
+        (SESSION_TOML.replace("208.0", "-208"), "sensor.odr_hz is -208"),
+        (SESSION_TOML.replace("31.03", "131.03"), "site.latitude_deg is 131.03"),
+        (SESSION_TOML.replace("9.7946", "979.46"), "site.gravity_mps2 is 979.46"),
+        (SESSION_TOML.replace('"42"', "42"), "sensor.serial is 42"),
+        (SESSION_TOML.replace("[sensor]", "sensor = 3\n[other]"), "[sensor]"),
+        (SESSION_TOML + '[protocol]\nreference = "dial"\n', '"dial"'),
+        (SESSION_TOML + "[protocol]\nstill_s = 0\n", "protocol.still_s is 0"),
+        (SESSION_TOML + "[accelerometer]\nmatrix = [[1,0],[0,1]]\n", "accelerometer.matrix"),
+        (SESSION_TOML + "[accelerometer]\nmatrix = [[1,0,0],[0,1,0],[0,1,0]]\n", "singular"),
+        (SESSION_TOML + '[accelerometer]\nbias_mps2 = "none"\n', "accelerometer.bias_mps2"),
+        ("schema = tinygc\n", "broken TOML"),
+        (SESSION_TOML + "[site\n", "broken TOML"),
+    ],
+)
+def test_a_complaint_names_the_key_and_the_value(tmp_path, text, said):
+    with pytest.raises(FormatError) as error:
+        read(tmp_path, text)
+    assert said in str(error.value)
+    assert "session.toml" in str(error.value)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "session.toml").write_bytes(b"\xff\xfe\x00s\x00c")
+    with pytest.raises(FormatError, match="broken TOML"):
+        read_config(tmp_path / "session.toml")
+
+
+def test_a_missing_file_says_what_a_folder_holds(tmp_path):
+    with pytest.raises(CalibrationError, match=r"session.toml.*log\*\.csv"):
+        read_config(tmp_path / "session.toml")
+
+
+def test_a_folder_in_the_place_of_the_file_is_refused(tmp_path):
+    (tmp_path / "session.toml").mkdir()
+    with pytest.raises(CalibrationError):
+        read_config(tmp_path / "session.toml")
+
+
+def test_a_byte_order_mark_of_an_editor_does_no_harm(tmp_path):
+    (tmp_path / "session.toml").write_text(SESSION_TOML, encoding="utf-8-sig")
+    assert read_config(tmp_path / "session.toml").sensor.odr_hz == 208.0

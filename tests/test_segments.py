@@ -1,0 +1,175 @@
+"""Segments: each turn whole, with stillness at both ends, no sample counted twice; and why a turn is not used."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import DEG, Table, config
+
+from session.clipping import LEAST_RUN
+from session.samples import Samples
+from session.segments import cut_segments
+from session.stills import find_stills
+
+
+def cut(samples, still_s=1.0, segment_s=5.0, **settings):
+    made = config(still_s=still_s, segment_s=segment_s)
+    stills, _ = find_stills(samples, still_s)
+    return stills, cut_segments(samples, stills, made.sensor, made.protocol, **settings)
+
+
+def keep(samples, chosen):
+    temp_c = None if samples.temp_c is None else samples.temp_c[chosen]
+    return Samples(samples.t_ns[chosen], samples.gyro[chosen], samples.accel[chosen], temp_c)
+
+
+@pytest.mark.parametrize("rest_s", [1.2, 2.0, 4.0])
+def test_there_is_one_segment_from_each_still_to_the_next(rest_s):
+    table = Table().tumble(8, rest_s=rest_s)
+    stills, segments = cut(table.samples())
+    assert len(segments) == 8
+    for number, (segment, first, last) in enumerate(zip(segments, stills[:-1], stills[1:], strict=True)):
+        assert (segment.first, segment.last, segment.number) == (first, last, number)
+        assert segment.accepted
+        assert segment.note is None
+
+
+@pytest.mark.parametrize("rest_s", [1.2, 2.0, 4.0])
+def test_the_whole_turn_is_inside_and_starts_and_ends_at_rest(rest_s):
+    """Integrating the true rate over the segment gives the whole true turn."""
+    table = Table().tumble(8, rest_s=rest_s)
+    samples = table.samples()
+    rate, _ = table.truth(samples.t_s)
+    turns = [vector for _, vector, _ in table.phases if vector.any()]
+    for segment, turn in zip(cut(samples)[1], turns, strict=True):
+        inside = slice(segment.start, segment.stop)
+        np.testing.assert_allclose(np.trapezoid(rate[inside], samples.t_s[inside], axis=0), turn, atol=0.02 * DEG)
+        assert np.abs(rate[[segment.start, segment.stop - 1]]).max() == 0.0
+        assert segment.turn_deg == pytest.approx(np.linalg.norm(turn) / DEG, rel=0.01)
+
+
+@pytest.mark.parametrize("rest_s", [1.2, 2.0, 4.0])
+def test_no_sample_serves_two_segments(rest_s):
+    """Neighbours may share the one sample at which one ends and the other starts: no interval between samples is used twice."""
+    _, segments = cut(Table().tumble(8, rest_s=rest_s).samples())
+    for one, two in pairwise(segments):
+        assert one.stop - 1 <= two.start
+        assert one.stop - 1 <= one.last.middle
+        assert two.start >= two.first.middle
+
+
+def test_with_the_protocols_times_segments_meet_in_the_middle_of_the_stills():
+    """Still 1, turn 3, still 1: short rests are shared half and half, and nothing between the outer middles is left out."""
+    _, segments = cut(Table().tumble(8, rest_s=1.0, turn_s=3.0).samples())
+    assert len(segments) == 8
+    for one, two in pairwise(segments):
+        assert one.stop - 1 == two.start == one.last.middle
+
+
+def test_a_segment_is_as_long_as_the_protocol_says_where_the_rests_allow():
+    _, segments = cut(Table().tumble(6, rest_s=4.0, turn_s=3.0).samples())
+    for segment in segments:
+        assert segment.duration_s == pytest.approx(5.0, abs=0.1)
+
+
+def test_times_are_those_of_the_plan():
+    table = Table().tumble(5, rest_s=2.0)
+    _, segments = cut(table.samples())
+    for segment, (_, stop_s) in zip(segments, table.rests[:-1], strict=True):
+        assert segment.turn_s == pytest.approx(3.0, abs=0.4)
+        assert stop_s - 2.0 < segment.start_s < stop_s
+        assert segment.start_s + segment.duration_s > stop_s + 3.0
+
+
+def test_numbers_count_on_over_logs():
+    _, segments = cut(Table().tumble(3).samples(), log=2, number=7)
+    assert [segment.number for segment in segments] == [7, 8, 9]
+    assert {segment.log for segment in segments} == {2}
+
+
+@pytest.mark.parametrize(("lost", "rejected"), [(1, False), (20, True), (200, True)])
+def test_a_turn_with_a_gap_is_not_used(lost, rejected):
+    """A single lost sample is bridged by its neighbours; more is a turn nobody saw."""
+    table = Table().tumble(5)
+    samples = table.samples()
+    start = int((2 + 5 + 1.4) * 208)  # in the middle of the second turn
+    _, segments = cut(keep(samples, np.r_[:start, start + lost : len(samples)]))
+    assert [segment.accepted for segment in segments] == [True, not rejected, True, True, True]
+    if rejected:
+        assert f"{lost} samples are missing" in segments[1].problem
+
+
+def test_a_gap_within_a_rest_does_not_cost_a_turn():
+    table = Table().tumble(4, rest_s=6.0)
+    samples = table.samples()
+    start = int((table.rests[2][0] + 2.9) * 208)
+    _, segments = cut(keep(samples, np.r_[:start, start + 30 : len(samples)]))
+    assert [segment.accepted for segment in segments] == [True] * len(segments)
+    assert len(segments) == 4
+
+
+@pytest.mark.parametrize("level_dps", [500.0, 32767 * 0.0175])
+def test_a_turn_that_clips_is_not_used_and_names_the_axis(level_dps):
+    table = Table().rest(2).turn(90, (1, 0, 0)).rest(2).turn(1000, (0, 1, 0), 3.0).rest(2).turn(90, (0, 0, 1)).rest(2)
+    samples = table.samples()
+    level = np.rint(level_dps / 0.0175) * 0.0175 * DEG
+    assert (samples.gyro[:, 1] > level).sum() > LEAST_RUN
+    clipped = Samples(samples.t_ns, np.clip(samples.gyro, -level, level), samples.accel)
+    _, segments = cut(clipped)
+    assert [segment.accepted for segment in segments] == [True, False, True]
+    assert f"clips at {level_dps:.0f} dps on y" in segments[1].problem
+
+
+def test_a_turn_beyond_the_full_scale_that_does_not_clip_is_used():
+    """The register of +-500 dps goes on to 573."""
+    table = Table().rest(2).turn(90, (1, 0, 0)).rest(2).turn(800, (0, 1, 0), 3.0).rest(2)
+    samples = table.samples()
+    assert samples.gyro.max() / DEG > 520
+    assert [segment.accepted for segment in cut(samples)[1]] == [True, True]
+
+
+def test_a_double_turn_is_noted_and_used():
+    table = Table().rest(2).turn(90, (1, 0, 0), 3.5).turn(90, (0, 1, 0), 3.5).rest(2).turn(60, (0, 1, 1)).rest(2)
+    _, segments = cut(table.samples())
+    assert "double turn" in segments[0].note
+    assert segments[0].accepted
+    assert segments[1].note is None
+
+
+def test_a_bump_that_turns_hardly_is_noted():
+    _, segments = cut(Table().rest(3).turn(1.0, (1, 0, 0), 0.5).rest(3).turn(90, (0, 1, 0)).rest(2).samples())
+    assert "hardly a turn" in segments[0].note
+
+
+def test_a_turn_far_longer_than_the_protocol_is_a_closure_run():
+    table = Table().rest(2)
+    for i in range(12):
+        table.turn(90, np.roll((1, 0.2, 0), i), 3.0)
+    table.rest(2)
+    (segment,) = cut(table.samples())[1]
+    assert "closure run" in segment.problem
+
+
+def test_a_creeping_still_is_passed_over_and_its_turns_are_joined():
+    table = Table().rest(2).turn(80, (1, 0, 0)).rest(2).turn(-80, (1, 0, 0)).steady(0.15, (1, 0, 0), 2.0)
+    table.turn(-120, (0, 1, 0)).rest(2).turn(50, (0, 0, 1)).rest(2)
+    samples = table.samples()
+    stills, segments = cut(samples)
+    assert len(stills) == 5
+    assert len(segments) == 3
+    joined = segments[1]
+    assert joined.first is stills[1]
+    assert joined.last is stills[3]
+    assert joined.accepted
+    assert "creeps" in joined.note
+    rate, _ = table.truth(samples.t_s)
+    inside = slice(joined.start, joined.stop)
+    np.testing.assert_allclose(np.trapezoid(rate[inside], samples.t_s[inside], axis=0) / DEG, [-80 + 0.15 * 2, -120, 0], atol=0.2)
+
+
+@pytest.mark.parametrize("turns", [0, 1])
+def test_fewer_than_two_stills_make_no_segment(turns):
+    table = Table().rest(3)
+    if turns:
+        table.turn(300, (1, 1, 0), 6.0)
+    assert cut(table.samples())[1] == []

@@ -1,0 +1,90 @@
+"""Closure runs: a still, a long turn, a still in the same attitude.  Never fitted; the paper's Table 3."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.errors import DataError
+from session.folder import Session
+from session.logfile import Log
+from session.stills import Still, find_stills
+from session.units import DEG
+from tinygc import closure, rotation
+from tinygc.closure import Batch
+from tinygc.earth import EarthRate, vertical_only
+from tinygc.floor import gyro_variance, still_tilt_variance
+from tinygc.problem import Problem
+
+#: a table is set back by hand to a dial: closer than this is "the same attitude"
+RETURN_RAD = 0.5 * DEG
+#: the table has not been touched between the last log and the run if gravity says so to this
+UNTOUCHED_RAD = 0.1 * DEG
+UNTOUCHED_S = 600.0
+#: stillness that is integrated at either end, for what the detector may be late
+MARGIN_S = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureRun:
+    """One run ready to be integrated: file, duration_s of the movement, batch of one segment with three known angles,
+    floor_rad (3,) one sigma from noise alone, earth: whether the horizontal part could be used."""
+
+    file: str
+    duration_s: float
+    batch: Batch
+    floor_rad: np.ndarray
+    earth: EarthRate
+
+    def errors(self, model, integrator: str = "exact") -> np.ndarray:
+        """Roll, pitch, yaw error (3,) rad: the error rotation about the table's x, y and the vertical."""
+        r = closure.segment_residuals(self.batch, model(self.batch.rate), integrator)
+        return closure.error_angles(r)[0]
+
+
+def read_closure_runs(problem: Problem) -> list[ClosureRun]:
+    """The session's closure runs; DataError names a run without two stills, or that does not return."""
+    return [_prepare(problem, log) for log in problem.session.closures]
+
+
+def _prepare(problem: Problem, log: Log) -> ClosureRun:
+    session, name = problem.session, log.path.name
+    samples = session.calibrated(log)
+    stills, noise = find_stills(samples, session.config.protocol.still_s)
+    stills = [still for still in stills if still.problem is None]
+    if noise is None or len(stills) < 2:
+        raise DataError(f"{name}: {len(stills)} still phases, expected one before and one after the turn; record still - long turn - still")
+    first, last = stills[0], stills[-1]
+    away = _angle_between(first.accel_mean, last.accel_mean)
+    if away > RETURN_RAD:
+        raise DataError(
+            f"{name}: does not return: gravity at its end is {away / DEG:.2f} deg from where it began, expected at most "
+            f"{RETURN_RAD / DEG:g}; set the table back to the same marks, or name the file log*.csv to fit it"
+        )
+    margin = round(MARGIN_S / samples.period_s)
+    part = samples.between(max(first.stop - 1 - margin, first.start), min(last.start + margin, last.stop) + 1)
+    # The same yaw, by protocol; the tilt as gravity sees it, since a hand does not return to a hundredth of a degree.
+    earth, start = _earth_and_start(problem, session, samples.t_ns[0], first)
+    end = closure.nearest_yaw(start, rotation.from_gravity(last.accel_mean))
+    bare = Batch(part.gyro[None], part.dt_s[None], np.zeros_like(part.gyro[None]), start[None], end[None], yaw_known=True)
+    attitudes = closure.attitudes(bare, problem.first(bare.rate))
+    batch = Batch(bare.rate, bare.dt, earth.in_body(attitudes), bare.start, bare.end, yaw_known=True)
+    variance = np.diagonal(gyro_variance(batch, attitudes, [noise])[0]).copy()
+    variance[:2] += still_tilt_variance(first, noise) + still_tilt_variance(last, noise)
+    return ClosureRun(name, float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * 1e-9, batch, np.sqrt(variance), earth)
+
+
+def _earth_and_start(problem: Problem, session: Session, t_ns: int, first: Still) -> tuple[EarthRate, np.ndarray]:
+    """The run's yaw in the table frame is known if the table was not touched since the last log; else only the vertical Earth is."""
+    before = problem.logs[-1]
+    start = rotation.from_gravity(first.accel_mean)
+    continues = 0 <= (t_ns - before.samples.t_ns[-1]) * 1e-9 < UNTOUCHED_S
+    if continues and _angle_between(before.stills[-1].accel_mean, first.accel_mean) < UNTOUCHED_RAD:
+        return problem.earth, closure.nearest_yaw(before.q_tb[-1], start)
+    known = problem.earth.source != "none"
+    return (vertical_only(session.config.site.latitude_deg) if known else problem.earth), start
+
+
+def _angle_between(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))

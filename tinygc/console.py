@@ -1,0 +1,46 @@
+"""Where results and progress go: results to standard output, progress to standard error, plain text where no terminal is."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+#: columns of a table that is piped: wide enough that no cell wraps
+PIPED_WIDTH = 160
+
+
+def output(quiet: bool = False) -> Console:
+    """Standard output; silent when quiet."""
+    return Console(quiet=quiet, highlight=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+
+
+@contextmanager
+def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
+    """A callback ``(what, done, of)`` that draws a bar on standard error; on no terminal it says each new step in a line."""
+    if quiet:
+        yield lambda what, done, of: None
+        return
+    console = Console(stderr=True, highlight=False)
+    if not console.is_terminal:
+        yield _Lines(console)
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=1)
+        yield lambda what, done, of: bar.update(task, description=what, completed=done, total=of)
+
+
+class _Lines:
+    """One line per step, not per update."""
+
+    def __init__(self, console: Console):
+        self._console, self._last = console, ""
+
+    def __call__(self, what: str, done: int, of: int) -> None:
+        if what != self._last:
+            self._console.print(f"{what} …", soft_wrap=True)
+            self._last = what

@@ -1,0 +1,178 @@
+"""``calibrate.py fit``: from a session folder to models, closure figures and a report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import tinygc
+from session.folder import Session, read_session
+from session.units import DEG, G
+from tinygc import models
+from tinygc.closure_run import ClosureRun, read_closure_runs
+from tinygc.methods import FitOptions, MethodFit, closure_angles, run_method
+from tinygc.problem import Problem, build_problem
+from tinygc.uncertainty import GoodnessOfFit, goodness, parameter_covariance
+
+SCHEMA = "tinygc-fit/1"
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """Everything a fit found.
+
+    methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
+    ``goodness.excess``; other_choice: least squares with the opposite choice of still rates; first_order_rad: the largest error of
+    the paper's integrator on these segments.
+    """
+
+    problem: Problem
+    options: FitOptions
+    methods: dict[str, MethodFit]
+    runs: list[ClosureRun]
+    run_errors: list[dict[str, np.ndarray]]
+    goodness: GoodnessOfFit
+    linear: MethodFit
+    covariance: np.ndarray
+    other_choice: MethodFit
+    first_order_rad: float
+
+    @property
+    def session(self) -> Session:
+        return self.problem.session
+
+
+def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int, int], None] = lambda what, done, of: None) -> FitResult:
+    """Run the main job.  ``progress`` is told what is being done, and how far it is.
+
+    Raises the errors of ``read_session``, ``build_problem``, ``read_closure_runs`` and of the methods.
+    """
+    session = read_session(folder, lambda name: progress(f"reading {name}", 0, 1))
+    problem = build_problem(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
+    runs = read_closure_runs(problem)
+    fits = {
+        name: run_method(name, problem, options, lambda done, of, name=name: progress(name.replace("_", " "), done, of))
+        for name in options.methods
+    }
+    linear = fits.get("least_squares") or run_method("least_squares", problem, options)
+    found = goodness(linear.angles, problem.floor, linear.parameters)
+    rates = problem.still_rates if options.still_rates else None
+    covariance = parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates) * found.excess
+    other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
+    exact, first_order = (closure_angles(problem.batch, linear.model, name) for name in ("exact", "first-order"))
+    return FitResult(
+        problem=problem,
+        options=options,
+        methods=fits,
+        runs=runs,
+        run_errors=[{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs],
+        goodness=found,
+        linear=linear,
+        covariance=covariance,
+        other_choice=other,
+        first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
+    )
+
+
+def closure_figures(angles: np.ndarray) -> dict[str, float | None]:
+    """FORMATS' four figures of error angles (S, 2 or 3) rad, in degrees."""
+    rms = np.sqrt(np.mean(angles**2, axis=0)) / DEG
+    return {
+        "tilt_rms_deg": float(np.hypot(rms[0], rms[1])),
+        "roll_rms_deg": float(rms[0]),
+        "pitch_rms_deg": float(rms[1]),
+        "yaw_rms_deg": float(rms[2]) if angles.shape[1] == 3 else None,
+    }
+
+
+def run_figures(errors: np.ndarray) -> dict[str, float]:
+    """FORMATS' figures of one closure run, from roll, pitch, yaw errors (3,) rad."""
+    roll, pitch, yaw = (float(error) / DEG for error in errors)
+    return {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw, "rmse_deg": float(np.sqrt(np.mean(errors**2))) / DEG}
+
+
+def to_json(result: FitResult) -> dict:
+    """``tinygc-fit/1`` (FORMATS); what goes beyond it is added beside its keys."""
+    problem = result.problem
+    rejected = [segment for segment in problem.segments if not segment.accepted]
+    earth = problem.earth
+    return {
+        "schema": SCHEMA,
+        "session": result.session.name,
+        "stills": len(problem.stills),
+        "segments": {
+            "found": len(problem.segments),
+            "used": len(problem.used),
+            "rejected": [{"segment": segment.number, "why": segment.problem} for segment in rejected],
+            "notes": [{"segment": s.number, "note": s.note} for s in problem.segments if s.accepted and s.note],
+        },
+        "noise": {
+            "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
+            "accel_g_rthz": (problem.noise.accel / G).tolist(),
+            "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
+        },
+        "goodness": vars(result.goodness),
+        "earth": {
+            "source": earth.source,
+            "heading_deg": None if earth.heading_rad is None or earth.source == "unknown" else earth.heading_rad / DEG,
+            "heading_sigma_deg": earth.heading_sigma_rad / DEG if earth.source == "estimated" else None,
+        },
+        "methods": {
+            name: {
+                "parameters": fit.parameters,
+                "seconds": round(fit.seconds, 3),
+                "train": closure_figures(fit.angles),
+                "holdout": closure_figures(fit.held_out),
+            }
+            for name, fit in result.methods.items()
+        },
+        "closure_runs": [
+            {
+                "file": run.file,
+                "duration_s": run.duration_s,
+                "floor_rmse_deg": float(np.sqrt(np.mean(run.floor_rad**2))) / DEG,
+                "earth": run.earth.source,
+                **{name: run_figures(error) for name, error in errors.items()},
+            }
+            for run, errors in zip(result.runs, result.run_errors, strict=True)
+        ],
+        "still_rates": {"used": result.options.still_rates, "other_choice_holdout": closure_figures(result.other_choice.held_out)},
+        "options": {
+            "seed": result.options.seed,
+            "folds": result.options.folds,
+            "integrator": result.options.integrator,
+            "optimizer": result.options.optimizer,
+        },
+        "version": tinygc.__version__,
+    }
+
+
+def holdout_above(result: FitResult, limit_deg: float) -> bool:
+    """Whether the best method's held-out tilt, or any closure run's best RMSE, is above a limit."""
+    best = min(closure_figures(fit.held_out)["tilt_rms_deg"] for fit in result.methods.values())
+    runs = [min(run_figures(error)["rmse_deg"] for error in errors.values()) for errors in result.run_errors]
+    return max([best, *runs]) > limit_deg
+
+
+def save_models(result: FitResult) -> Path:
+    """Write each method's model, and the figures, into the session's ``fit`` folder; returns that folder."""
+    folder = result.session.folder / "fit"
+    folder.mkdir(exist_ok=True)
+    for name, fit in result.methods.items():
+        more = {"method": name, "session": result.session.name, "version": tinygc.__version__}
+        if fit is result.linear:
+            more["covariance"] = result.covariance.tolist()
+        _write(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
+    _write(folder / "fit.json", to_json(result))
+    return folder
+
+
+def _write(path: Path, table: dict) -> None:
+    """Whole or not at all: a full disk must not leave half a model."""
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    partial.replace(path)

@@ -1,0 +1,130 @@
+"""The methods by name.  All minimise the same residual on the same segments, and all give a model: measured rates in, rates out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tinygc import closure
+from tinygc.closure import Batch
+from tinygc.least_squares import fit_least_squares
+from tinygc.linear import LinearModel, bias_only
+from tinygc.network import PARAMETERS as NET_PARAMETERS
+from tinygc.network import CalibrationNet
+from tinygc.problem import Problem
+from tinygc.still_rates import StillRates
+
+Model = LinearModel | CalibrationNet
+Progress = Callable[[int, int], None]
+METHODS = ("raw", "raw_bias_removed", "least_squares", "pso", "tinygc")
+PARAMETERS = {"raw": 0, "raw_bias_removed": 3, "least_squares": 12, "pso": 12, "tinygc": NET_PARAMETERS}
+OPTIMIZERS = ("second-order", "adamw")
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """methods in the order of the report; folds of the held-out closure; seed of the swarm; still_rates as further data;
+    integrator; optimizer and epochs of the network; earth: whether its rotation is taken off."""
+
+    methods: tuple[str, ...] = METHODS
+    folds: int = 5
+    seed: int = 0
+    still_rates: bool = False
+    integrator: str = "exact"
+    optimizer: str = "second-order"
+    epochs: int = 2000
+    earth: bool = True
+    exclude: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class MethodFit:
+    """One method's model; angles (S, d) rad it leaves on the segments it was fitted to, and held_out (S, d) on those it never saw;
+    seconds that the fit to all segments took."""
+
+    name: str
+    model: Model
+    angles: np.ndarray
+    held_out: np.ndarray
+    seconds: float
+    notes: dict = field(default_factory=dict)
+
+    @property
+    def parameters(self) -> int:
+        return PARAMETERS[self.name]
+
+
+def run_method(name: str, problem: Problem, options: FitOptions, progress: Progress = lambda done, of: None) -> MethodFit:
+    """Fit to all segments, then to all but each fold in turn."""
+    still_rates = problem.still_rates if options.still_rates else None
+    batch, sigma = problem.batch, problem.floor.sigma
+    steps = options.folds + 1
+    began = time.perf_counter()
+    model, notes = _fit(name, problem, batch, sigma, options, still_rates, None, lambda done, of: progress(done, of * steps))
+    seconds = time.perf_counter() - began
+    held_out = np.zeros((len(batch), batch.angles))
+    fold = np.arange(len(batch)) % options.folds
+    for k in range(options.folds):
+        seen = fold != k
+        part, _ = _fit(
+            name,
+            problem,
+            batch.pick(seen),
+            sigma[seen],
+            options,
+            still_rates,
+            model,
+            lambda done, of, k=k: progress((k + 1) * of + done, of * steps),
+        )
+        held_out[~seen] = closure_angles(batch.pick(~seen), part, options.integrator)
+    progress(steps, steps)
+    return MethodFit(name, model, closure_angles(batch, model, options.integrator), held_out, seconds, notes)
+
+
+def closure_angles(batch: Batch, model: Model, integrator: str = "exact") -> np.ndarray:
+    """Error angles (S, d) rad that a model leaves."""
+    return closure.error_angles(closure.segment_residuals(batch, model(batch.rate), integrator))
+
+
+def _fit(
+    name: str,
+    problem: Problem,
+    batch: Batch,
+    sigma: np.ndarray,
+    options: FitOptions,
+    still_rates: StillRates | None,
+    whole: Model | None,
+    progress: Progress,
+) -> tuple[Model, dict]:
+    """``whole`` is the fit to all segments when this is one of the folds."""
+    start = bias_only(problem.still_rates.rate[0])
+    if name == "raw":
+        return bias_only(), {}
+    if name == "raw_bias_removed":
+        return start, {}
+    if name == "least_squares":
+        fit = fit_least_squares(batch, sigma, start, still_rates=still_rates, integrator=options.integrator)
+        return fit.model, {"steps": fit.steps, "unobserved": list(fit.unobserved)}
+    if name == "pso":
+        from tinygc.pso import fit_pso
+
+        # A fold's optimum is near the whole's: its swarm starts in a twentieth of the box, around it, and still converges by itself.
+        around, box = (start, 1.0) if whole is None else (whole, 0.05)
+        return fit_pso(batch, sigma, around, seed=options.seed, still_rates=still_rates, box=box, progress=progress), {}
+    if name == "tinygc":
+        return _train(batch, sigma, options, still_rates, progress)
+    raise ValueError(f"method is {name!r}, expected one of {', '.join(METHODS)}")
+
+
+def _train(batch, sigma, options: FitOptions, still_rates, progress: Progress) -> tuple[CalibrationNet, dict]:
+    # torch takes seconds to import: only those who train pay.
+    from tinygc import training
+
+    if options.optimizer == "adamw":
+        trained = training.train_adamw(batch, sigma, epochs=options.epochs, still_rates=still_rates, progress=progress)
+    else:
+        trained = training.train_second_order(batch, sigma, still_rates=still_rates, progress=progress)
+    return trained.net, {"optimizer": options.optimizer, "tie": trained.tie, "loss": list(trained.loss)}

@@ -1,0 +1,56 @@
+"""Calibrations as files: JSON that says what it means, and whose loading executes nothing."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from session.errors import FormatError
+from tinygc.linear import LinearModel
+from tinygc.network import CalibrationNet
+
+SCHEMA = "tinygc-model/1"
+EQUATIONS = {
+    "linear": "omega = E @ m + B, m the measured rate in rad/s",
+    "tinygc": "h = W1 @ m + b1; omega = m + W2 @ (h if h >= 0 else slope * h) + b2, m the measured rate in rad/s",
+}
+
+
+def to_dict(model: LinearModel | CalibrationNet, **more) -> dict:
+    """JSON-ready, with schema, equation and units; ``more`` is added as it is."""
+    kind = "tinygc" if isinstance(model, CalibrationNet) else "linear"
+    weights = {field.name: np.asarray(getattr(model, field.name)).tolist() for field in fields(model)}
+    return {"schema": SCHEMA, "kind": kind, "equation": EQUATIONS[kind], "units": "rad/s in, rad/s out", "weights": weights, **more}
+
+
+def from_dict(table: dict, where: str = "model") -> LinearModel | CalibrationNet:
+    """The model; FormatError says what is wrong with the table."""
+    if not isinstance(table, dict) or table.get("schema") != SCHEMA:
+        raise FormatError(f'{where}: no model of this tool, expected "schema": "{SCHEMA}"')
+    cls = {"linear": LinearModel, "tinygc": CalibrationNet}.get(table.get("kind"))
+    if cls is None:
+        raise FormatError(f"{where}: kind is {table.get('kind')!r}, expected linear or tinygc")
+    shapes = {"E": (3, 3), "W1": (3, 3), "W2": (3, 3)}
+    weights = {}
+    for field in fields(cls):
+        try:
+            array = np.asarray(table["weights"][field.name], dtype=float)
+        except (KeyError, TypeError, ValueError):
+            raise FormatError(f"{where}: weights.{field.name} is missing or not made of numbers") from None
+        if array.shape != shapes.get(field.name, (3,)) or not np.isfinite(array).all():
+            raise FormatError(f"{where}: weights.{field.name} has shape {array.shape} or is not finite")
+        weights[field.name] = array
+    return cls(**weights)
+
+
+def load(path: Path | str) -> LinearModel | CalibrationNet:
+    """Read a model file."""
+    try:
+        return from_dict(json.loads(Path(path).read_text(encoding="utf-8")), str(path))
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except ValueError as error:
+        raise FormatError(f"{path}: broken JSON: {error}") from None

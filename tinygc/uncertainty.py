@@ -1,0 +1,76 @@
+"""How well the parameters are known, and how far the closure is from its floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from tinygc import closure, linear
+from tinygc.earth import EarthRate
+from tinygc.floor import Floor
+from tinygc.integrate import sample_weights
+from tinygc.least_squares import PRIOR_SIGMA
+from tinygc.linear import LinearModel
+from tinygc.still_rates import StillRates
+
+#: a closure this improbable from noise alone is a mismatch
+MISMATCH_P = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class GoodnessOfFit:
+    """chi_square of the error angles against the floor, its degrees of freedom, and the probability of more by chance."""
+
+    chi_square: float
+    freedom: int
+    p_value: float
+
+    @property
+    def excess(self) -> float:
+        """Factor on the floor's variance that the residuals ask for; 1 where noise alone explains them."""
+        return max(1.0, self.chi_square / self.freedom) if self.p_value < MISMATCH_P else 1.0
+
+
+def goodness(angles: np.ndarray, floor: Floor, parameters: int) -> GoodnessOfFit:
+    """Of error angles (S, d) rad left by a fit of so many parameters."""
+    freedom = max(angles.size - parameters, 1)
+    flat = angles.ravel()
+    chi_square = float(flat @ np.linalg.solve(floor.dense(), flat))
+    return GoodnessOfFit(chi_square, freedom, float(stats.chi2.sf(chi_square, freedom)))
+
+
+def parameter_covariance(
+    batch: closure.Batch, floor: Floor, model: LinearModel, earth: EarthRate, still_rates: StillRates | None = None
+) -> np.ndarray:
+    """(12, 12) covariance of ``LinearModel.vector`` as least squares fits it.
+
+    Weighted least squares with weights 1/sigma^2 does not see that neighbours share a still, nor that the heading is only
+    estimated; the sandwich H^-1 (J' W C W J) H^-1 does (White 1980).
+    """
+    rate = model(batch.rate)
+    sensitivity = closure.sensitivity(batch, rate)
+    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles]
+    weight = 1 / floor.sigma[:, None, None] ** 2
+    hessian = np.einsum("sdp,sdq->pq", design * weight, design) + np.diag(1 / PRIOR_SIGMA**2)
+    meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
+    if still_rates is not None:
+        rows = still_rates.columns()
+        hessian += rows.T @ rows
+        meat += rows.T @ rows
+    if earth.source == "estimated":
+        # A heading wrong by dh turns the horizontal Earth rate by dh: one more column, with the heading's own sigma.
+        sideways = np.cross([0.0, 0.0, 1.0], earth.rate_t)
+        body = np.einsum("stji,j->sti", _turn(sensitivity, batch), sideways)
+        column = np.einsum("stij,stj->si", sensitivity, body)[:, : batch.angles]
+        pull = np.einsum("sdp,sd->p", design * weight, column) * earth.heading_sigma_rad
+        meat += np.outer(pull, pull)
+    inverse = np.linalg.inv(hessian)
+    return inverse @ meat @ inverse
+
+
+def _turn(sensitivity: np.ndarray, batch: closure.Batch) -> np.ndarray:
+    """Rotation matrices (S, T, 3, 3) out of a sensitivity, which is they times the sample's duration."""
+    duration = sample_weights(batch.dt)[..., None, None]
+    return sensitivity / np.where(duration > 0, duration, 1)

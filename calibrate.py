@@ -74,7 +74,7 @@ def fit(args: argparse.Namespace) -> int:
     with progress_bar(args.quiet) as progress:
         result = fit_session(args.folder, options, progress)
     output(args.quiet).print(fit_report(result))
-    folder = save_models(result)
+    folder = save_models(result, args.out)
     output(args.quiet).print(f"models: {folder}", soft_wrap=True)
     _write_json(args.json, to_json(result))
     return 1 if args.limit is not None and holdout_above(result, args.limit) else 0
@@ -125,6 +125,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--epochs", type=_count(1), default=2000, help="of adamw (%(default)s)")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument("--exclude", type=_count(0), nargs="*", default=[], metavar="N", help="numbers of segments to leave out")
+    command.add_argument("--out", type=Path, metavar="DIR", help="where the models go (fit/ in the session folder)")
     command.add_argument("--limit", type=_positive, metavar="DEG", help="exit 1 if the best held-out tilt is above this")
 
     command = _command(commands, "simulate", simulate, "write a simulated session")

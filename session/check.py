@@ -18,7 +18,7 @@ from session.folder import Session, log_paths, read_session
 from session.logfile import Log, read_log
 from session.stills import Noise, Still, find_stills
 
-__all__ = ["Finding", "check_folder", "first_look", "worst"]
+__all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
 
 
 def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | None) -> list[Finding]:
@@ -53,9 +53,12 @@ def check_folder(folder: Path) -> list[Finding]:
         session, findings = read_session(folder), []
     except CalibrationError as error:
         session, findings = _read_what_there_is(folder, error)
-    if session is None:
-        return findings
-    all_stills = []
+    return findings if session is None else findings + check_session(session)
+
+
+def check_session(session: Session) -> list[Finding]:
+    """The first look at every log and closure run of a session that could be read."""
+    findings, all_stills = [], []
     for log in (*session.logs, *session.closures):
         stills, noise = find_stills(session.calibrated(log), session.config.protocol.still_s)
         findings += first_look(session, log, stills, noise)

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 import tinygc
+from session.check import Finding, check_session
+from session.errors import DataError
 from session.folder import Session, read_session
 from session.units import DEG, G
 from tinygc import models
@@ -27,7 +29,7 @@ class FitResult:
 
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
     ``goodness.excess``; other_choice: least squares with the opposite choice of still rates; first_order_rad: the largest error of
-    the paper's integrator on these segments.
+    the paper's integrator on these segments; warnings of the first look.
     """
 
     problem: Problem
@@ -40,6 +42,7 @@ class FitResult:
     covariance: np.ndarray
     other_choice: MethodFit
     first_order_rad: float
+    warnings: list[Finding]
 
     @property
     def session(self) -> Session:
@@ -49,9 +52,12 @@ class FitResult:
 def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int, int], None] = lambda what, done, of: None) -> FitResult:
     """Run the main job.  ``progress`` is told what is being done, and how far it is.
 
-    Raises the errors of ``read_session``, ``build_problem``, ``read_closure_runs`` and of the methods.
+    Raises DataError for the first error of the first look, and the errors of ``read_session``, ``build_problem``, ``read_closure_runs`` and of the methods.
     """
     session = read_session(folder, lambda name: progress(f"reading {name}", 0, 1))
+    progress("first look", 0, 1)
+    findings = check_session(session)
+    _stop_at_errors(findings)
     problem = build_problem(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
     runs = read_closure_runs(problem)
     fits = {
@@ -74,8 +80,16 @@ def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int,
         linear=linear,
         covariance=covariance,
         other_choice=other,
+        warnings=[finding for finding in findings if finding.level == "warning"],
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
     )
+
+
+def _stop_at_errors(findings: list[Finding]) -> None:
+    """A calibration fitted to wrong units or axes is worse than none."""
+    for finding in findings:
+        if finding.level == "error":
+            raise DataError(f"{finding.where}: {finding.what}: {finding.says}" + (f"; {finding.do}" if finding.do else ""))
 
 
 def closure_figures(angles: np.ndarray) -> dict[str, float | None]:
@@ -158,10 +172,10 @@ def holdout_above(result: FitResult, limit_deg: float) -> bool:
     return max([best, *runs]) > limit_deg
 
 
-def save_models(result: FitResult) -> Path:
-    """Write each method's model, and the figures, into the session's ``fit`` folder; returns that folder."""
-    folder = result.session.folder / "fit"
-    folder.mkdir(exist_ok=True)
+def save_models(result: FitResult, folder: Path | None = None) -> Path:
+    """Write each method's model, and the figures, into a folder, the session's ``fit`` by default; returns that folder."""
+    folder = folder or result.session.folder / "fit"
+    folder.mkdir(parents=True, exist_ok=True)
     for name, fit in result.methods.items():
         more = {"method": name, "session": result.session.name, "version": tinygc.__version__}
         if fit is result.linear:

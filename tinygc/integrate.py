@@ -35,10 +35,9 @@ def step_vectors(rate, dt):
 
 def cross(a, b):
     """Vector product (..., 3), for arrays and tensors alike."""
-    xp = rotation.namespace(a)
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
+    return rotation.join([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def sample_weights(dt: np.ndarray) -> np.ndarray:

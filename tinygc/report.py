@@ -144,12 +144,12 @@ def _parameters(result: FitResult) -> Table:
 
 
 def _remarks(result: FitResult) -> list[Text]:
-    remarks = []
+    remarks = [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in result.warnings]
     if result.goodness.excess > 1:
         above = closure_figures(result.linear.angles)["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
         remarks.append(
             Text(
-                f"The closure is {above:.1f} times its noise floor (p = {result.goodness.p_value:.1g}): something is missing from the "
+                f"The closure is {above:.1f} times its noise floor (p {_p_words(result.goodness.p_value)}): something is missing from the "
                 f"model. The sigmas above are widened for it. See `calibrate.py check {result.session.folder}`.",
                 "yellow",
             )
@@ -171,6 +171,10 @@ def _remarks(result: FitResult) -> list[Text]:
     )
     remarks.append(Text(f"The paper's first-order integrator would err by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
     return remarks
+
+
+def _p_words(p_value: float) -> str:
+    return f"= {p_value:.1g}" if p_value > 1e-99 else "< 1e-99"
 
 
 def _correlations(covariance: np.ndarray) -> list[str]:

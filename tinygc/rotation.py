@@ -20,26 +20,29 @@ def namespace(array):
     return torch if torch is not None and isinstance(array, torch.Tensor) else np
 
 
+def join(parts):
+    """Components (...) as one array (..., n), each contiguous in memory: twice as fast to compute with as interleaved ones."""
+    xp = namespace(parts[0])
+    return xp.moveaxis(xp.stack(parts, 0), 0, -1)
+
+
 def multiply(p, q):
     """Hamilton product (..., 4): first q, then p."""
-    xp = namespace(p)
     pw, px, py, pz = (p[..., i] for i in range(4))
     qw, qx, qy, qz = (q[..., i] for i in range(4))
-    return xp.stack(
+    return join(
         [
             pw * qw - px * qx - py * qy - pz * qz,
             pw * qx + px * qw + py * qz - pz * qy,
             pw * qy - px * qz + py * qw + pz * qx,
             pw * qz + px * qy - py * qx + pz * qw,
-        ],
-        -1,
+        ]
     )
 
 
 def conjugate(q):
     """The inverse of a unit quaternion (..., 4)."""
-    xp = namespace(q)
-    return xp.stack([q[..., 0], -q[..., 1], -q[..., 2], -q[..., 3]], -1)
+    return join([q[..., 0], -q[..., 1], -q[..., 2], -q[..., 3]])
 
 
 def exp(vector):
@@ -50,7 +53,7 @@ def exp(vector):
     h = xp.sqrt(xp.where(small, xp.ones_like(h2), h2))
     cos = xp.where(small, 1 - h2 / 2 * (1 - h2 / 12 * (1 - h2 / 30)), xp.cos(h))
     half_sinc = xp.where(small, 1 - h2 / 6 * (1 - h2 / 20 * (1 - h2 / 42)), xp.sin(h) / h) / 2
-    return xp.stack([cos, half_sinc * vector[..., 0], half_sinc * vector[..., 1], half_sinc * vector[..., 2]], -1)
+    return join([cos, half_sinc * vector[..., 0], half_sinc * vector[..., 1], half_sinc * vector[..., 2]])
 
 
 def log(q):
@@ -89,13 +92,15 @@ def from_gravity(accel):
 
 def compose(steps):
     """Product q_0 q_1 … q_T-1 (..., 4) of body-frame steps (..., T, 4), in log2(T) vectorised multiplications."""
+    tail = None
     while steps.shape[-2] > 1:
         even = steps.shape[-2] // 2 * 2
-        product = multiply(steps[..., 0:even:2, :], steps[..., 1:even:2, :])
         if even < steps.shape[-2]:
-            product = namespace(steps).concatenate([product, steps[..., even:, :]], -2)
-        steps = product
-    return steps[..., 0, :]
+            last = steps[..., -1, :]
+            tail = last if tail is None else multiply(last, tail)
+        steps = multiply(steps[..., 0:even:2, :], steps[..., 1:even:2, :])
+    first = steps[..., 0, :]
+    return first if tail is None else multiply(first, tail)
 
 
 def accumulate(steps):
@@ -103,6 +108,7 @@ def accumulate(steps):
     xp = namespace(steps)
     span = 1
     while span < steps.shape[-2]:
-        steps = xp.concatenate([steps[..., :span, :], multiply(steps[..., :-span, :], steps[..., span:, :])], -2)
+        both = (steps[..., :span, :], multiply(steps[..., :-span, :], steps[..., span:, :]))
+        steps = xp.moveaxis(xp.concatenate([xp.moveaxis(part, -1, 0) for part in both], -1), 0, -1)
         span *= 2
     return steps

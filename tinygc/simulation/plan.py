@@ -51,6 +51,9 @@ def hand_plan(options: SimulationOptions, rng: np.random.Generator) -> Plan:
     log_rng, closure_rng = rng.spawn(2)  # the closure run does not change with the number of segments
     limit_rps = min(PEAK_RPS * options.vigour, PEAK_FULL_SCALE * options.gyro_fs_dps * DEG)
     start_rad = log_rng.uniform(-np.pi, np.pi, 3)
+    if options.with_heading:
+        # A heading is of use only to a session that begins at the table's index: outer gimbal at zero, not upside down.
+        start_rad *= 0.0, 0.5, 1.0
     angles, strokes, turns = start_rad.copy(), [], []
     clock_s = _rest(options, log_rng)
     for _ in range(options.segments):

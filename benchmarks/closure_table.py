@@ -1,0 +1,162 @@
+"""Closure runs after a fit to 40 segments: the error at the return, by method and by what is known of the Earth's rotation.
+
+Simulated sessions (40 segments, closure run of 54 to 58 s), with and without bias instability, each fitted three times: with the
+heading of the table given, with it unknown, and with the Earth's rotation left out.  The closure run is never fitted.  The floor is
+what the sensor's white noise alone must leave.  Recordings in ../shared/closure are added where there are any.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from common import first_still_heading_deg, in_parallel, markdown, simulated, with_heading
+
+from session.folder import Session, read_session
+from session.units import DEG
+from tinygc.closure_run import read_closure_runs
+from tinygc.fit import closure_figures, run_figures
+from tinygc.least_squares import fit_least_squares
+from tinygc.linear import bias_only
+from tinygc.methods import FitOptions, run_method
+from tinygc.problem import Problem, build_problem
+from tinygc.pso import fit_pso
+from tinygc.simulation.options import SimulationOptions
+
+TITLES = {"raw": "raw", "least_squares": "least squares", "pso": "PSO", "tinygc": "TinyGC-Net"}
+EARTH = {"given": "heading given", "unknown": "heading unknown", "none": "Earth's rotation left out"}
+INSTABILITIES_DPH = (0.0, 3.0)
+CLOSURE_S = (54.0, 58.0)
+RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "closure"
+
+
+@dataclass(frozen=True)
+class Job:
+    seed: int
+    instability_dph: float
+    methods: tuple[str, ...]
+    held_out: bool
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sessions", type=int, default=24, help="simulated sessions (%(default)s)")
+    parser.add_argument("--seed", type=int, default=1000, help="of the first session (%(default)s)")
+    parser.add_argument("--pso", action="store_true", help="the swarm, too: slow")
+    parser.add_argument("--held-out", action="store_true", help="the held-out closure of the segments, too: slow")
+    parser.add_argument("--recordings", type=Path, default=RECORDINGS, metavar="DIR", help="folder of recorded sessions (%(default)s)")
+    args = parser.parse_args()
+    methods = ("raw", "least_squares", *(["pso"] if args.pso else []), "tinygc")
+    seeds = range(args.seed, args.seed + args.sessions)
+    jobs = [Job(seed, dph, methods, args.held_out) for dph in INSTABILITIES_DPH for seed in seeds]
+    results = in_parallel(one_session, jobs, "session")
+    print(f"Closure runs of {CLOSURE_S[0]:.0f} to {CLOSURE_S[1]:.0f} s after a fit to 40 segments, {args.sessions} simulated sessions.")
+    print("RMSE over roll, pitch, yaw at the return, degrees: median (and quartiles).\n")
+    print(markdown(["bias instability", "Earth", *(TITLES[m] for m in methods), "floor"], _closure_rows(jobs, results, methods)))
+    estimated = np.array([r["heading_error_deg"] for r in results])
+    sigma = np.array([r["heading_sigma_deg"] for r in results])
+    print("\nHeading estimated from the stills: error in degrees rms (and mean stated sigma):", end=" ")
+    for dph in INSTABILITIES_DPH:
+        chosen = np.array([job.instability_dph == dph for job in jobs]) & np.isfinite(sigma)
+        print(f"{rms(estimated[chosen]):.1f} ({sigma[chosen].mean():.1f}) at {dph:g} °/h", end="; ")
+    bent = sum(r["bent"] for r in results)
+    print(f"\nTinyGC-Net chose a bent (not linear) solution in {bent} of {len(results)} fits with the heading unknown.")
+    if args.held_out:
+        print("\nTilt of held-out segments, heading unknown, degrees rms: median.\n")
+        print(markdown(["bias instability", *(TITLES[m] for m in methods), "floor"], _held_out_rows(jobs, results, methods)))
+    _print_recordings(args.recordings, methods)
+
+
+def one_session(job: Job) -> dict:
+    """Closure errors of one simulated session: by Earth and method."""
+    seconds = np.random.default_rng(job.seed).uniform(*CLOSURE_S)
+    options = SimulationOptions(seed=job.seed, closure_s=round(float(seconds), 3), bias_instability_dph=job.instability_dph)
+    truth_deg = first_still_heading_deg(options)
+    with simulated(options) as folder:
+        session = read_session(folder)
+    return figures(session, job.methods, truth_deg, job.held_out)
+
+
+def figures(session: Session, methods: tuple[str, ...], heading_deg: float | None, held_out: bool) -> dict:
+    """RMSE in degrees by Earth and method, of the session's first closure run; ``heading_deg`` or None where nobody knows it."""
+    result = {"rmse_deg": {}, "held_out_deg": {}, "heading_error_deg": np.nan, "heading_sigma_deg": np.inf, "bent": False}
+    for earth in EARTH:
+        if earth == "given" and heading_deg is None:
+            continue
+        known = with_heading(session, (heading_deg + 180) % 360 - 180 if earth == "given" else None)
+        problem = build_problem(known, use_earth=earth != "none")
+        run = read_closure_runs(problem)[0]
+        models = {name: fit_model(name, problem) for name in methods}
+        result["rmse_deg"][earth] = {name: run_figures(run.errors(model))["rmse_deg"] for name, model in models.items()}
+        result["floor_deg"] = rms(run.floor_rad) / DEG
+        if earth == "unknown":
+            result["bent"] = bool(np.abs(models["tinygc"].slope - 1).max() > 1e-6)
+            if held_out:
+                fits = {name: run_method(name, problem, FitOptions()) for name in methods}
+                result["held_out_deg"] = {name: closure_figures(fit.held_out)["tilt_rms_deg"] for name, fit in fits.items()}
+                result["held_out_floor_deg"] = problem.floor.tilt_rms / DEG
+            if problem.earth.source == "estimated" and heading_deg is not None:
+                error = problem.earth.heading_rad / DEG - heading_deg
+                result["heading_error_deg"] = (error + 180) % 360 - 180
+                result["heading_sigma_deg"] = problem.earth.heading_sigma_rad / DEG
+    return result
+
+
+def fit_model(name: str, problem: Problem):
+    """One method's model of all segments, without the folds that ``run_method`` adds."""
+    batch, sigma, start = problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])
+    if name == "raw":
+        return bias_only()
+    if name == "least_squares":
+        return fit_least_squares(batch, sigma, start).model
+    if name == "pso":
+        return fit_pso(batch, sigma, start, seed=0)
+    from tinygc.training import train_second_order  # torch: seconds
+
+    return train_second_order(batch, sigma).net
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _closure_rows(jobs: list[Job], results: list[dict], methods: tuple[str, ...]):
+    for dph in INSTABILITIES_DPH:
+        chosen = [result for job, result in zip(jobs, results, strict=True) if job.instability_dph == dph]
+        floor = f"{np.median([result['floor_deg'] for result in chosen]):.4f}"
+        for earth, words in EARTH.items():
+            columns = ([result["rmse_deg"][earth][method] for result in chosen] for method in methods)
+            yield [f"{dph:g} °/h", words, *map(_median, columns), floor]
+
+
+def _median(values: list[float]) -> str:
+    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
+    return f"{middle:.4f} ({low:.3f}–{high:.3f})" if middle < 1 else f"{middle:.1f} ({low:.1f}–{high:.1f})"
+
+
+def _held_out_rows(jobs: list[Job], results: list[dict], methods: tuple[str, ...]):
+    for dph in INSTABILITIES_DPH:
+        chosen = [result for job, result in zip(jobs, results, strict=True) if job.instability_dph == dph]
+        medians = [np.median([result["held_out_deg"][method] for result in chosen]) for method in methods]
+        floor = np.median([result["held_out_floor_deg"] for result in chosen])
+        yield [f"{dph:g} °/h", *(f"{value:.4f}" for value in medians), f"{floor:.4f}"]
+
+
+def _print_recordings(folder: Path, methods: tuple[str, ...]) -> None:
+    folders = sorted(path.parent for path in folder.glob("*/session.toml"))
+    if not folders:
+        return
+    rows = []
+    for path in folders:
+        session = read_session(path)
+        found = figures(session, methods, session.config.site.heading_deg, held_out=False)
+        for earth, errors in found["rmse_deg"].items():
+            rows.append([path.name, EARTH[earth], *(f"{errors[m]:.4f}" for m in methods), f"{found['floor_deg']:.4f}"])
+    print("\nRecordings (heading given where session.toml gives it):\n")
+    print(markdown(["", "Earth", *(TITLES[m] for m in methods), "floor"], rows))
+
+
+if __name__ == "__main__":
+    main()

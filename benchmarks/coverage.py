@@ -1,0 +1,101 @@
+"""Are the stated uncertainties true?  How often the error of a parameter is within one and two of its own sigmas.
+
+Simulated sessions without bias instability (which no fit can foresee), least squares, sigmas as the report prints them.  Right
+sigmas give 68 % and 95 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+
+import numpy as np
+from common import in_parallel, markdown, simulated
+from scipy import stats
+
+from session.folder import read_session
+from session.units import DEG
+from tinygc.least_squares import fit_least_squares
+from tinygc.linear import NAMES, bias_only
+from tinygc.methods import closure_angles
+from tinygc.problem import build_problem
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.simulate import simulate_session
+from tinygc.uncertainty import goodness, parameter_covariance
+
+
+@dataclass(frozen=True)
+class Job:
+    seed: int
+    segments: int
+    instability_dph: float
+    use_still_rates: bool
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sessions", type=int, default=200, help="(%(default)s)")
+    parser.add_argument("--seed", type=int, default=2000, help="of the first session (%(default)s)")
+    parser.add_argument("--segments", type=int, default=40, help="per session (%(default)s)")
+    parser.add_argument("--bias-instability", type=float, default=0.0, metavar="DPH", help="°/h (%(default)s)")
+    parser.add_argument("--still-rates", action="store_true", help="with the mean rates of the stills as data, too")
+    args = parser.parse_args()
+    jobs = [Job(args.seed + i, args.segments, args.bias_instability, args.still_rates) for i in range(args.sessions)]
+    results = in_parallel(one_session, jobs, "session")
+    z = np.array([result["z"] for result in results])
+    print(
+        f"{len(z)} simulated sessions of {args.segments} segments, bias instability {args.bias_instability:g} °/h"
+        + (", with still rates" if args.still_rates else "")
+        + ": share of the errors within one and two stated sigmas.\n"
+    )
+    rows = [_row(name, z[:, i]) for i, name in enumerate(NAMES)]
+    print(markdown(["parameter", "within 1σ", "within 2σ", "error rms / σ", "mean error / σ"], [*rows, _row("all", z.ravel())]))
+    each = 100 * np.sqrt(0.6827 * 0.3173 / len(z))
+    per_session = (np.abs(z) < 1).mean(axis=1)
+    print(
+        f"\nThe percentages themselves are known to ± {each:.1f} (one parameter) and "
+        f"± {100 * per_session.std(ddof=1) / np.sqrt(len(z)):.1f} (all)."
+    )
+    p = np.array([result["p_value"] for result in results])
+    together = np.array([result["chi_square"] for result in results])
+    print(
+        f"All twelve together (chi-square, 12 degrees of freedom): mean {together.mean():.1f}, Kolmogorov-Smirnov "
+        f"p = {stats.kstest(together, stats.chi2(12).cdf).pvalue:.2g}."
+    )
+    print(
+        f"Goodness of fit: p < 0.05 in {np.mean(p < 0.05):.1%} and p < 0.01 in {np.mean(p < 0.01):.1%} of the sessions; "
+        f"uniform by Kolmogorov-Smirnov: p = {stats.kstest(p, 'uniform').pvalue:.2g}."
+    )
+    print(
+        f"Median stated sigma: E {np.median([result['sigma'][:9] for result in results]) * 1e6:.0f} ppm (or µrad), "
+        f"B {np.median([result['sigma'][9:] for result in results]) / DEG * 1e3:.2f} mdps."
+    )
+
+
+def one_session(job: Job) -> dict:
+    """Errors in sigmas (12,), and the goodness of fit."""
+    options = SimulationOptions(seed=job.seed, segments=job.segments, closure_s=0.0, bias_instability_dph=job.instability_dph)
+    unit = simulate_session(SimulationOptions(seed=job.seed, segments=1, closure_s=0.0)).unit
+    truth = np.concatenate([unit.E.ravel(), unit.B])
+    with simulated(options) as folder:
+        problem = build_problem(read_session(folder))
+    rates = problem.still_rates if job.use_still_rates else None
+    fit = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0]), still_rates=rates)
+    found = goodness(closure_angles(problem.batch, fit.model), problem.floor, len(truth))
+    covariance = parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth, rates) * found.excess
+    sigma, error = np.sqrt(np.diag(covariance)), fit.model.vector - truth
+    return {
+        "z": error / sigma,
+        "sigma": sigma,
+        "chi_square": float(error @ np.linalg.solve(covariance, error)),
+        "p_value": found.p_value,
+    }
+
+
+def _row(name: str, z: np.ndarray) -> list[str]:
+    inside = [f"{np.mean(np.abs(z) < bar):.1%}" for bar in (1, 2)]
+    return [name, *inside, f"{np.sqrt(np.mean(z**2)):.2f}", f"{z.mean():+.2f}"]
+
+
+if __name__ == "__main__":
+    main()

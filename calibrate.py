@@ -80,6 +80,22 @@ def fit(args: argparse.Namespace) -> int:
     return 1 if args.limit is not None and holdout_above(result, args.limit) else 0
 
 
+def explain(args: argparse.Namespace) -> int:
+    """Why recording and simulation differ."""
+    from tinygc.console import output, progress_bar
+    from tinygc.explain.explain import explain_session
+    from tinygc.explain.pages import explanation_page
+    from tinygc.explain.result import save, to_json
+
+    with progress_bar(args.quiet) as progress:
+        explanation = explain_session(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
+    output(args.quiet).print(explanation_page(explanation))
+    folder = save(explanation, args.out, pictures=not args.no_pictures)
+    output(args.quiet).print(f"written: {folder}", soft_wrap=True)
+    _write_json(args.json, to_json(explanation))
+    return 1 if args.strict and explanation.verdict != "no_mismatch" else 0
+
+
 def simulate(args: argparse.Namespace) -> int:
     """A session that the rest of the tool cannot tell from a recorded one."""
     from tinygc.console import output
@@ -127,6 +143,13 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--exclude", type=_count(0), nargs="*", default=[], metavar="N", help="numbers of segments to leave out")
     command.add_argument("--out", type=Path, metavar="DIR", help="where the models go (fit/ in the session folder)")
     command.add_argument("--limit", type=_positive, metavar="DEG", help="exit 1 if the best held-out tilt is above this")
+
+    command = _command(commands, "explain", explain, "say why the recording differs from the simulation, and prove it")
+    command.add_argument("folder", type=Path, help="session folder")
+    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
+    command.add_argument("--no-pictures", action="store_true", help="write no picture")
+    command.add_argument("--out", type=Path, metavar="DIR", help="where the result goes (explain/ in the session folder)")
+    command.add_argument("--strict", action="store_true", help="exit 1 if there is a mismatch")
 
     command = _command(commands, "simulate", simulate, "write a simulated session")
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")

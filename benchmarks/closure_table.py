@@ -25,7 +25,7 @@ from tinygc.problem import Problem, build_problem
 from tinygc.pso import fit_pso
 from tinygc.simulation.options import SimulationOptions
 
-TITLES = {"raw": "raw", "least_squares": "least squares", "pso": "PSO", "tinygc": "TinyGC-Net"}
+TITLES = {"raw": "raw", "raw_bias_removed": "raw, bias off", "least_squares": "least squares", "pso": "PSO", "tinygc": "TinyGC-Net"}
 EARTH = {"given": "heading given", "unknown": "heading unknown", "none": "Earth's rotation left out"}
 INSTABILITIES_DPH = (0.0, 3.0)
 CLOSURE_S = (54.0, 58.0)
@@ -48,21 +48,23 @@ def main() -> None:
     parser.add_argument("--held-out", action="store_true", help="the held-out closure of the segments, too: slow")
     parser.add_argument("--recordings", type=Path, default=RECORDINGS, metavar="DIR", help="folder of recorded sessions (%(default)s)")
     args = parser.parse_args()
-    methods = ("raw", "least_squares", *(["pso"] if args.pso else []), "tinygc")
+    methods = ("raw", "raw_bias_removed", "least_squares", *(["pso"] if args.pso else []), "tinygc")
     seeds = range(args.seed, args.seed + args.sessions)
     jobs = [Job(seed, dph, methods, args.held_out) for dph in INSTABILITIES_DPH for seed in seeds]
     results = in_parallel(one_session, jobs, "session")
     print(f"Closure runs of {CLOSURE_S[0]:.0f} to {CLOSURE_S[1]:.0f} s after a fit to 40 segments, {args.sessions} simulated sessions.")
     print("RMSE over roll, pitch, yaw at the return, degrees: median (and quartiles).\n")
     print(markdown(["bias instability", "Earth", *(TITLES[m] for m in methods), "floor"], _closure_rows(jobs, results, methods)))
-    estimated = np.array([r["heading_error_deg"] for r in results])
-    sigma = np.array([r["heading_sigma_deg"] for r in results])
-    print("\nHeading estimated from the stills: error in degrees rms (and mean stated sigma):", end=" ")
+    heading_error = np.array([result["heading_error_deg"] for result in results])
+    sigma = np.array([result["heading_sigma_deg"] for result in results])
+    print("\nHeading estimated from the stills, error in degrees rms and mean stated sigma:", end=" ")
+    words = []
     for dph in INSTABILITIES_DPH:
         chosen = np.array([job.instability_dph == dph for job in jobs]) & np.isfinite(sigma)
-        print(f"{rms(estimated[chosen]):.1f} ({sigma[chosen].mean():.1f}) at {dph:g} °/h", end="; ")
+        words.append(f"{rms(heading_error[chosen]):.1f} and {sigma[chosen].mean():.1f} at {dph:g} °/h")
+    print("; ".join(words) + ".")
     bent = sum(r["bent"] for r in results)
-    print(f"\nTinyGC-Net chose a bent (not linear) solution in {bent} of {len(results)} fits with the heading unknown.")
+    print(f"TinyGC-Net chose a bent (not linear) solution in {bent} of {len(results)} fits with the heading unknown.")
     if args.held_out:
         print("\nTilt of held-out segments, heading unknown, degrees rms: median.\n")
         print(markdown(["bias instability", *(TITLES[m] for m in methods), "floor"], _held_out_rows(jobs, results, methods)))
@@ -109,6 +111,8 @@ def fit_model(name: str, problem: Problem):
     batch, sigma, start = problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])
     if name == "raw":
         return bias_only()
+    if name == "raw_bias_removed":
+        return start
     if name == "least_squares":
         return fit_least_squares(batch, sigma, start).model
     if name == "pso":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import io
 import re
 import zlib
 from dataclasses import dataclass, field
@@ -46,7 +45,7 @@ def read_log(path: Path, sensor: Sensor) -> Log:
     comments = _comments(text)
     offset, line_number = _skip_comments(text)
     header_end = text.find("\n", offset)
-    if not text.strip():
+    if not text[offset:].strip():
         raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
     header_line = text[offset:] if header_end < 0 else text[offset:header_end]
     header = parse_header(header_line, f"{path.name} line {line_number}")
@@ -126,8 +125,20 @@ def _parse_body(body: str, header: Header, name: str, first_line: int) -> tuple[
 
 
 def _load(body: str, header: Header) -> np.ndarray:
-    dtype = [(f"c{i}", np.int64 if header.is_integer(column) else np.float64) for i, column in enumerate(header.used)]
-    return np.loadtxt(io.StringIO(body), dtype=dtype, delimiter=",", comments="#", usecols=header.used, ndmin=1)
+    """Rows as columns c0, c1, …; ValueError where a line is at fault.  One type for all columns is twice as fast as a type for each."""
+    whole = [header.is_integer(column) for column in header.used]
+    names = [(f"c{i}", np.int64 if w else np.float64) for i, w in enumerate(whole)]
+    # Stamps in ns do not fit a float64: beside physical units each column keeps its own type.
+    kind = np.int64 if all(whole) else np.float64 if header.time_name != "t_ns" else names
+    rows = np.loadtxt(body.splitlines(), dtype=kind, delimiter=",", comments="#", usecols=header.used, ndmin=1 if kind is names else 2)
+    if kind is names:
+        return rows
+    table = np.empty(len(rows), dtype=names)
+    for i, w in enumerate(whole):
+        if w and kind is np.float64 and (rows[:, i] % 1).any():
+            raise ValueError("a fraction where a whole number belongs")
+        table[f"c{i}"] = rows[:, i]
+    return table
 
 
 def _first_fault(body: str, header: Header, first_line: int) -> tuple[int, str, bool]:

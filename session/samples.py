@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -35,9 +36,9 @@ class Samples:
         """(N,) s since the first sample."""
         return (self.t_ns - self.t_ns[0]) * NS if len(self) else np.zeros(0)
 
-    @property
+    @cached_property
     def period_s(self) -> float:
-        """The usual time between two samples (median), in s."""
+        """The usual time between two samples (median), in s; looked up often, computed once."""
         return float(np.median(np.diff(self.t_ns))) * NS
 
     @property

@@ -23,6 +23,7 @@ CREEP_SIGMAS = 6.0
 CREEP_RPS = 0.02 * DEG  #: slower than this, a 2 s still moves by less than 0.04 deg
 TURNING_RPS = 3.0 * DEG  #: a "still" whose rate differs this much from the others' is a steady turn
 BUMP_S = 0.35  #: a shorter disturbance that leaves the attitude as it was does not end a still
+NOISE_BLOCKS = 3
 BUMP_RAD = 0.1 * DEG
 
 
@@ -174,13 +175,23 @@ def _same_rest(a, b, blocks: Blocks, spread: np.ndarray) -> bool:
 
 
 def _noise(runs, blocks: Blocks) -> Noise:
-    """Allan variance at one block's length, from neighbouring blocks inside the stills (IEEE 952, C.1)."""
+    """Overlapping Allan variance inside the stills (IEEE 952, C.1), over three blocks: long beside the sensor's own filter, whose
+    correlation would hide some per cent of the noise from a shorter one."""
+    longest = max(b - a for run in runs for a, b in run)
+    size = min(NOISE_BLOCKS, longest // 2)
 
     def density(mean: np.ndarray) -> np.ndarray:
-        steps = np.concatenate([np.diff(mean[a:b], axis=0) for run in runs for a, b in run])
-        return np.sqrt(np.mean(steps**2, axis=0) * blocks.duration_s)  # sqrt(2 x AVAR/2 x tau), one-sided
+        steps = [_allan_steps(mean[a:b], size) for run in runs for a, b in run]
+        return np.sqrt(np.mean(np.concatenate(steps) ** 2, axis=0) * size * blocks.duration_s)  # sqrt(2 x AVAR/2 x tau), one-sided
 
     return Noise(density(blocks.gyro_mean), density(blocks.accel_mean))
+
+
+def _allan_steps(mean: np.ndarray, size: int) -> np.ndarray:
+    """Differences (…, 3) between the means of neighbouring spans of ``size`` blocks, at every start."""
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(mean, axis=0)])
+    span = (total[size:] - total[:-size]) / size
+    return span[size:] - span[:-size]
 
 
 def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:

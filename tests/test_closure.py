@@ -40,7 +40,7 @@ def turns():
 
 @pytest.mark.parametrize("yaw_known", [False, True])
 def test_a_perfect_gyro_closes(turns, yaw_known):
-    """To what the integrator leaves of a rate that runs straight between samples, truth by scipy in small steps."""
+    """At 104 Hz from rest to rest, against the attitudes of the smooth movement between the samples."""
     r = closure.segment_residuals(turns.batch(PERFECT, yaw_known), turns.rate)
     assert np.abs(r).max() < 1e-8
 
@@ -136,7 +136,7 @@ def test_derivative_exists_at_zero_and_near(yaw_known, size):
     loss_gradient = torch.autograd.grad((residual(error) ** 2).sum(), error)[0]
     assert torch.isfinite(loss_gradient).all()
     if size == 0:
-        assert loss_gradient.tolist() == [0, 0, 0]
+        assert loss_gradient.abs().max() < 1e-15  # the reference is a unit quaternion to rounding only
 
 
 def test_half_a_turn_upside_down_has_finite_derivatives():
@@ -208,16 +208,20 @@ def test_padding_changes_nothing(turns):
     np.testing.assert_allclose(padded_r, r, atol=1e-14)
     columns, padded_columns = (linear.columns(closure.sensitivity(b, model(b.rate)), b.rate) for b in (batch, padded))
     np.testing.assert_allclose(padded_columns, columns, atol=1e-12)
-    np.testing.assert_array_equal(padded.duration_s, batch.duration_s)
+    np.testing.assert_allclose(padded.duration_s, batch.duration_s, rtol=1e-15)
 
 
 def test_scale_error_alone_flips_with_the_turn():
     """A pure scale error on a turn there closes with the opposite sign on the turn back about the same horizontal axis."""
+
+    def rate_at(t_s):
+        return (1 - np.cos(2 * np.pi * t_s / 3))[:, None] * [0.5, 0, 0]
+
     t = np.linspace(0, 3, 313)
-    there = (1 - np.cos(2 * np.pi * t / 3))[:, None] * [0.5, 0, 0]
+    there = rate_at(t)
     rate = np.stack([there, -there])
     dt = np.full((2, 312), t[1])
-    turn = wxyz(turned(there, dt[0]))
+    turn = wxyz(turned(rate_at, 3))
     level = np.array([1.0, 0, 0, 0])
     batch = closure.Batch(rate, dt, 0 * rate, np.stack([level, turn]), np.stack([turn, level]), False)
     r = closure.segment_residuals(batch, 1.01 * rate)

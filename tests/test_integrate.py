@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from conftest import Turns, turned, wxyz
+from scipy.integrate import solve_ivp
 
 from session.units import DEG
 from tinygc import rotation
-from tinygc.integrate import cross, sample_weights, step_vectors, steps
+from tinygc.integrate import CONING, cross, sample_weights, step_vectors, steps
+from tinygc.simulation.motion import move
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.plan import hand_plan
 
 
 def angle_between(p, q):
@@ -30,35 +34,104 @@ def test_a_turn_to_plus_z_reads_plus_z():
     np.testing.assert_allclose(rotation.matrix(q) @ [1, 0, 0], [0, 1, 0], atol=1e-12)
 
 
-def coning(odr_hz, seconds=4.0):
-    """A hand's tremor of 3 Hz about two axes out of phase, on a slow turn."""
-    t = np.arange(round(seconds * odr_hz) + 1) / odr_hz
-    return np.stack([1.5 * np.sin(2 * np.pi * 3 * t), 1.5 * np.cos(2 * np.pi * 3 * t), 0.5 + 0.3 * t], -1), np.full(len(t) - 1, 1 / odr_hz)
+def compose_with(c, rate, dt):
+    """Mean rate and a coning term of any size: the integrator's is CONING, a straight rate's 1/12."""
+    return rotation.compose(rotation.exp((rate[:-1] + rate[1:]) / 2 * dt[:, None] + c * dt[:, None] ** 2 * np.cross(rate[:-1], rate[1:])))
 
 
-def test_coning_term_at_least_halves_the_error():
-    rate, dt = coning(208)
-    fine_rate, fine_dt = coning(208 * 64)
-    truth = rotation.compose(steps(fine_rate, fine_dt))
-    with_term = angle_between(rotation.compose(steps(rate, dt)), truth)
-    mean_rate_only = (rate[:-1] + rate[1:]) / 2 * dt[:, None]
-    without = angle_between(rotation.compose(rotation.exp(mean_rate_only)), truth)
-    assert without > 1e-5  # there is something to win
-    assert with_term < without / 2
+def errors_of_turns(odr_hz, *coning):
+    """Root mean square over 8 smooth turns from rest to rest, rad, for each coning factor."""
+    turns = Turns(8, seed=4, odr_hz=odr_hz)
+    truth = rotation.multiply(rotation.conjugate(turns.q[:-1]), turns.q[1:])
+    pairs = list(zip(turns.rate, turns.dt, strict=True))
+    return [np.sqrt(np.mean(angle_between(np.array([compose_with(c, *pair) for pair in pairs]), truth) ** 2)) for c in coning]
 
 
-def test_error_shrinks_with_the_square_of_the_step_or_faster():
-    fine = rotation.compose(steps(*coning(208 * 64)))
-    slow, fast = (angle_between(rotation.compose(steps(*coning(odr))), fine) for odr in (208, 416))
-    assert fast < slow / 3.5
+def test_the_truth_of_the_turns_is_an_ode_solvers():
+    """The reference that all closure tests rest on, against scipy's DOP853 on q' = q (0, w) / 2."""
+    turns = Turns(2, seed=7)
+
+    def slope(t, q):
+        return rotation.multiply(q, np.array([0, *turns.rate_at(1, np.array([t]))[0]])) / 2
+
+    solved = solve_ivp(slope, (0, turns.duration_s), turns.q[1], "DOP853", rtol=1e-12, atol=1e-13, max_step=0.05).y[:, -1]
+    assert angle_between(solved / np.linalg.norm(solved), turns.q[2]) < 1e-11
+
+
+def test_the_step_is_the_mean_rate_and_a_sixth_of_the_cross_product():
+    rate, dt = np.random.default_rng(4).normal(size=(5, 4, 3)), np.random.default_rng(5).uniform(0.001, 0.1, (5, 3))
+    expected = (rate[:, 1:] + rate[:, :-1]) / 2 * dt[..., None] + np.cross(rate[:, :-1], rate[:, 1:]) / 6 * dt[..., None] ** 2
+    np.testing.assert_allclose(step_vectors(rate, dt), expected, atol=1e-15)
+    np.testing.assert_allclose(cross(rate, rate[::-1]), np.cross(rate, rate[::-1]), atol=1e-15)
+    assert pytest.approx(1 / 6) == CONING
+
+
+@pytest.mark.parametrize("odr_hz", [52, 104, 208])
+def test_from_rest_to_rest_the_error_is_of_fourth_order(odr_hz):
+    """Half the step, a sixteenth of the error."""
+    (coarse,), (fine,) = errors_of_turns(odr_hz, CONING), errors_of_turns(2 * odr_hz, CONING)
+    assert coarse / fine == pytest.approx(16, rel=0.02)
+
+
+def test_with_a_twelfth_or_nothing_it_is_of_second_order():
+    """And a twelfth, which is right for a straight rate, takes just half of what there is to take."""
+    coarse, fine = errors_of_turns(104, 1 / 12, 0), errors_of_turns(208, 1 / 12, 0)
+    np.testing.assert_allclose(np.divide(coarse, fine), 4, rtol=0.01)
+    assert coarse[0] / coarse[1] == pytest.approx(0.5, rel=1e-3)
+
+
+def test_the_best_coning_factor_is_a_sixth():
+    """Each error is a vector, straight in c; least squares finds where the errors of all turns are smallest."""
+    turns = Turns(8, seed=4, odr_hz=208)
+    at = []
+    for c in (0, 0.1):
+        ends = [compose_with(c, rate, dt) for rate, dt in zip(turns.rate, turns.dt, strict=True)]
+        truth = rotation.multiply(rotation.conjugate(turns.q[:-1]), turns.q[1:])
+        at.append(rotation.log(rotation.multiply(rotation.conjugate(truth), np.array(ends))).ravel())
+    slope = (at[1] - at[0]) / 0.1
+    assert -(slope @ at[0]) / (slope @ slope) == pytest.approx(1 / 6, abs=1e-4)
+
+
+@pytest.mark.parametrize(("odr_hz", "limit_deg"), [(104, 1e-5), (208, 1e-6)])
+def test_a_sixth_beats_a_twelfth_a_hundredfold_on_hand_turns(odr_hz, limit_deg):
+    """Minimum-jerk strokes with tremor, and the simulated table's exact attitudes: no integration in the truth."""
+    plan = hand_plan(SimulationOptions(segments=40, closure_s=0), np.random.default_rng(0))
+    errors = []
+    for start_s, stop_s in plan.turns:
+        t = np.arange(start_s - 0.2, stop_s + 0.2, 1 / odr_hz)
+        motion = move(plan, t)
+        outer, middle, inner = motion.angles[:, [0, -1]]
+        first, last = rotation.from_euler(inner, middle, outer)
+        truth = rotation.multiply(rotation.conjugate(first), last)
+        ends = rotation.compose(steps(motion.rate, np.diff(t))), compose_with(1 / 12, motion.rate, np.diff(t))
+        errors.append([angle_between(end, truth) for end in ends])
+    sixth, twelfth = np.sqrt(np.mean(np.square(errors), axis=0)) / DEG
+    assert sixth < limit_deg
+    assert twelfth / sixth > 100
+
+
+def test_a_movement_cut_in_the_middle_keeps_the_trapezoids_ends():
+    """A tremor of 3 Hz about two axes, still going on: dt^2/12 of the rate's slope, turned to the end, at either end; second order."""
+
+    def rate_at(t):
+        return np.stack([1.5 * np.sin(6 * np.pi * t), 1.5 * np.cos(6 * np.pi * t), 0.3 * t], -1)
+
+    def slope_at(t):
+        return np.array([9 * np.pi * np.cos(6 * np.pi * t), -9 * np.pi * np.sin(6 * np.pi * t), 0.3])
+
+    t = np.arange(4 * 208 + 78) / 208
+    truth = wxyz(turned(rate_at, t[-1]))
+    end = rotation.compose(steps(rate_at(t), np.diff(t)))
+    error = rotation.log(rotation.multiply(rotation.conjugate(truth), end))  # in the end's body axes
+    ends = slope_at(t[-1]) - rotation.matrix(truth).T @ slope_at(0.0)
+    np.testing.assert_allclose(error, ends / 208**2 / 12, atol=0.01 * np.linalg.norm(error))
 
 
 @pytest.mark.parametrize(("dps", "odr_hz", "percent"), [(400, 104, 0.04), (200, 104, 0.0094), (50, 104, 0.0006)])
 def test_first_order_step_turns_by_theta_less_a_twelfth_of_its_cube(dps, odr_hz, percent):
     theta = dps * DEG / odr_hz
     q = steps(np.array([[dps * DEG, 0, 0]] * 2), np.array([1 / odr_hz]), "first-order")[0]
-    turned = np.linalg.norm(rotation.log(q))
-    short = (theta - turned) / theta
+    short = (theta - np.linalg.norm(rotation.log(q))) / theta
     assert short == pytest.approx(theta**2 / 12, rel=0.01)
     assert 100 * short == pytest.approx(percent, rel=0.1)
 
@@ -70,7 +143,7 @@ def test_first_order_error_posing_as_scale_error_is_400_ppm_of_a_whole_turn():
 
 
 def test_unknown_integrator_is_named():
-    with pytest.raises(ValueError, match="'euler'.*exact, first-order"):
+    with pytest.raises(ValueError, match=r"'euler'.*exact, first-order"):
         steps(np.zeros((2, 3)), np.ones(1), "euler")
 
 
@@ -86,15 +159,3 @@ def test_weights_sum_to_the_duration_and_integrate_straight_lines_exactly():
 def test_steps_of_no_duration_do_not_turn():
     rate = np.random.default_rng(3).normal(size=(4, 3)) * 5
     np.testing.assert_array_equal(step_vectors(rate, np.zeros(3)), np.zeros((3, 3)))
-
-
-def test_cross_is_numpys_and_two_coning_steps_are_bortzs():
-    a, b = np.random.default_rng(4).normal(size=(2, 6, 3))
-    np.testing.assert_allclose(cross(a, b), np.cross(a, b), atol=1e-15)
-    # A linear rate over one step against a thousand small steps by scipy: what is left is of fifth order.
-    first, last, dt = np.array([1.0, 2, -1]), np.array([1.5, 1.0, 0.5]), 0.02
-    part = (np.arange(1000) + 0.5) / 1000
-    turn = Rotation.identity()
-    for p in part:
-        turn = turn * Rotation.from_rotvec((first + p * (last - first)) * dt / 1000)
-    np.testing.assert_allclose(step_vectors(np.stack([first, last]), np.array([dt]))[0], turn.as_rotvec(), atol=1e-9)

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import product, turned
 from scipy.spatial.transform import Rotation
 
 from session.errors import CalibrationError, FormatError
@@ -42,26 +43,12 @@ def attitude(angles):
     return Rotation.from_euler("ZYX", np.moveaxis(angles, 0, -1))
 
 
-def product(turns):
-    """turns[0] * turns[1] * …, by halving."""
-    while len(turns) > 1:
-        odd = turns[-1:] if len(turns) % 2 else None
-        turns = turns[: len(turns) // 2 * 2]
-        turns = turns[0::2] * turns[1::2]
-        turns = turns if odd is None else Rotation.concatenate([turns, odd])
-    return turns[0]
-
-
 def test_true_rate_integrates_to_the_attitude():
     plan = hand_plan(SimulationOptions(segments=8, closure_s=30), np.random.default_rng(1))
-    step_s = 1e-3
-    motion = move(plan, np.arange(0, plan.duration_s, step_s / 2))
-    first, middle, last = motion.rate[:-2:2], motion.rate[1:-1:2], motion.rate[2::2]
-    # Fourth-order Magnus step (Simpson's mean and the commutator), exact to about 1e-9 rad here.
-    steps = step_s / 6 * (first + 4 * middle + last) + step_s**2 / 12 * np.cross(first, last)
-    end = 2 * len(steps)
-    turned = attitude(motion.angles[:, 0]) * product(Rotation.from_rotvec(steps))
-    assert (attitude(motion.angles[:, end]).inv() * turned).magnitude() < 1e-7
+    angles = move(plan, np.array([0.0, plan.duration_s])).angles
+    first, last = attitude(angles)
+    turn = turned(lambda t_s: move(plan, t_s).rate, plan.duration_s, fine_hz=1000.0)
+    assert (last.inv() * first * turn).magnitude() < 1e-7
 
 
 def test_angular_acceleration_is_the_derivative_of_the_rate():
@@ -166,7 +153,7 @@ def test_perfect_sensor_closes():
     earth = table_to_body(angles, earth_rate_table(PERFECT.latitude_deg * DEG, simulation.unit.heading_deg * DEG))
     rate = log.gyro * gyro_rps_per_lsb(PERFECT.gyro_fs_dps) - earth
     dt = np.diff(t_s)[:, None]
-    steps = dt * (rate[1:] + rate[:-1]) / 2 + dt**2 / 12 * np.cross(rate[:-1], rate[1:])
+    steps = dt * (rate[1:] + rate[:-1]) / 2 + dt**2 / 6 * np.cross(rate[:-1], rate[1:])  # from rest to rest
     turn = (t_s[:-1] > simulation.plan.closure[0]) & (t_s[1:] < simulation.plan.closure[1] + 0.05)
     assert product(Rotation.from_rotvec(steps[turn])).magnitude() < 0.03 * DEG
 

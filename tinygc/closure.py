@@ -67,7 +67,7 @@ def residual(q_pred, q_end, yaw_known: bool):
     """Residual (S, 2) or (S, 3), |r|^2 the squared quaternion distance; components about the table's x, y (and z)."""
     xp = rotation.namespace(q_pred)
     d = rotation.multiply(q_pred, rotation.conjugate(_like(q_pred, q_end)))
-    w, x, y, z = (d[..., i] for i in range(4))
+    w, x, y, z = rotation.split(d)
     if yaw_known:
         sign = xp.where(w < 0, -xp.ones_like(w), xp.ones_like(w))
         vector, c = xp.stack([x * sign, y * sign, z * sign], -1), w * sign

@@ -13,9 +13,16 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 PIPED_WIDTH = 160
 
 
+class _Output(Console):
+    """rich leaves with exit code 1 when the reader has gone, which here means a failed limit; the command line knows better."""
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
 def output(quiet: bool = False) -> Console:
     """Standard output; silent when quiet."""
-    return Console(quiet=quiet, highlight=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    return _Output(quiet=quiet, highlight=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
 
 
 @contextmanager

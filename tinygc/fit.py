@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +15,7 @@ from session.folder import Session, read_session
 from session.units import DEG, G
 from tinygc import models
 from tinygc.closure_run import ClosureRun, read_closure_runs
+from tinygc.files import write_whole
 from tinygc.methods import FitOptions, MethodFit, closure_angles, run_method
 from tinygc.problem import Problem, build_problem
 from tinygc.uncertainty import GoodnessOfFit, goodness, parameter_covariance
@@ -52,7 +52,8 @@ class FitResult:
 def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int, int], None] = lambda what, done, of: None) -> FitResult:
     """Run the main job.  ``progress`` is told what is being done, and how far it is.
 
-    Raises DataError for the first error of the first look, and the errors of ``read_session``, ``build_problem``, ``read_closure_runs`` and of the methods.
+    Raises DataError for the first error of the first look, and the errors of ``read_session``, ``build_problem``,
+    ``read_closure_runs`` and of the methods.
     """
     session = read_session(folder, lambda name: progress(f"reading {name}", 0, 1))
     progress("first look", 0, 1)
@@ -67,7 +68,7 @@ def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int,
     linear = fits.get("least_squares") or run_method("least_squares", problem, options)
     found = goodness(linear.angles, problem.floor, linear.parameters)
     rates = problem.still_rates if options.still_rates else None
-    covariance = parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates) * found.excess
+    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates, problem.middle_s)
     other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
     exact, first_order = (closure_angles(problem.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(
@@ -180,13 +181,6 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
         more = {"method": name, "session": result.session.name, "version": tinygc.__version__}
         if fit is result.linear:
             more["covariance"] = result.covariance.tolist()
-        _write(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
-    _write(folder / "fit.json", to_json(result))
+        write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
+    write_whole(folder / "fit.json", to_json(result))
     return folder
-
-
-def _write(path: Path, table: dict) -> None:
-    """Whole or not at all: a full disk must not leave half a model."""
-    partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
-    partial.replace(path)

@@ -20,7 +20,7 @@ from tinygc.still_rates import StillRates
 #: sigma of the prior around "no correction": 20 % for each element of E, 20 dps for the bias
 PRIOR_SIGMA = np.array([0.2] * 9 + [20 * DEG] * 3)
 #: a parameter whose sigma is not at least this much below its prior's was not observed
-OBSERVED_BELOW = 0.3
+OBSERVED_BELOW = 0.1
 MAX_STEPS = 50
 #: rad: a step that changes no residual by more than this ends the search
 TOLERANCE = 1e-9
@@ -53,6 +53,7 @@ def fit_least_squares(
         raise FitError("no segments to fit; see the reasons for which they were rejected")
     vector, prior = start.vector, start.vector
     weight = 1 / sigma[:, None]
+    rank = linear.PARAMETERS
     for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
         model = LinearModel.from_vector(vector)
         rate = model(batch.rate)
@@ -65,16 +66,18 @@ def fit_least_squares(
         if still_rates is not None:
             rows.append(still_rates.columns())
             values.append(still_rates.residuals(model))
-        rows.append(np.diag(1 / PRIOR_SIGMA))
-        values.append((vector - prior) / PRIOR_SIGMA)
-        jacobian, r = np.concatenate(rows), np.concatenate(values)
-        change = np.linalg.lstsq(jacobian * PRIOR_SIGMA, -r, rcond=None)[0] * PRIOR_SIGMA
+        jacobian, r = np.concatenate(rows) * PRIOR_SIGMA, np.concatenate(values)
+        left, strength, right = np.linalg.svd(jacobian, full_matrices=False)
+        # What noise alone lets a direction seem to do is no observation: it stays at the prior instead of fitting that noise.
+        rank = min(rank, int(np.sum(strength**2 > OBSERVED_BELOW**-2 - 1)))
+        aim = left.T @ (jacobian @ ((vector - prior) / PRIOR_SIGMA) - r) * strength / (strength**2 + 1)
+        change = prior + PRIOR_SIGMA * (aim[:rank] @ right[:rank]) - vector
         vector = vector + change
         if np.abs(design @ change).max() < TOLERANCE:
             break
     else:
         raise FitError(f"least squares did not settle in {MAX_STEPS} steps; look at `calibrate.py check` for what is wrong with the data")
-    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) * np.outer(PRIOR_SIGMA, PRIOR_SIGMA)
     seen = np.sqrt(np.diag(covariance)) < OBSERVED_BELOW * PRIOR_SIGMA
     unobserved = tuple(name for name, ok in zip(linear.NAMES, seen, strict=True) if not ok)
     return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps)

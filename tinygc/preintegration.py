@@ -19,7 +19,7 @@ import numpy as np
 
 from tinygc import closure, rotation
 from tinygc.closure import Batch
-from tinygc.integrate import cross
+from tinygc.integrate import CONING, cross
 
 #: a window ends when the measured angle or the time reaches this
 WINDOW_RAD = 0.1
@@ -53,7 +53,7 @@ def preintegrate(batch: Batch) -> Windows:
     """The windows of a batch."""
     m, h = batch.rate, batch.dt
     a = (m[:, :-1] + m[:, 1:]) / 2 * h[..., None]
-    within = cross(m[:, :-1], m[:, 1:]) * (h**2 / 12)[..., None]
+    within = cross(m[:, :-1], m[:, 1:]) * (h**2 * CONING)[..., None]
     progress = np.cumsum(np.linalg.norm(a, axis=-1) / WINDOW_RAD + h / WINDOW_S, axis=1)
     window = np.floor(np.minimum(progress, progress[:, -1:] - 1e-9)).astype(int)
     count = int(window.max()) + 1

@@ -59,6 +59,12 @@ class Problem:
         return [segment for segment in self.segments if segment.accepted]
 
     @property
+    def middle_s(self) -> np.ndarray:
+        """(S,) s of the session at the middle of each used segment, logs one after the other."""
+        began = np.cumsum([0.0] + [log.samples.duration_s for log in self.logs])
+        return np.array([began[segment.log] + segment.start_s + segment.duration_s / 2 for segment in self.used])
+
+    @property
     def stills(self) -> list[Still]:
         return [still for log in self.logs for still in log.stills]
 
@@ -69,13 +75,19 @@ class Problem:
 
 
 def build_problem(
-    session: Session, *, use_earth: bool = True, exclude: tuple[int, ...] = (), progress: Callable[[str], None] = lambda what: None
+    session: Session,
+    *,
+    use_earth: bool = True,
+    exclude: tuple[int, ...] = (),
+    moving: tuple[int, ...] = (),
+    progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
     """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
 
-    exclude: numbers of segments to leave out.  Raises SegmentError (no stills, nothing accepted, too few) and DataError.
+    exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none.
+    Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
-    logs, segments = _stills_and_segments(session, exclude, progress)
+    logs, segments = _stills_and_segments(session, exclude, moving, progress)
     _require_enough(session, logs, segments)
     chain = _batch(session, logs, segments)
     used = np.array([segment.accepted for segment in segments])
@@ -100,14 +112,16 @@ def build_problem(
     return Problem(session, segments, batch, floor, earth, logs, fit.model, _still_rates(logs, earth))
 
 
-def _stills_and_segments(session: Session, exclude, progress) -> tuple[list[StillSet], list[Segment]]:
-    logs, segments = [], []
+def _stills_and_segments(session: Session, exclude, moving, progress) -> tuple[list[StillSet], list[Segment]]:
+    logs, segments, number = [], [], 0
     for log in session.logs:
         progress(f"stills of {log.path.name}")
         samples = session.calibrated(log)
         stills, noise = find_stills(samples, session.config.protocol.still_s)
         if noise is None:
             continue
+        stills = [replace(s, problem="turns about the vertical") if number + i in moving else s for i, s in enumerate(stills)]
+        number += len(stills)
         segments += cut_segments(samples, stills, session.config.sensor, session.config.protocol, log=len(logs), number=len(segments))
         logs.append(StillSet(samples, stills, noise, np.zeros((0, 4))))
     excluded = [replace(s, problem="left out by request") if s.number in exclude else s for s in segments]

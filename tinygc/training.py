@@ -28,7 +28,7 @@ TIES = (0.0, 0.1, 0.3, 1.0, 3.0)
 #: the inner weights are tied ten times closer: they move the kinks away from zero rate, where a gyroscope has no reason to have one
 INNER_TIE = 0.1
 #: standard errors by which a looser tie must lower the left-out error before its kinks are believed
-BELIEF = 2.0
+BELIEF = 3.0
 #: sigma of the weak prior on the linear part, as in least squares: 20 % and 20 dps
 LINEAR_SIGMA = np.array([0.2] * 9 + [20 * DEG] * 3)
 MAX_STEPS = 25

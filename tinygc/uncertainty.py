@@ -14,6 +14,7 @@ from tinygc.integrate import sample_weights
 from tinygc.least_squares import PRIOR_SIGMA
 from tinygc.linear import LinearModel
 from tinygc.still_rates import StillRates
+from tinygc.wander import wander_covariance
 
 #: a closure this improbable from noise alone is a mismatch
 MISMATCH_P = 0.01
@@ -42,12 +43,18 @@ def goodness(angles: np.ndarray, floor: Floor, parameters: int) -> GoodnessOfFit
 
 
 def parameter_covariance(
-    batch: closure.Batch, floor: Floor, model: LinearModel, earth: EarthRate, still_rates: StillRates | None = None
+    batch: closure.Batch,
+    floor: Floor,
+    model: LinearModel,
+    earth: EarthRate,
+    still_rates: StillRates | None = None,
+    middle_s: np.ndarray | None = None,
 ) -> np.ndarray:
     """(12, 12) covariance of ``LinearModel.vector`` as least squares fits it.
 
-    Weighted least squares with weights 1/sigma^2 does not see that neighbours share a still, nor that the heading is only
-    estimated; the sandwich H^-1 (J' W C W J) H^-1 does (White 1980).
+    Weighted least squares with weights 1/sigma^2 does not see that neighbours share a still, that the heading is only estimated,
+    nor that the bias wanders while the session lasts; the sandwich H^-1 (J' W C W J) H^-1 does (White 1980).
+    middle_s (S,): when each segment was recorded, for the wander; without it the bias is taken to stand still.
     """
     rate = model(batch.rate)
     sensitivity = closure.sensitivity(batch, rate)
@@ -66,6 +73,11 @@ def parameter_covariance(
         column = np.einsum("stij,stj->si", sensitivity, body)[:, : batch.angles]
         pull = np.einsum("sdp,sd->p", design * weight, column) * earth.heading_sigma_rad
         meat += np.outer(pull, pull)
+    if middle_s is not None:
+        # A bias error turns a segment's end as the three bias columns say.
+        pull = np.einsum("sdp,sdi->spi", design * weight, design[..., 9:])
+        wander = wander_covariance(middle_s)
+        meat += np.einsum("spi,st,tqi->pq", pull, wander, pull, optimize=True)
     inverse = np.linalg.inv(hessian)
     return inverse @ meat @ inverse
 

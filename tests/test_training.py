@@ -1,0 +1,125 @@
+"""Training: the linear solution where the sensor is linear, better than it where the sensor is not, and the same every time."""
+
+import numpy as np
+import pytest
+from conftest import Turns
+
+from session.errors import FitError
+from session.units import DEG
+from tinygc import closure
+from tinygc.least_squares import fit_least_squares
+from tinygc.linear import LinearModel, bias_only
+from tinygc.network import CalibrationNet
+from tinygc.still_rates import StillRates
+from tinygc.training import train_adamw, train_second_order
+
+MODEL = LinearModel(np.array([[1.01, 0.005, -0.004], [-0.006, 0.988, 0.003], [0.005, -0.002, 1.008]]), np.array([1.0, -0.7, 0.4]) * DEG)
+NOISE_DPS, ODR_HZ = 0.005, 52.0
+
+
+def recording(seed, asymmetry=0.0, count=24, turns_seed=11, model=MODEL):
+    """A chain of turns with the gyro's noise; its sensitivity differs by ± asymmetry for + and − rates, on every axis."""
+    turns = Turns(count, seed=turns_seed, odr_hz=ODR_HZ)
+    rng = np.random.default_rng(seed)
+    felt = turns.rate + asymmetry * np.abs(turns.rate)
+    measured = (felt - model.B) @ np.linalg.inv(model.E).T
+    measured = measured + NOISE_DPS * DEG * np.sqrt(ODR_HZ / 2) * rng.standard_normal(measured.shape)
+    batch = closure.Batch(measured, turns.dt, np.zeros_like(measured), turns.q[:-1], turns.q[1:], False)
+    return batch, np.full(count, NOISE_DPS * DEG / np.sqrt(2) * 2)  # the angle random walk over 4 s
+
+
+def rms(batch, model):
+    return np.sqrt(np.mean(np.sum(closure.segment_residuals(batch, model(batch.rate)) ** 2, axis=-1))) * 2 / DEG
+
+
+def test_where_the_sensor_is_linear_it_finds_least_squares():
+    """With the bend tied down: the same minimum of the same loss."""
+    batch, sigma = recording(0)
+    trained = train_second_order(batch, sigma, ties=(0.0,))
+    linear = fit_least_squares(batch, sigma, bias_only()).model
+    expected = linear(batch.rate)
+    assert trained.tie == 0
+    np.testing.assert_allclose(trained.net(batch.rate), expected, atol=2e-5 * np.abs(expected).max())
+    assert rms(batch, trained.net) == pytest.approx(rms(batch, linear), rel=1e-3)
+
+
+def test_noise_seldom_bends_it():
+    """On linear recordings the linear solution is mostly kept, and where it is not, little is lost on fresh turns."""
+    kept, worse = [], []
+    for seed in range(6):
+        batch, sigma = recording(seed)
+        fresh, _ = recording(100 + seed, turns_seed=12)
+        trained, linear = train_second_order(batch, sigma), fit_least_squares(batch, sigma, bias_only()).model
+        kept.append(trained.tie == 0)
+        worse.append(rms(fresh, trained.net) / rms(fresh, linear))
+    assert np.mean(kept) >= 0.6
+    assert np.median(worse) < 1.02
+
+
+def test_an_asymmetry_of_scale_is_learnt_and_least_squares_cannot():
+    """0.3 % between + and − turns, judged on turns that neither fit has seen: near the noise, where the linear model is far above."""
+    batch, sigma = recording(0, asymmetry=0.003, count=40)
+    fresh, fresh_sigma = recording(1, asymmetry=0.003, count=40, turns_seed=12)
+    trained, linear = train_second_order(batch, sigma), fit_least_squares(batch, sigma, bias_only()).model
+    assert trained.tie > 0
+    floor = np.sqrt(2) * fresh_sigma[0] / DEG
+    assert rms(fresh, linear) > 3 * floor
+    assert rms(fresh, trained.net) < 0.5 * rms(fresh, linear)
+    # What it has learnt is the asymmetry: sensitivities of + and − rates about each axis.
+    for axis in range(3):
+        plus, minus = np.zeros((2, 3))
+        plus[axis], minus[axis] = 1.5, -1.5
+        zero = trained.net(np.zeros(3))[axis]
+        half_difference = ((trained.net(plus)[axis] - zero) + (trained.net(minus)[axis] - zero)) / 2 / 1.5
+        # omega = E m + B is what the net should undo: |omega| k is to be taken off.
+        assert half_difference == pytest.approx(-0.003, abs=0.0015)
+
+
+def test_an_asymmetry_on_aligned_axes_is_learnt_to_the_noise():
+    """W2 bends along its own columns, which hold the misalignment, too: only where that is nil can 27 weights undo it wholly."""
+    aligned = LinearModel(np.diag(np.diag(MODEL.E)), MODEL.B)
+    batch, sigma = recording(0, asymmetry=0.003, count=40, model=aligned)
+    fresh, fresh_sigma = recording(1, asymmetry=0.003, count=40, turns_seed=12, model=aligned)
+    assert rms(fresh, train_second_order(batch, sigma).net) < 1.5 * np.sqrt(2) * fresh_sigma[0] / DEG
+
+
+def test_same_data_same_numbers():
+    batch, sigma = recording(3)
+    first, second = train_second_order(batch, sigma), train_second_order(batch, sigma)
+    np.testing.assert_array_equal(first.net.vector, second.net.vector)
+    assert first.loss == second.loss
+    first, second = (train_adamw(batch, sigma, epochs=5) for _ in range(2))
+    np.testing.assert_array_equal(first.net.vector, second.net.vector)
+
+
+def test_adamw_starts_at_the_identity_and_approaches_the_second_order_loss():
+    batch, sigma = recording(4, count=8)
+    identity = np.mean((closure.segment_residuals(batch, CalibrationNet.identity()(batch.rate)) * (2 / sigma)[:, None]) ** 2)
+    seen = []
+    trained = train_adamw(batch, sigma, epochs=160, progress=lambda done, of: seen.append((done, of)))
+    assert trained.loss[0] == pytest.approx(identity, rel=1e-9)
+    assert seen[-1] == (160, 160)
+    best = train_second_order(batch, sigma, ties=(0.0,)).loss[-1]
+    assert trained.loss[-1] < 1e-3 * trained.loss[0]
+    assert trained.loss[-1] < 30 * max(best, 1.0)
+    assert min(trained.loss) == pytest.approx(trained.loss[-1], rel=0.2)  # the decay lets it settle
+
+
+def test_still_rates_pin_the_rate_at_rest():
+    """With few segments the bias is loose; the stills' rates fix it, for both optimisers."""
+    batch, sigma = recording(5, count=8)
+    earth = np.zeros((9, 3))
+    at_rest = np.tile(-np.linalg.inv(MODEL.E) @ MODEL.B, (9, 1))
+    rates = StillRates(at_rest, earth, np.full((9, 3), 1e-6))
+    second = train_second_order(batch, sigma, still_rates=rates, ties=(0.0,)).net
+    np.testing.assert_allclose(second(at_rest), 0, atol=2e-6)
+    first = train_adamw(batch, sigma, epochs=30, still_rates=rates)
+    assert first.loss[-1] < first.loss[0]
+
+
+def test_rates_that_are_not_finite_are_refused():
+    batch, sigma = recording(6, count=8)
+    batch.rate[2, 5, 1] = np.inf
+    for train in (train_second_order, lambda *a: train_adamw(*a, epochs=2)):
+        with np.errstate(invalid="ignore", over="ignore"), pytest.raises(FitError, match="finite"):
+            train(batch, sigma)

@@ -1,0 +1,21 @@
+"""The catalogue: every effect that can make a recording differ from its simulation, one small file each (FORMATS, effects).
+
+A file in this folder that defines ``EFFECT`` is in the catalogue; nothing else has to be changed.  Names that begin with an underscore
+are not effects.  ``_effect.py`` says what an effect must offer.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import cache
+
+from tinygc.effects._effect import Effect
+
+
+@cache
+def catalogue() -> dict[str, Effect]:
+    """All effects by id, in the order of their ids."""
+    names = sorted(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
+    effects = [importlib.import_module(f"{__name__}.{name}").EFFECT for name in names]
+    return {effect.id: effect for effect in sorted(effects, key=lambda effect: effect.id)}

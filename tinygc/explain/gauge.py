@@ -1,0 +1,52 @@
+"""What the closure cannot fix: a delay that all axes share.  Convention and gravity during the turns fix it instead."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tinygc.explain.refit import Refit
+from tinygc.explain.turn_gravity import turn_gravity
+from tinygc.explain.twin import Twin
+from tinygc.explain.whitening import Whitener
+
+_DIAGONAL = [0, 4, 8]
+
+
+def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    """The same fit with its common delay put where it belongs.
+
+    Skewed axes are counted from the earliest.  Sensitivity to angular acceleration, whose diagonal is a common delay plus
+    differences, takes the delay between gyro and accelerometer for the common part.
+    """
+    for number, claim in enumerate(fit.state.claims):
+        if claim.effect.id == "timing.axis_skew":
+            fit = _with_theta(twin, whiten, fit, number, claim.theta - claim.theta.min())
+        if claim.effect.id == "gyro.angular_acceleration":
+            fit = _with_common_delay(twin, whiten, fit, number)
+    return fit
+
+
+def _with_theta(twin: Twin, whiten: Whitener, fit: Refit, number: int, theta: np.ndarray) -> Refit:
+    claims = list(fit.state.claims)
+    claims[number] = replace(claims[number], theta=theta)
+    state = replace(fit.state, claims=tuple(claims))
+    rates = twin.rates(state)
+    return replace(fit, state=state, rates=rates, r=whiten(twin.residuals(state, rates).stacked()))
+
+
+def _with_common_delay(twin: Twin, whiten: Whitener, fit: Refit, number: int) -> Refit:
+    """A gyro that is late by s shows omega - s d omega/dt."""
+    gravity = turn_gravity(twin, fit)
+    theta = fit.state.claims[number].theta.copy()
+    theta[_DIAGONAL] -= gravity.offset_s
+    fit = _with_theta(twin, whiten, fit, number, theta)
+    at = 15 + sum(len(claim.theta) for claim in fit.state.claims[:number])
+    rows = np.add(_DIAGONAL, at)
+    change = np.eye(len(fit.covariance))
+    change[np.ix_(rows, rows)] -= 1 / 3
+    covariance = change @ fit.covariance @ change.T
+    # The filters' own relative delay is within the bar; three sigmas of it.
+    covariance[np.ix_(rows, rows)] += gravity.sigma_s**2 + (gravity.bar_s / 3) ** 2
+    return replace(fit, covariance=covariance)

@@ -1,0 +1,179 @@
+"""What the registers and the stills themselves tell, found and mended before anything is fitted to what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.errors import CalibrationError
+from session.folder import Session
+from session.logfile import Log
+from session.units import DEG
+from tinygc import closure, rotation
+from tinygc.explain import registers
+from tinygc.explain.refit import refit
+from tinygc.explain.twin import Twin
+from tinygc.explain.whitening import Whitener
+from tinygc.least_squares import fit_least_squares
+from tinygc.problem import Problem, build_problem
+
+#: chi-square per missing-sample parameter that a loss must save: a chance of some 10^-9
+SURE = 40.0
+LONGEST_LOSS_S = 0.5
+#: segments without a loss from which a linear model can be had
+FEWEST_WHOLE = 12
+#: a still that turns about the vertical shows only in the gyro: its rate must stand out by this much from stills that agree
+OUTLIER_SIGMAS = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units;
+    sure: effect id -> p-value or an upper bound of it."""
+
+    problem: Problem
+    found: dict[str, tuple[dict, dict]]
+
+
+def mend(problem: Problem, progress: Callable[[str], None] = lambda what: None) -> Mended:
+    """Look at clipping, false readings, losses and creeping stills, in this order; each is mended before the next is looked for."""
+    found: dict[str, tuple[dict, dict]] = {}
+    progress("registers")
+    problem = _without_clipped(problem, found)
+    problem = _without_glitches(problem, found)
+    problem = _with_lost(problem, found)
+    progress("stills")
+    problem = _without_creeping(problem, found)
+    return Mended(problem, found)
+
+
+def _with_logs(session: Session, logs: list[Log]) -> Session:
+    return replace(session, logs=tuple(logs))
+
+
+def _without_clipped(problem: Problem, found: dict) -> Problem:
+    """Leave out the segments in which a rate stands at a level."""
+    full_scale = problem.session.config.sensor.gyro_fs_dps * DEG
+    ceilings = [registers.find_ceiling(log.samples, full_scale) for log in problem.logs]
+    known = [ceiling for ceiling in ceilings if ceiling is not None]
+    if not known:
+        return problem
+    level = float(np.median([ceiling.level for ceiling in known]))
+    clipped = [
+        segment.number
+        for segment in problem.segments
+        if ceilings[segment.log] is not None and ceilings[segment.log].mask[segment.start : segment.stop].any()
+    ]
+    found["gyro.saturation"] = ({"dps": level / DEG}, {"dps": 0.002 * level / DEG})
+    try:
+        return build_problem(problem.session, use_earth=problem.earth.source != "none", exclude=tuple(clipped))
+    except CalibrationError:
+        return problem
+
+
+def _without_glitches(problem: Problem, found: dict) -> Problem:
+    rows, lengths, logs, before = [], [], [], 0
+    for log in problem.session.logs:
+        samples = problem.session.calibrated(log)
+        glitches = registers.find_glitches(registers.find_jumps(samples), samples.duration_s)
+        if glitches is not None:
+            rows += (glitches.rows + before).tolist()
+            lengths += glitches.samples.tolist()
+            log = replace(log, samples=registers.without_glitches(log.samples, glitches))
+        before += len(log.samples)
+        logs.append(log)
+    if not rows:
+        return problem
+    found["data.glitches"] = ({"at": rows, "samples": int(np.median(lengths))}, {"samples": 0.0})
+    return _again(problem, _with_logs(problem.session, logs))
+
+
+def _again(problem: Problem, session: Session) -> Problem:
+    excluded = tuple(segment.number for segment in problem.segments if segment.problem == "left out by request")
+    return build_problem(session, use_earth=problem.earth.source != "none", exclude=excluded)
+
+
+def _with_lost(problem: Problem, found: dict) -> Problem:
+    """Put lost samples back where there is a step in all channels, if that closes the segments."""
+    at = []
+    for log in problem.session.logs:
+        samples = problem.session.calibrated(log)
+        at.append(registers.find_losses(registers.find_jumps(samples), samples.duration_s))
+    if not sum(map(len, at)):
+        return problem
+    count, gain = _lost_count(problem, at)
+    if count < 1 or gain < SURE:
+        return problem
+    logs, times, began = [], [], 0.0
+    for log, rows in zip(problem.session.logs, at, strict=True):
+        period_s = log.samples.period_s
+        times += [began + log.samples.t_s[row] + i * count * period_s for i, row in enumerate(rows)]
+        logs.append(replace(log, samples=registers.with_lost(log.samples, rows, count)))
+        began += log.samples.duration_s
+    found["timing.dropped_samples"] = ({"at_s": [round(float(time), 3) for time in times], "length": count}, {"length": 0.5})
+    return _again(problem, _with_logs(problem.session, logs))
+
+
+def _lost_count(problem: Problem, at: list[np.ndarray]) -> tuple[int, float]:
+    """How many samples were lost each time, from the closure, and the chi-square that putting them back saves.
+
+    For this search a loss is one long step; the linear model is the one that the segments without a loss ask for.
+    """
+    batch, sigma = problem.batch, problem.floor.sigma
+    steps = [[int(row) - segment.start for row in at[segment.log] if segment.start <= row < segment.stop - 1] for segment in problem.used]
+    hit = np.array([bool(inside) for inside in steps])
+    if not hit.any():
+        return 0, 0.0
+    model = problem.first
+    if (~hit).sum() >= FEWEST_WHOLE:
+        model = fit_least_squares(batch.pick(~hit), sigma[~hit], problem.first).model
+    period_s = float(np.median([log.samples.period_s for log in problem.session.logs]))
+    part, weight = batch.pick(hit), 1 / sigma[hit][:, None]
+    costs = []
+    for count in range(round(LONGEST_LOSS_S / period_s) + 1):
+        dt = part.dt.copy()
+        for row, inside in zip(dt, [inside for inside in steps if inside], strict=True):
+            row[inside] += count * period_s
+        trial = replace(part, dt=dt)
+        angles = closure.error_angles(closure.segment_residuals(trial, model(trial.rate)))
+        costs.append(float(np.sum((angles * weight) ** 2)))
+    best = int(np.argmin(costs))
+    return best, costs[0] - costs[best]
+
+
+def _without_creeping(problem: Problem, found: dict) -> Problem:
+    """Stills in which gravity moves were found by the detector; those that turn about the vertical stand out by their rate."""
+    numbers = [i for i, still in enumerate(problem.stills) if still.problem is not None]
+    if not numbers:
+        return problem
+    turning = _about_the_vertical(problem)
+    found["reference.not_still"] = ({"stills": sorted(numbers + turning)}, {})
+    if not turning:
+        return problem
+    return build_problem(problem.session, use_earth=problem.earth.source != "none", moving=tuple(turning))
+
+
+def _about_the_vertical(problem: Problem) -> list[int]:
+    """Numbers of the stills whose rate stands out from the others', along gravity."""
+    twin = Twin(problem)
+    whiten = Whitener(twin)
+    reference = [i for i, still in enumerate(problem.stills) if still.problem is None]
+    still_rows = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
+    good = np.ones(len(reference), dtype=bool)
+    fit = None
+    for _ in range(8):
+        rows = np.ones(whiten.parts["length"].stop, dtype=bool)
+        rows[still_rows[~good].ravel()] = False
+        fit = refit(twin, whiten, [], fit.state if fit else twin.start(), rows=rows, max_steps=4)
+        rate = twin.residuals(fit.state, fit.rates).still
+        spread = np.median(np.linalg.norm(rate, axis=1)) / 1.54
+        size = np.linalg.norm(rate, axis=1) / max(spread, 1e-12)
+        now = size < OUTLIER_SIGMAS
+        if (now == good).all() or now.sum() < len(now) / 2:
+            break
+        good = now
+    in_table = np.einsum("qij,qj->qi", rotation.matrix(twin.q_tb), rate)
+    vertical = np.abs(in_table[:, 2]) > 3 * np.linalg.norm(in_table[:, :2], axis=1)
+    return [number for number, fine, along in zip(reference, good, vertical, strict=True) if not fine and along]

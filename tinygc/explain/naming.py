@@ -1,0 +1,181 @@
+"""Forward selection of effects on exact residuals: name the strongest, refit, look again; at most a handful."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tinygc.effects import catalogue
+from tinygc.effects._effect import Effect
+from tinygc.explain.refit import Refit, refit
+from tinygc.explain.selection import FAMILY_WISE, Selection
+from tinygc.explain.twin import Twin
+from tinygc.explain.whitening import Whitener
+
+MOST_EFFECTS = 4
+#: a further effect must be surer than the first: what the first explains is only as exact as its model
+LATER_FAMILY_WISE = 0.01
+#: and take up at least this share of what has been explained so far: a model is good to a tenth of an effect's size
+LATER_SHARE = 1e-2
+#: candidates whose linear gain is at least this share of the best one's are refitted exactly before one is named
+LOOKALIKE_SHARE = 0.75
+MOST_LOOKALIKES = 4
+#: chi-square by which a stand-in may be worse and still be said
+STAND_IN = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """One effect with its family-wise p-value, the chi-square it takes up, and the effects that could stand in for it."""
+
+    effect: Effect
+    p_value: float
+    gain: float
+    equivalent: tuple[str, ...] = ()
+
+
+@dataclass(eq=False)
+class Naming:
+    """named, strongest first; fit with all of them; first_p: family-wise p-value of the first look; first: the fit without any."""
+
+    first: Refit
+    first_p: float
+    fit: Refit
+    named: list[Named] = field(default_factory=list)
+
+
+def candidates(twin: Twin) -> list[Effect]:
+    """What can be tried on this recording; an effect with a scanned shape gives one candidate for each value."""
+    has_temp = all(np.isfinite(movement.temp_c).all() for movement in twin.movements)
+    found = []
+    for effect in catalogue().values():
+        if effect.kind == "register" or (effect.needs == "temperature" and not has_temp):
+            continue
+        if effect.kind == "earth" and twin.problem.earth.source != "none":
+            continue
+        found += effect.variants(segment_times(twin)) if effect.variants else [effect]
+    return found
+
+
+def segment_times(twin: Twin) -> np.ndarray:
+    """Middle of each turn but the first and the last, s of the session."""
+    times = [twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments]
+    return np.array(times[1:-1])
+
+
+def name_effects(
+    twin: Twin,
+    whiten: Whitener,
+    tried: list[Effect],
+    seed: int,
+    progress: Callable[[str], None] = lambda what: None,
+    *,
+    explained: float = 0.0,
+    most: int = MOST_EFFECTS,
+    stand_ins: bool = True,
+) -> Naming:
+    """Name what the recording shows beyond the present physics; ``explained``: chi-square that mending has taken up before."""
+    fit = first = refit(twin, whiten, [], twin.start())
+    effects: list[Effect] = []
+    named: dict[str, tuple[float, float]] = {}
+    first_p = 1.0
+    while len(effects) < most:
+        progress(f"naming, round {len(effects) + 1}")
+        ids = {effect.id for effect in effects}
+        rest = [effect for effect in tried if effect.id not in ids]
+        selection = _selection(twin, whiten, fit, rest, seed)
+        if not selection.groups:
+            break
+        log_p = selection.log_p(fit.r)
+        p_value = selection.family_wise(float(log_p.min()))
+        if not effects:
+            first_p = p_value
+        if p_value > (LATER_FAMILY_WISE if effects else FAMILY_WISE):
+            break
+        effect, better = _best_exact(twin, whiten, fit, effects, rest, selection, log_p)
+        gain = fit.chi_square - better.chi_square
+        if gain < LATER_SHARE * (first.chi_square - fit.chi_square + explained):
+            break
+        effects, fit = [*effects, effect], better
+        named[effect.id] = (p_value, gain)
+        effects, fit = _without_idle(twin, whiten, effects, fit)
+    if effects:
+        progress("lookalikes")
+    result = [
+        Named(effect, *named[effect.id], _stand_ins(twin, whiten, effects, effect, fit, tried, seed) if stand_ins else ())
+        for effect in effects
+    ]
+    return Naming(first, first_p, fit, sorted(result, key=lambda n: -n.gain))
+
+
+def _selection(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int) -> Selection:
+    columns = {
+        number: whiten(twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked()) for number, effect in enumerate(rest)
+    }
+    return Selection(fit.J, columns, seed)
+
+
+def _best_exact(twin, whiten, fit: Refit, effects, rest, selection: Selection, log_p: np.ndarray) -> tuple[Effect, Refit]:
+    """Of the candidates that linear columns cannot tell apart, the one whose exact refit is best for its number of parameters."""
+    gains = np.array(list(selection.gains(fit.r).values()))
+    best = int(np.argmin(log_p))
+    close = [g for g in np.argsort(log_p) if gains[g] >= LOOKALIKE_SHARE * gains[best]]
+    trials: dict[str, tuple[float, Effect, Refit]] = {}
+    for g in close:
+        effect = rest[selection.groups[g].name]
+        if effect.id in trials or len(trials) >= MOST_LOOKALIKES:
+            continue
+        effect = _sharpened(twin, whiten, fit, effect)
+        trial = refit(twin, whiten, [*effects, effect], fit.state)
+        trials[effect.id] = (trial.chi_square + effect.parameter.size * np.log(len(fit.r)), effect, trial)
+    _, effect, trial = min(trials.values(), key=lambda item: item[0])
+    return effect, trial
+
+
+def _sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effect:
+    """A scanned shape between its neighbours on the coarse grid, found on finer and finer ones."""
+    if not effect.shape:
+        return effect
+    times = segment_times(twin)
+    reach = float(np.median(np.diff(times)))
+    for _ in range(3):
+        (at,) = effect.shape.values()
+        trials = catalogue()[effect.id].variants(np.linspace(at - reach, at + reach, 15))
+        gains = _selection(twin, whiten, fit, trials, 0).gains(fit.r)
+        effect = trials[max(gains, key=gains.get)]
+        reach /= 6
+    return effect
+
+
+def _without_idle(twin, whiten, effects: list[Effect], fit: Refit) -> tuple[list[Effect], Refit]:
+    """Drop an earlier effect that the latest one has made needless: without it chi-square rises by no more than its parameters may."""
+    from scipy.stats import chi2
+
+    for effect in effects[:-1]:
+        fewer = [other for other in effects if other is not effect]
+        without = refit(twin, whiten, fewer, fit.state)
+        if without.chi_square - fit.chi_square < chi2.isf(LATER_FAMILY_WISE, effect.parameter.size):
+            return fewer, without
+    return effects, fit
+
+
+def _stand_ins(twin, whiten, effects, effect: Effect, fit: Refit, tried: list[Effect], seed: int) -> tuple[str, ...]:
+    """Candidates that replace an effect at a cost in chi-square of less than ``STAND_IN``, each refitted exactly."""
+    others = [other for other in effects if other is not effect]
+    ids = {other.id for other in effects}
+    base = refit(twin, whiten, others, fit.state)
+    rest = [candidate for candidate in tried if candidate.id not in ids]
+    selection = _selection(twin, whiten, base, rest, seed)
+    gains = selection.gains(base.r)
+    bar = 0.9 * (base.chi_square - fit.chi_square) - STAND_IN
+    found = []
+    for number in sorted(gains, key=gains.get, reverse=True):
+        candidate = rest[number]
+        if gains[number] < bar or candidate.id in found or len(found) >= MOST_LOOKALIKES:
+            continue
+        trial = refit(twin, whiten, [*others, _sharpened(twin, whiten, base, candidate)], base.state)
+        if trial.chi_square < fit.chi_square + STAND_IN:
+            found.append(candidate.id)
+    return tuple(found)

@@ -1,0 +1,166 @@
+"""The registers themselves: isolated false readings, samples that were lost while the stamps closed up, levels that are not left.
+
+A hand moves smoothly, and the sensor's filter smooths it further: the third difference of the readings holds noise and little else.
+A jump stands out there by its own size.  A false reading jumps away and back, in the gyro alone.  A loss jumps once, for good, in gyro
+and accelerometer together.  What is found can be repaired, so that the rest of the recording is still worth explaining.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from session.clipping import run_bar
+from session.samples import Samples
+
+#: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump
+JUMP = 12.0
+#: s: where that scatter is taken, and what a sensor's filter takes to start
+NEIGHBOURHOOD_S, START_S = 0.2, 0.1
+LONGEST_GLITCH = 8  #: samples
+SIDE = 4  #: samples on either side from which what was lost is bridged
+#: losses and false readings are rare: more than one a second is another thing
+PER_SECOND = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Glitches:
+    """False readings: rows where each begins, and samples, how many each lasts."""
+
+    rows: np.ndarray
+    samples: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Jumps:
+    """Steps between rows[i] and rows[i] + 1; size (J, 6) of each in every channel, signed, in the neighbourhood's own scatter."""
+
+    rows: np.ndarray
+    size: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Ceiling:
+    """A level that a rate does not leave: rad/s, and the mask (N,) of the samples at it."""
+
+    level: float
+    mask: np.ndarray
+
+
+def find_jumps(samples: Samples) -> Jumps:
+    """All steps that a smooth movement does not make."""
+    values = np.concatenate([samples.gyro, samples.accel], axis=1)
+    third = np.diff(values, 3, axis=0)
+    size = third / _neighbourhood(np.abs(third), samples.period_s)
+    total = np.sqrt(np.sum(size**2, axis=1))
+    total[: round(START_S / samples.period_s)] = 0
+    high = np.flatnonzero(total > JUMP)
+    # A step between rows k and k+1 is in the third differences k-2, k-1, k, and twice as large in the middle one.
+    peaks = [i for i in high if total[i] >= total[max(i - 2, 0) : i + 3].max()]
+    rows = np.array(peaks, dtype=int) + 1
+    return Jumps(rows, -size[peaks] / 2 if len(peaks) else np.zeros((0, 6)))
+
+
+def _neighbourhood(absolute: np.ndarray, period_s: float) -> np.ndarray:
+    """Scatter around each row, from medians: a jump does not hide itself, and a turn's beginning is not one."""
+    step = max(round(NEIGHBOURHOOD_S / period_s), 4)
+    count = len(absolute) // step
+    if count < 5:
+        return np.maximum(np.median(absolute, axis=0) / 0.6745, 1e-12)
+    coarse = np.median(absolute[: count * step].reshape(count, step, -1), axis=1) / 0.6745
+    coarse = np.maximum(maximum_filter1d(coarse, 3, axis=0), np.median(coarse, axis=0))
+    return np.maximum(coarse, 1e-12)[np.minimum(np.arange(len(absolute)) // step, count - 1)]
+
+
+def find_glitches(jumps: Jumps, duration_s: float) -> Glitches | None:
+    """Pairs of steps in the gyro alone, the second undoing the first within some samples."""
+    rows, lengths, i = [], [], 0
+    while i + 1 < len(jumps.rows):
+        length = int(jumps.rows[i + 1] - jumps.rows[i])
+        away, back = jumps.size[i], jumps.size[i + 1]
+        gyro, accel = np.linalg.norm(away[:3] - back[:3]), np.linalg.norm(away[3:]) + np.linalg.norm(back[3:])
+        undone = np.linalg.norm(away[:3] + back[:3]) < 0.5 * gyro
+        if length <= LONGEST_GLITCH and undone and accel < gyro:
+            rows.append(int(jumps.rows[i]) + 1)
+            lengths.append(length)
+            i += 1
+        i += 1
+    if not rows or len(rows) > PER_SECOND * duration_s:
+        return None
+    return Glitches(np.array(rows), np.array(lengths))
+
+
+def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
+    """Rows (L,) after which samples may be missing: steps that stay, in gyro and accelerometer alike."""
+    alone = np.array([np.sum(np.abs(jumps.rows - row) <= LONGEST_GLITCH) == 1 for row in jumps.rows], dtype=bool)
+    rows = jumps.rows[alone] if len(jumps.rows) else jumps.rows
+    return rows if len(rows) <= PER_SECOND * duration_s else rows[:0]
+
+
+def find_ceiling(samples: Samples, full_scale_rps: float) -> Ceiling | None:
+    """A rate below the register's end that an axis reaches again and again, and never passes."""
+    found = []
+    for axis in range(3):
+        for sign in (1, -1):
+            values = sign * samples.gyro[:, axis]
+            top = values.max()
+            if top > 0.05 * full_scale_rps:
+                at = values >= top - _lsb(samples.gyro[:, axis])
+                quiet = np.diff(samples.gyro[:, axis])
+                bar = run_bar(float(np.median(np.abs(quiet))) / 0.6745 / np.sqrt(2), 2 * _lsb(samples.gyro[:, axis]))
+                if _longest_run(at) >= bar:
+                    found.append((top, at))
+    if not found:
+        return None
+    level = float(np.median([top for top, _ in found]))
+    return Ceiling(level, np.any([at for _, at in found], axis=0))
+
+
+def _lsb(values: np.ndarray) -> float:
+    distinct = np.unique(np.abs(np.diff(values[:20000])))
+    return float(distinct[distinct > 1e-9][0]) if (distinct > 1e-9).any() else 0.0
+
+
+def _longest_run(mask: np.ndarray) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.view(np.int8), [0]])))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def without_glitches(samples: Samples, glitches: Glitches) -> Samples:
+    """False readings replaced by a straight line between their neighbours."""
+    gyro = samples.gyro.copy()
+    for row, count in zip(glitches.rows, glitches.samples, strict=True):
+        share = np.arange(1, count + 1)[:, None] / (count + 1)
+        gyro[row : row + count] = (1 - share) * gyro[row - 1] + share * gyro[row + count]
+    return replace(samples, gyro=gyro)
+
+
+def with_lost(samples: Samples, rows: np.ndarray, count: int) -> Samples:
+    """``count`` samples put back after each of the rows, by a cubic through their neighbours, and the later stamps moved on."""
+    period_ns = round(samples.period_s * 1e9)
+    names = ["gyro", "accel"] + (["temp_c"] if samples.temp_c is not None else [])
+    pieces: dict[str, list] = {name: [] for name in ["t_ns", *names]}
+    bounds = [0, *(rows + 1), len(samples)]
+    for i, (start, stop) in enumerate(pairwise(bounds)):
+        moved = i * count * period_ns
+        pieces["t_ns"].append(samples.t_ns[start:stop] + moved)
+        for name in names:
+            pieces[name].append(getattr(samples, name)[start:stop])
+        if i < len(rows):
+            pieces["t_ns"].append(samples.t_ns[stop - 1] + moved + period_ns * np.arange(1, count + 1))
+            for name in names:
+                pieces[name].append(_bridge(getattr(samples, name), stop, count))
+    joined = {name: np.concatenate(parts) for name, parts in pieces.items()}
+    return Samples(joined["t_ns"], joined["gyro"], joined["accel"], joined.get("temp_c"))
+
+
+def _bridge(values: np.ndarray, stop: int, count: int) -> np.ndarray:
+    """``count`` values between rows stop-1 and stop, by a least-squares cubic through ``SIDE`` neighbours on either side."""
+    before, after = np.arange(-SIDE, 0), np.arange(count, count + SIDE)
+    at = np.concatenate([before, after]).astype(float)
+    known = np.concatenate([values[max(stop - SIDE, 0) : stop], values[stop : stop + SIDE]])
+    fit = np.polynomial.polynomial.polyfit(at[-len(known) :], known, 3)
+    return np.polynomial.polynomial.polyval(np.arange(count, dtype=float), fit).T.reshape(count, *values.shape[1:])

@@ -1,0 +1,137 @@
+"""Beyond the catalogue: what is left is looked at without prejudice.
+
+Each finding is a family of columns like an effect's, but with a shape and no physics: a line in time, a direction fixed in the world, a
+smooth curve over attitude, time, temperature or rate, two axes that move together.  It says where the misfit lives, never why.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from session.units import DEG
+from tinygc.effects._effect import Effect, Movement, Parameter, diagonal
+from tinygc.explain.twin import Twin
+
+#: orders of the smooth curves
+ORDERS = (2, 3, 4, 5)
+PLAUSIBLE_RPS = 5 * DEG
+
+
+def unknown_candidates(twin: Twin) -> list[Effect]:
+    """Shapes to try on this recording."""
+    duration = twin.movements[0].duration_s
+    interval = duration / max(len(twin.stills), 2)
+    found = [_periodic(1 / period) for period in np.geomspace(2.2 * interval, duration, 40)]
+    # Within the sampling of the stills a line above their rate shows folded; the segments still see it.
+    found += [_periodic(frequency) for frequency in np.arange(0.5 / interval, 3.0, 1 / duration)]
+    found += [_curve("time", "s", lambda m: 2 * m.t_s / m.duration_s - 1, order) for order in ORDERS]
+    if np.isfinite(twin.movements[0].temp_c).all():
+        low, high = (f([f(movement.temp_c) for movement in twin.movements]) for f in (np.min, np.max))
+        if high - low > 0.5:
+            found += [_curve("temperature", "°C", lambda m: 2 * (m.temp_c - low) / (high - low) - 1, order) for order in ORDERS]
+    found += [_attitude(order) for order in (2, 3)]
+    found += [_world(), _rate_curve(2), _rate_curve(5), _products()]
+    return found
+
+
+def _finding(name: str, equation: str, size: int, columns, says: str, regime: tuple[str, str]) -> Effect:
+    return Effect(
+        id=f"unknown.{name}",
+        equation=equation,
+        parameter=Parameter("coefficients_dps", (size,), "dps", DEG, plausible=PLAUSIBLE_RPS),
+        seen_in=("still", "turn"),
+        columns=columns,
+        says=lambda theta: f"{says} (up to {np.abs(theta).max() / DEG:.3f} dps); nothing in the catalogue does this",
+        splits="repeat the session with this variable changed on purpose, all else alike",
+        regime=regime,
+    )
+
+
+def _periodic(frequency_hz: float) -> Effect:
+    def columns(movement: Movement) -> np.ndarray:
+        phase = 2 * np.pi * frequency_hz * movement.t_s
+        return np.concatenate([diagonal(np.cos(phase)), diagonal(np.sin(phase))], axis=-1)
+
+    equation = f"ω += a cos(2π f t) + b sin(2π f t), f = {frequency_hz:.4f} Hz"
+    return _finding("periodic", equation, 6, columns, f"the zero oscillates with a period of {1 / frequency_hz:.1f} s", ("time", "s"))
+
+
+def _curve(variable: str, unit: str, scaled, order: int) -> Effect:
+    def columns(movement: Movement) -> np.ndarray:
+        basis = np.polynomial.legendre.legvander(np.clip(scaled(movement), -1, 1), order)[:, 1:]
+        return np.concatenate([diagonal(basis[:, i]) for i in range(order)], axis=-1)
+
+    return _finding(
+        f"curve_over_{variable}",
+        f"ω += smooth curve of {variable}, Legendre order {order}",
+        3 * order,
+        columns,
+        f"the zero follows {variable} on a curve that is no straight line",
+        (variable, unit),
+    )
+
+
+def _attitude(order: int) -> Effect:
+    powers = [p for n in range(1, order + 1) for p in _powers(n)]
+
+    def columns(movement: Movement) -> np.ndarray:
+        down = movement.force_g
+        return np.concatenate([diagonal(np.prod(down ** np.array(p), axis=1)) for p in powers], axis=-1)
+
+    return _finding(
+        "attitude",
+        f"ω += polynomial of the specific force, order {order}",
+        3 * len(powers),
+        columns,
+        "the zero depends on attitude in a way that no g-sensitivity has",
+        ("attitude", "g"),
+    )
+
+
+def _powers(order: int) -> list[tuple[int, int, int]]:
+    return [(i, j, order - i - j) for i in range(order + 1) for j in range(order + 1 - i)]
+
+
+def _world() -> Effect:
+    return Effect(
+        id="unknown.world_direction",
+        equation="ω += R_bt w, w fixed in the table's frame",
+        parameter=Parameter("rate_dps", (3,), "dps", DEG, plausible=PLAUSIBLE_RPS),
+        seen_in=("still",),
+        kind="earth",
+        columns=lambda movement: np.zeros((*movement.rate.shape, 3)),
+        says=lambda theta: f"{np.linalg.norm(theta) / DEG:.4f} dps is fixed in the world beyond the Earth's: does the table turn?",
+        splits="record stills with each axis up and down and pointing each way",
+        regime=("attitude", "°"),
+    )
+
+
+def _rate_curve(order: int) -> Effect:
+    def columns(movement: Movement) -> np.ndarray:
+        return diagonal(movement.fs_rps * (movement.rate / movement.fs_rps) ** order)
+
+    return _finding(
+        "curve_over_rate",
+        f"ω_i += c_i FS (ω_i / FS)^{order}",
+        3,
+        columns,
+        f"the scale bends with the rate like its power {order}",
+        ("rate", "dps"),
+    )
+
+
+def _products() -> Effect:
+    def columns(movement: Movement) -> np.ndarray:
+        w = movement.rate / movement.fs_rps
+        return np.concatenate([diagonal(movement.fs_rps * w[:, i] * w[:, j]) for i, j in combinations(range(3), 2)], axis=-1)
+
+    return _finding(
+        "rate_products",
+        "ω += C (ω_x ω_y, ω_x ω_z, ω_y ω_z) / FS",
+        9,
+        columns,
+        "two axes that turn together make a third read",
+        ("rate", "dps"),
+    )

@@ -70,6 +70,7 @@ def fit(args: argparse.Namespace) -> int:
         epochs=args.epochs,
         earth=not args.no_earth,
         exclude=tuple(args.exclude),
+        physics=None if args.physics is None else tuple(name.strip() for name in args.physics.split(",")),
     )
     with progress_bar(args.quiet) as progress:
         result = fit_session(args.folder, options, progress)
@@ -139,6 +140,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--integrator", choices=("exact", "first-order"), default="exact", help="first-order: the paper's")
     command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
     command.add_argument("--epochs", type=_count(1), default=2000, help="of adamw (%(default)s)")
+    command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument("--exclude", type=_count(0), nargs="*", default=[], metavar="N", help="numbers of segments to leave out")
     command.add_argument("--out", type=Path, metavar="DIR", help="where the models go (fit/ in the session folder)")

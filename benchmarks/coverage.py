@@ -17,7 +17,6 @@ from session.folder import read_session
 from session.units import DEG
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import NAMES, bias_only
-from tinygc.methods import closure_angles
 from tinygc.problem import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
@@ -37,7 +36,7 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=200, help="(%(default)s)")
     parser.add_argument("--seed", type=int, default=2000, help="of the first session (%(default)s)")
     parser.add_argument("--segments", type=int, default=40, help="per session (%(default)s)")
-    parser.add_argument("--bias-instability", type=float, default=0.0, metavar="DPH", help="°/h (%(default)s)")
+    parser.add_argument("--bias-instability", type=float, default=3.0, metavar="DPH", help="°/h, as the simulator (%(default)s)")
     parser.add_argument("--still-rates", action="store_true", help="with the mean rates of the stills as data, too")
     args = parser.parse_args()
     jobs = [Job(args.seed + i, args.segments, args.bias_instability, args.still_rates) for i in range(args.sessions)]
@@ -81,8 +80,8 @@ def one_session(job: Job) -> dict:
         problem = build_problem(read_session(folder))
     rates = problem.still_rates if job.use_still_rates else None
     fit = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0]), still_rates=rates)
-    found = goodness(closure_angles(problem.batch, fit.model), problem.floor, len(truth))
-    covariance = parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth, rates) * found.excess
+    found = goodness(problem.batch, problem.floor, fit.model, problem.middle_s)
+    covariance = parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth, rates, problem.middle_s) * found.excess
     sigma, error = np.sqrt(np.diag(covariance)), fit.model.vector - truth
     return {
         "z": error / sigma,

@@ -180,11 +180,14 @@ def _noise(runs, blocks: Blocks) -> Noise:
     longest = max(b - a for run in runs for a, b in run)
     size = min(NOISE_BLOCKS, longest // 2)
 
-    def density(mean: np.ndarray) -> np.ndarray:
+    def density(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+        if size == 0:  # stills of a single block: what is left is the scatter of single samples, as if it were white
+            inside = np.concatenate([variance[a:b] for run in runs for a, b in run])
+            return np.sqrt(2 * np.mean(inside, axis=0) * blocks.duration_s / blocks.size)
         steps = [_allan_steps(mean[a:b], size) for run in runs for a, b in run]
         return np.sqrt(np.mean(np.concatenate(steps) ** 2, axis=0) * size * blocks.duration_s)  # sqrt(2 x AVAR/2 x tau), one-sided
 
-    return Noise(density(blocks.gyro_mean), density(blocks.accel_mean))
+    return Noise(density(blocks.gyro_mean, blocks.gyro_var), density(blocks.accel_mean, blocks.accel_var))
 
 
 def _allan_steps(mean: np.ndarray, size: int) -> np.ndarray:

@@ -164,8 +164,7 @@ def many_fits(bench):
         result = fit_least_squares(batch, bench.floor.sigma, bias_only(batch.rate[0, 0]))
         sigma = np.sqrt(np.diag(parameter_covariance(batch, bench.floor, result.model, no_earth())))
         errors.append((result.model.vector - bench.model.vector) / sigma)
-        angles = closure.error_angles(closure.segment_residuals(batch, result.model(batch.rate)))
-        found.append(goodness(angles, bench.floor, 12))
+        found.append(goodness(batch, bench.floor, result.model))
     return np.array(errors), found
 
 
@@ -215,8 +214,14 @@ def test_an_estimated_heading_widens_the_sigmas(bench):
 
 def test_goodness_widens_only_what_noise_does_not_explain(bench):
     batch = bench.record(0)
-    angles = closure.error_angles(closure.segment_residuals(batch, bench.model(batch.rate)))
-    fine, bad = goodness(angles, bench.floor, 0), goodness(3 * angles, bench.floor, 0)
+    quieter = replace(bench.floor, own=bench.floor.own / 9, shared=bench.floor.shared / 9)
+    fine, bad = goodness(batch, bench.floor, bench.model), goodness(batch, quieter, bench.model)
     assert fine.excess == 1
     assert bad.p_value < 1e-6
     assert bad.excess == pytest.approx(9 * fine.chi_square / fine.freedom)
+
+
+def test_goodness_allows_the_bias_its_wander(bench):
+    batch = bench.record(0)
+    still, wandering = (goodness(batch, bench.floor, bench.model, t) for t in (None, np.arange(len(batch)) * 5.5))
+    assert 0.5 * still.chi_square < wandering.chi_square < still.chi_square

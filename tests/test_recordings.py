@@ -84,7 +84,7 @@ def null_cases():
 @pytest.mark.parametrize("case", null_cases())
 def test_recordings_with_nothing_concealed_close_at_the_floor(shared, case):
     problem, fit = fitted(shared / "concealed" / case)
-    found = goodness(fit.angles, problem.floor, 12)
+    found = goodness(problem.batch, problem.floor, fit.model)
     assert 0.001 < found.p_value < 0.999
     ratio = closure_figures(fit.held_out)["tilt_rms_deg"] / (problem.floor.tilt_rms / DEG)
     assert 0.8 < ratio < 1.6  # held out: 12 parameters of 80 residuals cost some

@@ -86,7 +86,7 @@ def test_the_sensors_own_filter_hides_little_of_the_noise():
 @pytest.mark.parametrize("rest_s", [0.3, 0.45, 0.6])
 def test_stills_too_short_for_twice_three_blocks_still_tell_the_noise(rest_s):
     """Spans of one or two blocks then; the estimate is rough, and neither missing nor wrong."""
-    stills, noise = find_stills(Table().tumble(120, rest_s=rest_s, turn_s=1.5).samples(), still_s=0.3)
+    stills, noise = find_stills(Table().tumble(120, rest_s=rest_s, turn_s=1.5).samples(), still_s=0.2)
     assert len(stills) == 121
     ratios = np.concatenate([noise.gyro / (5 * MDPS), noise.accel / (0.06 * MG)])
     np.testing.assert_allclose(ratios, 1, rtol=0.4)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from session.errors import DataError
 from session.folder import Session
 from session.logfile import Log
+from session.samples import Samples
 from session.stills import Still, find_stills
 from session.units import DEG
 from tinygc import closure, rotation
@@ -29,18 +30,33 @@ MARGIN_S = 0.1
 @dataclass(frozen=True, eq=False)
 class ClosureRun:
     """One run ready to be integrated: file, duration_s of the movement, batch of one segment with three known angles,
-    floor_rad (3,) one sigma from noise alone, earth: whether the horizontal part could be used."""
+    floor_rad (3,) one sigma from noise alone, earth: whether the horizontal part could be used; samples of the whole log, of which
+    rows are the batch's; began_s of the session when the log began; yaw_carried: whether its yaw is that of the last log's end."""
 
     file: str
     duration_s: float
     batch: Batch
     floor_rad: np.ndarray
     earth: EarthRate
+    samples: Samples
+    rows: slice
+    began_s: float
+    yaw_carried: bool
 
     def errors(self, model, integrator: str = "exact") -> np.ndarray:
         """Roll, pitch, yaw error (3,) rad: the error rotation about the table's x, y and the vertical."""
-        r = closure.segment_residuals(self.batch, model(self.batch.rate), integrator)
-        return closure.error_angles(r)[0]
+        return self.errors_at(model(self.batch.rate[0]), integrator)
+
+    def with_earth(self, more_t: np.ndarray, rate: np.ndarray) -> ClosureRun:
+        """The run with a correction (3,) rad/s of the Earth's rate in table axes, at the attitudes of calibrated rates (N, 3)."""
+        if self.earth.source in ("none", "unknown") and not self.yaw_carried:
+            return self
+        turn = rotation.matrix(closure.attitudes(self.batch, rate[None]))
+        return replace(self, batch=replace(self.batch, earth=self.batch.earth + np.einsum("stji,j->sti", turn, more_t)))
+
+    def errors_at(self, rate: np.ndarray, integrator: str = "exact") -> np.ndarray:
+        """The same for calibrated rates (N, 3) of the batch's rows."""
+        return closure.error_angles(closure.segment_residuals(self.batch, rate[None], integrator))[0]
 
 
 def read_closure_runs(problem: Problem) -> list[ClosureRun]:
@@ -63,27 +79,38 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
             f"{RETURN_RAD / DEG:g}; set the table back to the same marks, or name the file log*.csv to fit it"
         )
     margin = round(MARGIN_S / samples.period_s)
-    part = samples.between(max(first.stop - 1 - margin, first.start), min(last.start + margin, last.stop) + 1)
+    rows = slice(max(first.stop - 1 - margin, first.start), min(last.start + margin, last.stop) + 1)
+    part = samples.between(rows.start, rows.stop)
     # The same yaw, by protocol; the tilt as gravity sees it, since a hand does not return to a hundredth of a degree.
-    earth, start = _earth_and_start(problem, session, samples.t_ns[0], first)
+    earth, start, carried = _earth_and_start(problem, session, samples.t_ns[0], first)
     end = closure.nearest_yaw(start, rotation.from_gravity(last.accel_mean))
     bare = Batch(part.gyro[None], part.dt_s[None], np.zeros_like(part.gyro[None]), start[None], end[None], yaw_known=True)
     attitudes = closure.attitudes(bare, problem.first(bare.rate))
     batch = Batch(bare.rate, bare.dt, earth.in_body(attitudes), bare.start, bare.end, yaw_known=True)
     variance = np.diagonal(gyro_variance(batch, attitudes, [noise])[0]).copy()
     variance[:2] += still_tilt_variance(first, noise) + still_tilt_variance(last, noise)
-    return ClosureRun(name, float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * 1e-9, batch, np.sqrt(variance), earth)
+    return ClosureRun(
+        file=name,
+        duration_s=float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * 1e-9,
+        batch=batch,
+        floor_rad=np.sqrt(variance),
+        earth=earth,
+        samples=samples,
+        rows=rows,
+        yaw_carried=carried,
+        began_s=sum(log.samples.duration_s for log in problem.logs),
+    )
 
 
-def _earth_and_start(problem: Problem, session: Session, t_ns: int, first: Still) -> tuple[EarthRate, np.ndarray]:
+def _earth_and_start(problem: Problem, session: Session, t_ns: int, first: Still) -> tuple[EarthRate, np.ndarray, bool]:
     """The run's yaw in the table frame is known if the table was not touched since the last log; else only the vertical Earth is."""
     before = problem.logs[-1]
     start = rotation.from_gravity(first.accel_mean)
     continues = 0 <= (t_ns - before.samples.t_ns[-1]) * 1e-9 < UNTOUCHED_S
     if continues and _angle_between(before.stills[-1].accel_mean, first.accel_mean) < UNTOUCHED_RAD:
-        return problem.earth, closure.nearest_yaw(before.q_tb[-1], start)
+        return problem.earth, closure.nearest_yaw(before.q_tb[-1], start), True
     known = problem.earth.source != "none"
-    return (vertical_only(session.config.site.latitude_deg) if known else problem.earth), start
+    return (vertical_only(session.config.site.latitude_deg) if known else problem.earth), start, False
 
 
 def _angle_between(a: np.ndarray, b: np.ndarray) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from tinygc.methods import FitOptions, MethodFit, closure_angles, run_method
 from tinygc.problem import Problem, build_problem
 from tinygc.uncertainty import GoodnessOfFit, goodness, parameter_covariance
 
+if TYPE_CHECKING:
+    from tinygc.physics import PhysicsFit
+
 SCHEMA = "tinygc-fit/1"
 
 
@@ -29,7 +33,7 @@ class FitResult:
 
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
     ``goodness.excess``; other_choice: least squares with the opposite choice of still rates; first_order_rad: the largest error of
-    the paper's integrator on these segments; warnings of the first look.
+    the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None.
     """
 
     problem: Problem
@@ -43,6 +47,7 @@ class FitResult:
     other_choice: MethodFit
     first_order_rad: float
     warnings: list[Finding]
+    physics: PhysicsFit | None = None
 
     @property
     def session(self) -> Session:
@@ -65,8 +70,20 @@ def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int,
         name: run_method(name, problem, options, lambda done, of, name=name: progress(name.replace("_", " "), done, of))
         for name in options.methods
     }
+    errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or run_method("least_squares", problem, options)
-    found = goodness(linear.angles, problem.floor, linear.parameters)
+    physics = None
+    if options.physics is not None:
+        from tinygc.physics_methods import physics_methods
+        from tinygc.physics_methods import run_errors as physics_errors
+
+        ids = None if options.physics == ("auto",) else options.physics
+        physics, more = physics_methods(problem, options, ids, lambda what: progress(what, 0, 1))
+        fits |= more
+        errors = [
+            error | {name: physics_errors(run, fit, physics) for name, fit in more.items()} for run, error in zip(runs, errors, strict=True)
+        ]
+    found = goodness(problem.batch, problem.floor, linear.model, problem.middle_s)
     rates = problem.still_rates if options.still_rates else None
     covariance = found.excess * parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates, problem.middle_s)
     other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
@@ -76,7 +93,8 @@ def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int,
         options=options,
         methods=fits,
         runs=runs,
-        run_errors=[{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs],
+        run_errors=errors,
+        physics=physics,
         goodness=found,
         linear=linear,
         covariance=covariance,

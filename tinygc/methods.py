@@ -27,7 +27,8 @@ OPTIMIZERS = ("second-order", "adamw")
 @dataclass(frozen=True)
 class FitOptions:
     """methods in the order of the report; folds of the held-out closure; seed of the swarm; still_rates as further data;
-    integrator; optimizer and epochs of the network; earth: whether its rotation is taken off."""
+    integrator; optimizer and epochs of the network; earth: whether its rotation is taken off; exclude: numbers of segments to leave
+    out; physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none."""
 
     methods: tuple[str, ...] = METHODS
     folds: int = 5
@@ -37,6 +38,7 @@ class FitOptions:
     optimizer: str = "second-order"
     epochs: int = 2000
     earth: bool = True
+    physics: tuple[str, ...] | None = None
     exclude: tuple[int, ...] = ()
 
 
@@ -54,7 +56,7 @@ class MethodFit:
 
     @property
     def parameters(self) -> int:
-        return PARAMETERS[self.name]
+        return PARAMETERS.get(self.name) or getattr(self.model, "parameters", 0)
 
 
 def run_method(name: str, problem: Problem, options: FitOptions, progress: Progress = lambda done, of: None) -> MethodFit:

@@ -21,6 +21,10 @@ EQUATIONS = {
 
 def to_dict(model: LinearModel | CalibrationNet, **more) -> dict:
     """JSON-ready, with schema, equation and units; ``more`` is added as it is."""
+    if hasattr(model, "calibrate"):
+        from tinygc.physics_files import physics_to_dict
+
+        return {"schema": SCHEMA, "units": "rad/s in, rad/s out", **physics_to_dict(model), **more}
     kind = "tinygc" if isinstance(model, CalibrationNet) else "linear"
     weights = {field.name: np.asarray(getattr(model, field.name)).tolist() for field in fields(model)}
     return {"schema": SCHEMA, "kind": kind, "equation": EQUATIONS[kind], "units": "rad/s in, rad/s out", "weights": weights, **more}
@@ -30,6 +34,10 @@ def from_dict(table: dict, where: str = "model") -> LinearModel | CalibrationNet
     """The model; FormatError says what is wrong with the table."""
     if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         raise FormatError(f'{where}: no model of this tool, expected "schema": "{SCHEMA}"')
+    if table.get("kind") in ("physics", "tinygc_physics"):
+        from tinygc.physics_files import physics_from_dict
+
+        return physics_from_dict(table, where, from_dict)
     cls = {"linear": LinearModel, "tinygc": CalibrationNet}.get(table.get("kind"))
     if cls is None:
         raise FormatError(f"{where}: kind is {table.get('kind')!r}, expected linear or tinygc")

@@ -18,6 +18,8 @@ TITLES = {
     "least_squares": "least squares",
     "pso": "PSO",
     "tinygc": "TinyGC-Net",
+    "physics": "linear model with physics",
+    "tinygc_physics": "TinyGC-Net with physics",
 }
 LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
 
@@ -114,8 +116,9 @@ def _closure_runs(result: FitResult) -> Table:
             table.add_row(f"  {TITLES[name]}", *(f"{value:.4f}" for value in row))
         floor = run.floor_rad / DEG
         table.add_row("  noise floor (1σ)", *(f"{x:.4f}" for x in floor), f"{np.sqrt(np.mean(floor**2)):.4f}", style="dim")
-        if run.earth.source == "unknown":
-            table.add_row("  (its heading is unknown: only the vertical part of the Earth's rotation is taken off)", style="dim")
+    if any(run.earth.source == "unknown" for run in result.runs):
+        table.caption = "heading unknown: of the Earth's rotation only the vertical part is taken off"
+        table.caption_justify = "left"
     return table
 
 
@@ -150,10 +153,12 @@ def _remarks(result: FitResult) -> list[Text]:
         remarks.append(
             Text(
                 f"The closure is {above:.1f} times its noise floor (p {_p_words(result.goodness.p_value)}): something is missing from the "
-                f"model. The sigmas above are widened for it. See `calibrate.py check {result.session.folder}`.",
+                f"model. The sigmas above are widened for it. Run `calibrate.py explain {result.session.folder}`.",
                 "yellow",
             )
         )
+    if result.physics is not None:
+        remarks.append(Text(_physics_words(result), "cyan"))
     unobserved = result.linear.notes.get("unobserved")
     if unobserved:
         remarks.append(Text(f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways.", "yellow"))
@@ -171,6 +176,13 @@ def _remarks(result: FitResult) -> list[Text]:
     )
     remarks.append(Text(f"The paper's first-order integrator would err by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
     return remarks
+
+
+def _physics_words(result: FitResult) -> str:
+    physics = result.physics
+    fitted = [claim.effect.says(claim.theta) for claim in physics.fit.state.claims]
+    mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
+    return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model with the rates of the stills")
 
 
 def _p_words(p_value: float) -> str:

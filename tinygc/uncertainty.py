@@ -34,11 +34,22 @@ class GoodnessOfFit:
         return max(1.0, self.chi_square / self.freedom) if self.p_value < MISMATCH_P else 1.0
 
 
-def goodness(angles: np.ndarray, floor: Floor, parameters: int) -> GoodnessOfFit:
-    """Of error angles (S, d) rad left by a fit of so many parameters."""
-    freedom = max(angles.size - parameters, 1)
-    flat = angles.ravel()
-    chi_square = float(flat @ np.linalg.solve(floor.dense(), flat))
+def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, middle_s: np.ndarray | None = None) -> GoodnessOfFit:
+    """Of the closure that a linear model leaves, its 12 parameters' best taken off once more with the full covariance.
+
+    That covariance knows of shared stills and, with middle_s (S,) the segments' moments, of the bias's wander.
+    """
+    rate = model(batch.rate)
+    angles = closure.error_angles(closure.segment_residuals(batch, rate)).ravel()
+    design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, : batch.angles].reshape(len(angles), -1)
+    covariance = floor.dense()
+    if middle_s is not None:
+        bias, owner = design[:, 9:], np.repeat(np.arange(len(batch)), batch.angles)
+        covariance = covariance + (bias @ bias.T) * wander_covariance(middle_s)[np.ix_(owner, owner)]
+    factor = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(factor, np.column_stack([angles, design * PRIOR_SIGMA]))
+    left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
+    chi_square, freedom = float(left @ left), max(len(angles) - linear.PARAMETERS, 1)
     return GoodnessOfFit(chi_square, freedom, float(stats.chi2.sf(chi_square, freedom)))
 
 

@@ -66,14 +66,23 @@ def _before(problem: Problem) -> np.ndarray:
 
 def _after(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
     effects = [claim.effect for claim in fit.state.claims]
-    count, d = len(twin.segments), twin.batch.angles
-    fold, angles = np.arange(count) % FOLDS, np.zeros((count, d))
-    still = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
-    for k in range(FOLDS):
-        held = np.flatnonzero(fold == k)
-        rows = np.ones(whiten.parts["length"].stop, dtype=bool)
-        rows[(held[:, None] * d + np.arange(d)).ravel()] = False
-        rows[still[np.unique([twin.first[held], twin.last[held]])].ravel()] = False
-        part = refit(twin, whiten, effects, fit.state, rows=rows, max_steps=FOLD_STEPS)
+    angles = np.zeros((len(twin.segments), twin.batch.angles))
+    for held in folds_of(len(twin.segments)):
+        part = refit(twin, whiten, effects, fit.state, rows=fold_rows(twin, whiten, held), max_steps=FOLD_STEPS)
         angles[held] = twin.residuals(part.state, part.rates).closure[held]
     return angles
+
+
+def folds_of(count: int, folds: int = FOLDS) -> list[np.ndarray]:
+    """Indices of the segments that are held out together: every so-many-th."""
+    return [np.arange(k, count, folds) for k in range(min(folds, count))]
+
+
+def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
+    """Rows (n,) bool of the channels that say nothing of the held-out segments: neither them nor the stills at their ends."""
+    d = twin.batch.angles
+    still = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
+    rows = np.ones(whiten.parts["length"].stop, dtype=bool)
+    rows[(held[:, None] * d + np.arange(d)).ravel()] = False
+    rows[still[np.unique([twin.first[held], twin.last[held]])].ravel()] = False
+    return rows

@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.stills import Still
-from session.units import G
 from tinygc import closure, linear, rotation
 from tinygc.closure import Batch
 from tinygc.effects._effect import Effect, Movement
+from tinygc.explain.movement import conditions, movement_of
 from tinygc.linear import LinearModel
 from tinygc.problem import Problem
 
-VIBRATION_WINDOW_S = 0.25
 #: a finite difference for what bends a still's gravity: m/s^2
 SMALL_FORCE = 1e-3
 #: of a parameter's plausible size
@@ -265,34 +264,6 @@ def _square(sensitivity: np.ndarray) -> np.ndarray:
 
 
 def _movement(problem: Problem, number: int) -> Movement:
-    log, sensor = problem.logs[number], problem.session.config.sensor
-    samples = log.samples
+    log = problem.logs[number]
     began = sum(before.samples.duration_s for before in problem.logs[:number])
-    has_temp = samples.temp_c is not None
-    return Movement(
-        t_s=began + samples.t_s,
-        dt_s=samples.period_s,
-        rate=problem.first(samples.gyro),
-        force_g=samples.accel / G,
-        temp_c=_smooth(samples.temp_c, samples.period_s) if has_temp else np.full(len(samples), np.nan),
-        vibration_g2=_vibration(samples.accel / G, samples.period_s),
-        duration_s=sum(each.samples.duration_s for each in problem.logs),
-        fs_rps=np.deg2rad(sensor.gyro_fs_dps),
-        first_temp_c=float(np.mean(problem.logs[0].samples.temp_c[: max(1, round(1 / samples.period_s))])) if has_temp else np.nan,
-    )
-
-
-def _smooth(values: np.ndarray, dt_s: float, window_s: float = 1.0) -> np.ndarray:
-    """A temperature has no business moving within a second: its register's noise is taken off."""
-    from scipy.ndimage import uniform_filter1d
-
-    return uniform_filter1d(values, max(1, round(window_s / dt_s)), mode="nearest")
-
-
-def _vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
-    """(N,) g^2: mean square of what is faster than a hand, over a quarter of a second, mean of the axes."""
-    from scipy.ndimage import uniform_filter1d
-
-    size = max(3, round(VIBRATION_WINDOW_S / dt_s))
-    fast = force_g - uniform_filter1d(force_g, max(3, round(0.05 / dt_s)), axis=0, mode="nearest")
-    return uniform_filter1d(np.mean(fast**2, axis=1), size, mode="nearest")
+    return movement_of(log.samples, problem.first(log.samples.gyro), conditions(problem), began)

@@ -1,0 +1,105 @@
+"""False alarms of ``explain``: sessions in which nothing is concealed, each with its own noise, length, vigour, rate and warm-up.
+
+    python benchmarks/null_sessions.py [--sessions 200] [--noise-factor 1.3] [--seed 0]
+
+Prints the share of sessions whose verdict is not ``no_mismatch``, the Kolmogorov-Smirnov test of the detection p-values against a
+uniform law, and what was named.  --noise-factor: all noise, the bias instability too, that much larger than the datasheet's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from common import in_parallel, markdown, simulated
+from scipy import stats
+
+from session.errors import CalibrationError
+from tinygc.simulation.options import SimulationOptions
+
+
+def drawn(seed: int, noise_factor: float) -> SimulationOptions:
+    """Options of one null session; white noise 3 to 10 mdps/sqrt(Hz), whose datasheet says 5."""
+    rng = np.random.default_rng([seed, 20260])
+    return SimulationOptions(
+        seed=seed,
+        closure_s=0.0,
+        segments=int(rng.integers(20, 61)),
+        vigour=float(rng.uniform(0.5, 1.5)),
+        odr_hz=float(rng.choice((104, 208, 416))),
+        warm_up_c=float(rng.uniform(0, 8)),
+        gyro_noise_dps_rthz=float(rng.uniform(0.003, 0.010)) * noise_factor,
+        accel_noise_ug_rthz=60.0 * noise_factor,
+        bias_instability_dph=3.0 * noise_factor,
+    )
+
+
+def explained(job: tuple[int, float]) -> dict:
+    """What ``explain`` says of one null session."""
+    from tinygc.explain.explain import explain_session
+
+    options = drawn(*job)
+    began = time.perf_counter()
+    with simulated(options) as folder:
+        try:
+            result = explain_session(folder)
+        except CalibrationError as error:
+            return {"seed": options.seed, "refused": str(error)}
+    return {
+        "seed": options.seed,
+        "segments": options.segments,
+        "odr_hz": options.odr_hz,
+        "gyro_noise_dps_rthz": options.gyro_noise_dps_rthz,
+        "verdict": result.verdict,
+        "p_value": result.p_value,
+        "first_p": result.naming.first_p,
+        "channel_p": result.channel_p,
+        "named": [claim.effect.id for claim in result.claimed],
+        "findings": [finding.effect.id for finding in result.findings],
+        "seconds": time.perf_counter() - began,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sessions", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0, help="of the first session")
+    parser.add_argument("--noise-factor", type=float, default=1.0, help="all noise so many times the datasheet's")
+    parser.add_argument("--json", type=Path, help="write every session's result")
+    args = parser.parse_args()
+    results = in_parallel(explained, [(args.seed + i, args.noise_factor) for i in range(args.sessions)], "null sessions")
+    if args.json:
+        args.json.write_text(json.dumps(results, indent=1))
+    refused = [result for result in results if "refused" in result]
+    results = [result for result in results if "refused" not in result]
+    count, alarms = len(results), [result for result in results if result["verdict"] != "no_mismatch"]
+    share = len(alarms) / count
+    names = Counter(name for result in alarms for name in result["named"] or ["(no name)"])
+    rows = [
+        ("sessions", f"{count}" + (f" ({len(refused)} refused)" if refused else "")),
+        ("false alarms", f"{100 * share:.1f} % ± {100 * np.sqrt(max(share, 1 / count) * (1 - share) / count):.1f} %"),
+        ("detection p-values: KS p", f"{_uniform([result['p_value'] for result in results]):.3g}"),
+        ("of the selection alone", f"{_uniform([result['first_p'] for result in results]):.3g}"),
+    ]
+    for channel in results[0]["channel_p"]:
+        rows.append((f"of the {channel} channel alone", f"{_uniform([result['channel_p'][channel] for result in results]):.3g}"))
+    deciles = np.histogram([result["p_value"] for result in results], bins=10, range=(0, 1))[0]
+    rows.append(("detection p-values by tenths", " ".join(map(str, deciles))))
+    rows.append(("falsely named", ", ".join(f"{name} {times}" for name, times in names.most_common()) or "nothing"))
+    rows.append(("median seconds a session", f"{np.median([result['seconds'] for result in results]):.1f}"))
+    print(markdown(("null sessions", f"noise × {args.noise_factor:g}"), rows))
+    for result in refused:
+        print(f"seed {result['seed']} refused: {result['refused']}")
+
+
+def _uniform(p_values: list[float]) -> float:
+    """p-value of the Kolmogorov-Smirnov test against the uniform law."""
+    return float(stats.kstest(p_values, "uniform").pvalue)
+
+
+if __name__ == "__main__":
+    main()

@@ -97,6 +97,25 @@ def explain(args: argparse.Namespace) -> int:
     return 1 if args.strict and explanation.verdict != "no_mismatch" else 0
 
 
+def plan(args: argparse.Namespace) -> int:
+    """What to record next."""
+    from tinygc.console import output
+    from tinygc.plan import propose
+
+    proposals, asked = propose(args.folder, args.count)
+    console = output(args.quiet)
+    if asked:
+        console.print(f"explain asks: {asked}")
+    for number, proposal in enumerate(proposals, start=1):
+        console.print(
+            f"{number}. {proposal.words}: {proposal.parameter}, {proposal.now:.1f} -> {proposal.after:.1f} times its target sigma"
+        )
+    if not proposals:
+        console.print("every parameter has reached its target sigma (50 ppm, 0.05 mrad, 2 mdps): nothing more is needed")
+    _write_json(args.json, {"schema": "tinygc-plan/1", "asked": asked, "proposals": [vars(proposal) for proposal in proposals]})
+    return 0
+
+
 def simulate(args: argparse.Namespace) -> int:
     """A session that the rest of the tool cannot tell from a recorded one."""
     from tinygc.console import output
@@ -152,6 +171,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--no-pictures", action="store_true", help="write no picture")
     command.add_argument("--out", type=Path, metavar="DIR", help="where the result goes (explain/ in the session folder)")
     command.add_argument("--strict", action="store_true", help="exit 1 if there is a mismatch")
+
+    command = _command(commands, "plan", plan, "say which movements to record next")
+    command.add_argument("folder", type=Path, help="session folder")
+    command.add_argument("--count", type=_count(1), default=5, help="movements at most (%(default)s)")
 
     command = _command(commands, "simulate", simulate, "write a simulated session")
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")

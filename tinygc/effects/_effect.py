@@ -69,7 +69,8 @@ class Effect:
     says(theta) -> one plain sentence for the operator; splits: the movement that tells it from its lookalikes;
     kind: "rate", or what it bends instead: "force" (the reference) or "earth" (the Earth's rate in the forward model);
     needs: "temperature" where a log without it cannot show the effect; regime: variable and unit that it lives along;
-    variants(times) -> one effect for each value of a shape parameter that is scanned, its value in ``shape``.
+    variants(times) -> one effect for each value of a shape parameter that is scanned, its value in ``shape``;
+    begin: where a refit begins, SI: zero, unless zero is a saddle.
     """
 
     id: str
@@ -84,6 +85,7 @@ class Effect:
     shape: dict = field(default_factory=dict)
     variants: Callable[[np.ndarray], list[Effect]] | None = None
     needs: str | None = None
+    begin: float = 0.0
     exact_correct: Callable[[np.ndarray, Movement, np.ndarray], np.ndarray] | None = None
     exact_distort: Callable[[Movement, np.ndarray], np.ndarray] | None = None
 

@@ -1,4 +1,4 @@
-"""A slower first-order response than declared, per axis: y + τ dy/dt = x is inverted exactly."""
+"""A slower first-order response than declared, per axis: y + τ dy/dt = x, inverted with central differences."""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -31,6 +31,8 @@ EFFECT = Effect(
     parameter=Parameter("tau_s", (3,), "s", plausible=0.05),
     seen_in=("turn",),
     columns=lambda movement: diagonal(-movement.acceleration),
+    # What the axes share shows in the closure by its square: from zero a search may go to negative lags, where there is no way back.
+    begin=0.005,
     exact_correct=_correct,
     exact_distort=_distort,
     says=lambda theta: (

@@ -7,24 +7,28 @@ from dataclasses import replace
 import numpy as np
 
 from tinygc.explain.refit import Refit
-from tinygc.explain.turn_gravity import turn_gravity
+from tinygc.explain.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explain.twin import Twin
 from tinygc.explain.whitening import Whitener
 
 _DIAGONAL = [0, 4, 8]
+#: chi-square that moving a lag must cost before the closure is believed against gravity: four sigmas
+LAG_KNOWN = 16.0
 
 
 def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     """The same fit with its common delay put where it belongs.
 
     Skewed axes are counted from the earliest.  Sensitivity to angular acceleration, whose diagonal is a common delay plus
-    differences, takes the delay between gyro and accelerometer for the common part.
+    differences, takes the delay between gyro and accelerometer for the common part.  So does a lag, unless the closure knows better.
     """
     for number, claim in enumerate(fit.state.claims):
         if claim.effect.id == "timing.axis_skew":
             fit = _with_theta(twin, whiten, fit, number, claim.theta - claim.theta.min())
         if claim.effect.id == "gyro.angular_acceleration":
             fit = _with_common_delay(twin, whiten, fit, number)
+        if claim.effect.id == "gyro.bandwidth":
+            fit = _with_possible_lag(twin, whiten, fit, number)
     return fit
 
 
@@ -42,11 +46,30 @@ def _with_common_delay(twin: Twin, whiten: Whitener, fit: Refit, number: int) ->
     theta = fit.state.claims[number].theta.copy()
     theta[_DIAGONAL] -= gravity.offset_s
     fit = _with_theta(twin, whiten, fit, number, theta)
+    return replace(fit, covariance=_common_from_gravity(fit, number, _DIAGONAL, gravity))
+
+
+def _with_possible_lag(twin: Twin, whiten: Whitener, fit: Refit, number: int) -> Refit:
+    """A lag is never negative, and what all axes share of it shows in the closure by its square alone.  Where that is negative, or
+    gravity contradicts it, and the closure has little against it, it is what gravity says."""
+    gravity = turn_gravity(twin, fit)
+    theta = fit.state.claims[number].theta
+    if not gravity.is_offset and theta.min() >= 0:
+        return fit
+    moved = theta + gravity.offset_s
+    there = _with_theta(twin, whiten, fit, number, moved - min(moved.min(), 0.0))
+    if there.r @ there.r - fit.r @ fit.r > LAG_KNOWN:
+        return fit
+    return replace(there, covariance=_common_from_gravity(fit, number, [0, 1, 2], gravity))
+
+
+def _common_from_gravity(fit: Refit, number: int, entries: list[int], gravity: TurnGravity) -> np.ndarray:
+    """The covariance with these entries' mean taken from gravity."""
     at = 15 + sum(len(claim.theta) for claim in fit.state.claims[:number])
-    rows = np.add(_DIAGONAL, at)
+    rows = np.add(entries, at)
     change = np.eye(len(fit.covariance))
     change[np.ix_(rows, rows)] -= 1 / 3
     covariance = change @ fit.covariance @ change.T
     # The filters' own relative delay is within the bar; three sigmas of it.
     covariance[np.ix_(rows, rows)] += gravity.sigma_s**2 + (gravity.bar_s / 3) ** 2
-    return replace(fit, covariance=covariance)
+    return covariance

@@ -52,7 +52,7 @@ def refit(
 ) -> Refit:
     """Fit with these effects, from a state whose own claims give their starting values; ``rows`` (n,) bool: those that count."""
     known = {claim.effect.id: claim.theta for claim in start.claims}
-    state = replace(start, claims=tuple(Claim(e, known.get(e.id, np.zeros(e.parameter.size))) for e in effects))
+    state = replace(start, claims=tuple(Claim(e, known.get(e.id, np.full(e.parameter.size, e.begin))) for e in effects))
     centre = replace(twin.start(), claims=tuple(Claim(e, np.zeros(e.parameter.size)) for e in effects)).vector
     prior = prior_sigmas(twin, effects)
     whiten = whiten if rows is None else whiten.only(rows)

@@ -19,6 +19,8 @@ from tinygc.simulation.unit import Unit, draw_unit
 #: grid, before linear errors, noise and low-pass.  rate and force are what the elements truly feel (Earth and lever arm included).
 #: t_s counts from the log's first sample, begins ``sensor.RUN_UP_S`` before it and goes on through the closure run.
 Distort = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+#: What the accelerometer alone feels instead: ``disturb(t_s (N,), force (N, 3)) -> force (N, 3)``, SI, on the same grid.
+Disturb = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,18 +51,30 @@ class Simulation:
     closure: Recording | None
 
 
-def simulate_session(options: SimulationOptions, distort: Distort | None = None) -> Simulation:
-    """Simulate a session; ``distort`` conceals physics in it.  The same options and distort give the same registers."""
-    # One stream per purpose; a new purpose goes last, so that the others keep theirs.
-    unit_rng, motion_rng, *signal_rngs = np.random.default_rng(options.seed).spawn(6)
-    unit, plan = draw_unit(options, unit_rng), hand_plan(options, motion_rng)
+def simulate_session(
+    options: SimulationOptions, distort: Distort | None = None, *, plan: Plan | None = None, disturb: Disturb | None = None
+) -> Simulation:
+    """Simulate a session; ``distort`` conceals physics of the gyro in it, ``disturb`` of the accelerometer; ``plan``: another movement
+    than ``plan_of`` draws.  The same arguments give the same registers."""
+    unit_rng, _, *signal_rngs = _streams(options)
+    unit, plan = draw_unit(options, unit_rng), plan or plan_of(options)
     log_count, closure_count = (int(np.ceil(seconds * unit.odr_hz)) for seconds in (plan.log_s, options.closure_s))
-    whole = _record(options, unit, plan, log_count + closure_count, distort, signal_rngs)
+    whole = _record(options, unit, plan, log_count + closure_count, distort, disturb, signal_rngs)
     log, closure = whole.part(0, log_count), whole.part(log_count, log_count + closure_count)
     return Simulation(options, plan, unit, log, closure if closure_count else None)
 
 
-def _record(options: SimulationOptions, unit: Unit, plan: Plan, count: int, distort: Distort | None, rngs) -> Recording:
+def plan_of(options: SimulationOptions) -> Plan:
+    """What the hand does in the session of these options."""
+    return hand_plan(options, _streams(options)[1])
+
+
+def _streams(options: SimulationOptions) -> list[np.random.Generator]:
+    """One stream per purpose; a new purpose goes last, so that the others keep theirs."""
+    return np.random.default_rng(options.seed).spawn(6)
+
+
+def _record(options: SimulationOptions, unit: Unit, plan: Plan, count: int, distort, disturb, rngs) -> Recording:
     """The first ``count`` samples of the chip, log and closure run without a break."""
     gyro_rng, accel_rng, flicker_rng, temperature_rng = rngs
     odr_hz = unit.odr_hz
@@ -69,7 +83,9 @@ def _record(options: SimulationOptions, unit: Unit, plan: Plan, count: int, dist
     t_fine = np.arange(-run_up * factor, count * factor) / (factor * odr_hz)
     rate, force, temp_c = true_signals(options, unit, plan, t_fine)
     if distort is not None:
-        rate = _distorted(distort, t_fine, rate, force, temp_c)
+        rate = _checked("distort", distort(t_fine, rate, force, temp_c), rate.shape)
+    if disturb is not None:
+        force = _checked("disturb", disturb(t_fine, force), force.shape)
 
     gyro_noise, accel_noise = options.gyro_noise_dps_rthz * DEG, options.accel_noise_ug_rthz * 1e-6 * G
     gyro_hz, accel_hz = GYRO_LPF2_HZ[options.odr_hz], sensor.ACCEL_BANDWIDTH_ODR * odr_hz
@@ -94,8 +110,8 @@ def true_signals(options: SimulationOptions, unit: Unit, plan: Plan, t_s: np.nda
     return rate, force, sensor.temperature(t_s, options.temperature_start_c, options.warm_up_c)
 
 
-def _distorted(distort: Distort, t_s, rate, force, temp_c) -> np.ndarray:
-    distorted = np.asarray(distort(t_s, rate, force, temp_c), dtype=float)
-    if distorted.shape != rate.shape or not np.isfinite(distorted).all():
-        raise ValueError(f"distort must return finite rates of shape {rate.shape}, got shape {distorted.shape}")
-    return distorted
+def _checked(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    values = np.asarray(values, dtype=float)
+    if values.shape != shape or not np.isfinite(values).all():
+        raise ValueError(f"{name} must return finite values of shape {shape}, got shape {values.shape}")
+    return values

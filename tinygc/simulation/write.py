@@ -37,16 +37,20 @@ def write_session(
     """
     _check_folder(folder, force)
     simulation = simulate_session(options, distort)
+    write_files(simulation, folder, config_text(simulation, concealed=distort is not None))
+    (folder / TRUTH).write_text(json.dumps(_truth(simulation, effects or {}), indent=1) + "\n", encoding="utf-8")
+    return folder
+
+
+def write_files(simulation: Simulation, folder: Path, config: str) -> None:
+    """What a recorded session would hold, and no truth: ``config`` as session.toml, the log, the closure run."""
     folder.mkdir(parents=True, exist_ok=True)
-    concealed = distort is not None
-    (folder / CONFIG).write_text(_config_text(simulation, concealed), encoding="utf-8")
+    (folder / CONFIG).write_text(config, encoding="utf-8")
     _write_log(folder / LOG, simulation, simulation.log)
     if simulation.closure is None:
         (folder / CLOSURE).unlink(missing_ok=True)
     else:
         _write_log(folder / CLOSURE, simulation, simulation.closure)
-    (folder / TRUTH).write_text(json.dumps(_truth(simulation, effects or {}), indent=1) + "\n", encoding="utf-8")
-    return folder
 
 
 def _check_folder(folder: Path, force: bool) -> None:
@@ -78,7 +82,8 @@ def _serial(options: SimulationOptions) -> str:
     return f"SIM-{options.seed}"
 
 
-def _config_text(simulation: Simulation, concealed: bool) -> str:
+def config_text(simulation: Simulation, concealed: bool) -> str:
+    """session.toml of a simulated session."""
     options, unit = simulation.options, simulation.unit
     matrix = ", ".join("[" + ", ".join(f"{x:.{MATRIX_DIGITS}f}" for x in row) + "]" for row in unit.accel_matrix)
     bias = ", ".join(f"{x:.{BIAS_DIGITS}f}" for x in unit.accel_bias)

@@ -1,0 +1,39 @@
+"""Make the pictures of the README again: python docs/make_pictures.py
+
+Conceals a thermal bias in a simulated session, lets `explain` look at it, and keeps its page.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from session.units import DEG
+from tinygc.console import output
+from tinygc.explain.explain import explain_session
+from tinygc.explain.pages import explanation_page
+from tinygc.explain.result import save
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
+
+CONCEALED_DPS_PER_C = np.array([0.014, -0.037, 0.018])
+
+
+def main() -> None:
+    options = SimulationOptions(seed=11, closure_s=0.0, warm_up_c=9.0)
+
+    def warm(t_s, rate, force, temp_c):
+        return rate + CONCEALED_DPS_PER_C * DEG * (temp_c - options.temperature_start_c)[:, None]
+
+    with tempfile.TemporaryDirectory() as parent:
+        folder = write_session(options, Path(parent) / "warm", distort=warm)
+        explanation = explain_session(folder)
+        output().print(explanation_page(explanation))
+        shutil.copy(save(explanation) / "explain.png", Path(__file__).parent / "explain.png")
+
+
+if __name__ == "__main__":
+    main()

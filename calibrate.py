@@ -7,22 +7,25 @@ Parses arguments, calls one function per command, prints.  Heavy imports are ins
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import sys
 from pathlib import Path
 
-from session.errors import CalibrationError
+from session.errors import CalibrationError, printable
 
 METHODS = "raw,raw_bias_removed,least_squares,pso,tinygc"  # as in tinygc.methods, which imports too much for --help
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit code (FORMATS, exit codes)."""
-    args = _parser().parse_args(arguments)
+    _make_streams_safe()
     try:
+        args = _parser().parse_args(arguments)
         code = args.run(args)
-        sys.stdout.flush()
+        with _standard_output():
+            sys.stdout.flush()
         return code
     except CalibrationError as error:
         print(f"calibrate: {error}", file=sys.stderr)
@@ -32,21 +35,49 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
     except BrokenPipeError:
         # Whoever read our output has gone; nothing is left to say to them.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _silence(sys.stdout)
         return 0
     except OSError as error:
-        print(f"calibrate: {error.filename or ''}: {error.strerror or error}", file=sys.stderr)
+        try:
+            sys.stdout.flush()
+        except OSError:
+            _silence(sys.stdout)
+        print(f"calibrate: {printable(f'{error.filename}: ' if error.filename else '')}{error.strerror or error}", file=sys.stderr)
         return 2
+
+
+def _make_streams_safe() -> None:
+    """Whoever started us may have closed a stream, or may read it in an encoding without our signs: neither is worth a traceback."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+
+
+def _silence(stream) -> None:
+    """Let what is still in the stream's buffer go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+@contextlib.contextmanager
+def _standard_output():
+    """Give a failure to write its name, which a stream's errors lack."""
+    try:
+        yield
+    except OSError as error:
+        error.filename = "standard output"
+        raise
 
 
 def check(args: argparse.Namespace) -> int:
     """The first look at a session."""
     from session.check import check_folder, worst
-    from tinygc.console import output
     from tinygc.report import findings_table
 
     findings = check_folder(args.folder)
-    output(args.quiet).print(findings_table(findings))
+    _output(args).print(findings_table(findings))
     _write_json(args.json, {"schema": "tinygc-check/1", "findings": [vars(finding) for finding in findings]})
     if worst(findings) == "error":
         return 2
@@ -55,8 +86,8 @@ def check(args: argparse.Namespace) -> int:
 
 def fit(args: argparse.Namespace) -> int:
     """From a session to models and closure figures."""
-    from tinygc.console import output, progress_bar
-    from tinygc.fit import fit_session, holdout_above, save_models, to_json
+    from tinygc.console import progress_bar
+    from tinygc.fit import fit_session, save_models, to_json
     from tinygc.methods import FitOptions
     from tinygc.report import fit_report
 
@@ -69,41 +100,61 @@ def fit(args: argparse.Namespace) -> int:
         optimizer=args.optimizer,
         epochs=args.epochs,
         earth=not args.no_earth,
-        exclude=tuple(args.exclude),
+        exclude=tuple(dict.fromkeys(args.exclude)),
         physics=None if args.physics is None else tuple(name.strip() for name in args.physics.split(",")),
     )
+    _try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
         result = fit_session(args.folder, options, progress)
-    output(args.quiet).print(fit_report(result))
+    table = to_json(result)
+    # The results first: a terminal that fails must not cost them.
     folder = save_models(result, args.out)
-    output(args.quiet).print(f"models: {folder}", soft_wrap=True)
-    _write_json(args.json, to_json(result))
-    return 1 if args.limit is not None and holdout_above(result, args.limit) else 0
+    _output(args).print(fit_report(result))
+    _output(args).print(f"models: {folder}", soft_wrap=True)
+    _write_json(args.json, table)
+    above = [] if args.limit is None else _above(table, args.limit)
+    if above:
+        print(f"calibrate: above --limit {args.limit:g} deg: {'; '.join(above)}", file=sys.stderr)
+    return 1 if above else 0
+
+
+def _above(table: dict, limit_deg: float) -> list[str]:
+    """The figures of a fit that ``--limit`` refuses: the best held-out tilt, and each closure run's best RMSE."""
+    tilts = {name: method["holdout"]["tilt_rms_deg"] for name, method in table["methods"].items()}
+    figures = [("the best held-out tilt", tilts)]
+    for run in table["closure_runs"]:
+        figures.append((f"{run['file']}'s best RMSE", {name: run[name]["rmse_deg"] for name in tilts if name in run}))
+    said = []
+    for what, by_method in figures:
+        best = min(by_method, key=by_method.get)
+        if not by_method[best] <= limit_deg:
+            said.append(f"{what} is {by_method[best]:.4g} deg ({best})")
+    return said
 
 
 def explain(args: argparse.Namespace) -> int:
     """Why recording and simulation differ."""
-    from tinygc.console import output, progress_bar
+    from tinygc.console import progress_bar
     from tinygc.explain.explain import explain_session
     from tinygc.explain.pages import explanation_page
     from tinygc.explain.result import save, to_json
 
+    _try_destinations(args, "explain")
     with progress_bar(args.quiet) as progress:
         explanation = explain_session(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
-    output(args.quiet).print(explanation_page(explanation))
     folder = save(explanation, args.out, pictures=not args.no_pictures)
-    output(args.quiet).print(f"written: {folder}", soft_wrap=True)
+    _output(args).print(explanation_page(explanation))
+    _output(args).print(f"written: {folder}", soft_wrap=True)
     _write_json(args.json, to_json(explanation))
     return 1 if args.strict and explanation.verdict != "no_mismatch" else 0
 
 
 def plan(args: argparse.Namespace) -> int:
     """What to record next."""
-    from tinygc.console import output
     from tinygc.plan import propose
 
     proposals, asked = propose(args.folder, args.count)
-    console = output(args.quiet)
+    console = _output(args)
     if asked:
         console.print(f"explain asks: {asked}")
     for number, proposal in enumerate(proposals, start=1):
@@ -118,32 +169,103 @@ def plan(args: argparse.Namespace) -> int:
 
 def simulate(args: argparse.Namespace) -> int:
     """A session that the rest of the tool cannot tell from a recorded one."""
-    from tinygc.console import output
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.write import write_session
 
     chosen = {name: value for name, value in vars(args).items() if name in SimulationOptions.__dataclass_fields__ and value is not None}
     folder = write_session(SimulationOptions(**chosen), args.out, force=args.force)
-    output(args.quiet).print(f"{folder}: simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
+    _output(args).print(f"{folder}: simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
     _write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen})
     return 0
+
+
+def challenge(args: argparse.Namespace) -> int:
+    """The tool's own blind examination."""
+    import tempfile
+
+    from tinygc.challenge.examine import examine, to_json, without_sessions
+    from tinygc.challenge.table import challenge_tables
+    from tinygc.console import progress_bar
+
+    folder = args.out or Path(tempfile.mkdtemp(prefix="tinygc-challenge-"))
+    with progress_bar(args.quiet) as progress:
+        announce = lambda text: _output(args).print(text, soft_wrap=True)  # noqa: E731
+        result = examine(folder, args.cases, args.seed, announce=announce, progress=progress)
+    _output(args).print(challenge_tables(result))
+    if not args.keep:
+        without_sessions(folder, everything=args.out is None)
+    if args.keep or args.out:
+        _output(args).print(f"written: {folder}", soft_wrap=True)
+    _write_json(args.json, to_json(result))
+    return 0
+
+
+def _output(args: argparse.Namespace):
+    """Standard output for people; silent when quiet, and where the JSON has standard output to itself."""
+    from tinygc.console import output
+
+    return output(args.quiet or str(args.json) == "-")
+
+
+def _try_destinations(args: argparse.Namespace, default: str) -> None:
+    """Refuse before the work, not after it, what cannot be written: make the folder, write there, and take both away again."""
+    import tempfile
+
+    if args.out is None and not args.folder.is_dir():
+        return  # the reading of the session has more to say
+    folder = args.out or args.folder / default
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+        if args.json is not None and str(args.json) != "-":
+            _try_json(args.json)
+    except OSError as error:
+        raise CalibrationError(f"{error.filename or folder}: {error.strerror or error}; give --out another folder") from None
+    finally:
+        for path in missing:
+            with contextlib.suppress(OSError):
+                path.rmdir()
+
+
+def _try_json(path: Path) -> None:
+    new = not path.exists()
+    if new or path.is_file() or path.is_dir():  # a pipe or device is not opened twice
+        try:
+            path.open("a").close()
+        except OSError as error:
+            raise _no_json(path, error) from None
+    if new:
+        path.unlink()
+
+
+def _no_json(path: Path, error: OSError) -> CalibrationError:
+    return CalibrationError(f"{path}: cannot be written ({error.strerror}); give --json another path")
 
 
 def _write_json(path: Path | None, table: dict) -> None:
     if path is None:
         return
-    text = json.dumps(table, indent=1, ensure_ascii=False) + "\n"
     if str(path) == "-":
-        sys.stdout.write(text)
+        whole = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+        with _standard_output():
+            sys.stdout.write(json.dumps(table, indent=1, ensure_ascii=not whole) + "\n")
         return
     try:
-        path.write_text(text, encoding="utf-8")
+        path.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", errors="backslashreplace")
     except OSError as error:
-        raise CalibrationError(f"{path}: cannot be written ({error.strerror}); give --json another path") from None
+        raise _no_json(path, error) from None
+
+
+class _Parser(argparse.ArgumentParser):
+    """Bad usage is said in one line, like every other error."""
+
+    def error(self, message: str):
+        self.exit(2, f"calibrate: {printable(message)}; see --help\n")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="calibrate.py", description="Calibrate a MEMS gyroscope on a hand-turned table.")
+    parser = _Parser(prog="calibrate.py", description="Calibrate a MEMS gyroscope on a hand-turned table.")
     parser.add_argument("--version", action="version", version=_version())
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
@@ -151,6 +273,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("folder", type=Path, help="session folder")
     command.add_argument("--strict", action="store_true", help="exit 1 on warnings")
 
+    limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
     command = _command(commands, "fit", fit, "fit the calibration, compare the methods, print the closure errors")
     command.add_argument("folder", type=Path, help="session folder")
     command.add_argument("--methods", type=_methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
@@ -161,9 +284,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--epochs", type=_count(1), default=2000, help="of adamw (%(default)s)")
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
-    command.add_argument("--exclude", type=_count(0), nargs="*", default=[], metavar="N", help="numbers of segments to leave out")
+    command.add_argument("--exclude", type=_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out")
     command.add_argument("--out", type=Path, metavar="DIR", help="where the models go (fit/ in the session folder)")
-    command.add_argument("--limit", type=_positive, metavar="DEG", help="exit 1 if the best held-out tilt is above this")
+    command.add_argument("--limit", type=_positive, metavar="DEG", help=limit)
 
     command = _command(commands, "explain", explain, "say why the recording differs from the simulation, and prove it")
     command.add_argument("folder", type=Path, help="session folder")
@@ -175,6 +298,11 @@ def _parser() -> argparse.ArgumentParser:
     command = _command(commands, "plan", plan, "say which movements to record next")
     command.add_argument("folder", type=Path, help="session folder")
     command.add_argument("--count", type=_count(1), default=5, help="movements at most (%(default)s)")
+
+    command = _command(commands, "challenge", challenge, "examine explain on simulated sessions that hide something, blind")
+    command.add_argument("--cases", type=_count(1), default=40, metavar="N", help="sessions (%(default)s)")
+    command.add_argument("--out", type=Path, metavar="DIR", help="new folder for the truth and what was said (a temporary one)")
+    command.add_argument("--keep", action="store_true", help="keep the sessions, too")
 
     command = _command(commands, "simulate", simulate, "write a simulated session")
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
@@ -230,11 +358,22 @@ def _count(least: int):
     return parse
 
 
+def _numbers(text: str) -> list[int]:
+    """Numbers of segments, with commas."""
+    words = [word.strip() for word in text.split(",")]
+    if not all(word.isascii() and word.isdigit() and len(word) < 10 for word in words):
+        raise argparse.ArgumentTypeError(f"{text!r} is no list of segment numbers such as 3,17")
+    return list(map(int, words))
+
+
 def _positive(text: str) -> float:
     value = float(text)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is no positive number")
     return value
+
+
+_positive.__name__ = "number"  # argparse says "invalid number value"
 
 
 def _version() -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 from session.check_axes import check_axes
 from session.check_samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
 from session.check_stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
-from session.config import read_config
+from session.config import Config, read_config
 from session.errors import CalibrationError
 from session.findings import Finding, worst
 from session.folder import Session, log_paths, read_session
@@ -58,7 +58,7 @@ def check_folder(folder: Path) -> list[Finding]:
 
 def check_session(session: Session) -> list[Finding]:
     """The first look at every log and closure run of a session that could be read."""
-    findings, all_stills = [], []
+    findings, all_stills = check_keys(session.config), []
     for log in (*session.logs, *session.closures):
         stills, noise = find_stills(session.calibrated(log), session.config.protocol.still_s)
         findings += first_look(session, log, stills, noise)
@@ -67,6 +67,14 @@ def check_session(session: Session) -> list[Finding]:
     if all_stills:
         findings += check_segment_count(session.name, all_stills)
     return findings
+
+
+def check_keys(config: Config) -> list[Finding]:
+    """Keys of session.toml that nothing reads: a misspelt one would silently leave its default in force."""
+    return [
+        Finding("warning", "session.toml", "unknown key", f"{key} is read by nothing", f"did you mean {near}?" if near else "remove it")
+        for key, near in config.unknown
+    ]
 
 
 def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session | None, list[Finding]]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, field
-from math import isfinite
+from difflib import get_close_matches
+from math import isfinite, nan
 from pathlib import Path
 
 import numpy as np
@@ -56,10 +57,13 @@ class Protocol:
 
 @dataclass(frozen=True)
 class Config:
+    """unknown: keys that nothing reads, each with the known key nearest to it, or None."""
+
     sensor: Sensor
     accelerometer: Accelerometer
     site: Site
     protocol: Protocol
+    unknown: tuple[tuple[str, str | None], ...] = ()
 
 
 def read_config(path: Path) -> Config:
@@ -70,10 +74,10 @@ def read_config(path: Path) -> Config:
         raise FormatError(f"{path}: not found; a session folder holds session.toml and log*.csv (see FORMATS, README)") from None
     except OSError as error:
         raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, UnicodeDecodeError, a number of thousands of digits
         raise FormatError(f"{path}: broken TOML: {error}; correct that line") from None
     if table.get("schema") != SCHEMA:
-        raise FormatError(f'{path}: schema is {table.get("schema")!r}, expected "{SCHEMA}"; is this a session folder of this tool?')
+        raise FormatError(f'{path}: schema is {_said(table.get("schema"))}, expected "{SCHEMA}"; is this a session folder of this tool?')
     reader = _Reader(path, table)
     sensor = Sensor(
         model=reader.text("sensor", "model", "ASM330LHH"),
@@ -85,8 +89,11 @@ def read_config(path: Path) -> Config:
     accelerometer = Accelerometer(
         reader.array("accelerometer", "matrix", (3, 3), np.eye(3)), reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3))
     )
-    if abs(np.linalg.det(accelerometer.matrix)) < 0.1:
-        raise FormatError(f"{path}: accelerometer.matrix is singular; expected a 3x3 matrix close to the identity")
+    with np.errstate(all="ignore"):
+        determinant = abs(np.linalg.det(accelerometer.matrix))
+    if not 0.1 <= determinant <= 10:
+        what = "singular" if determinant < 0.1 else f"of determinant {determinant:g}"
+        raise FormatError(f"{path}: accelerometer.matrix is {what}; expected a 3x3 matrix close to the identity")
     site = Site(
         latitude_deg=reader.number("site", "latitude_deg", None, low=-90, high=90),
         gravity_mps2=reader.number("site", "gravity_mps2", None, low=9.7, high=9.9),
@@ -99,7 +106,7 @@ def read_config(path: Path) -> Config:
     )
     if protocol.reference not in ("gravity", "table"):
         raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected "gravity" or "table"')
-    return Config(sensor, accelerometer, site, protocol)
+    return Config(sensor, accelerometer, site, protocol, reader.unknown())
 
 
 class _Reader:
@@ -108,12 +115,27 @@ class _Reader:
     _REQUIRED = object()
 
     def __init__(self, path: Path, table: dict):
-        self._path, self._table = path, table
+        self._path, self._table, self._read = path, table, ["schema"]
+
+    def unknown(self) -> tuple[tuple[str, str | None], ...]:
+        """Keys that were never looked up, each with the looked-up key nearest to it."""
+        keys = []
+        for section, group in self._table.items():
+            keys += [f"{section}.{key}" for key in group] if isinstance(group, dict) else [section]
+        return tuple((key, self._nearest(key)) for key in keys if key not in self._read)
+
+    def _nearest(self, key: str) -> str | None:
+        """By the whole name, else by what stands behind the section: a key may have lost its section, or be in the wrong one."""
+        bare = {known.split(".")[-1]: known for known in self._read}
+        whole = get_close_matches(key.lower(), self._read, n=1, cutoff=0.75)
+        last = get_close_matches(key.lower().split(".")[-1], bare, n=1, cutoff=0.75)
+        return bare[last[0]] if last else whole[0] if whole else None
 
     def _value(self, section: str, key: str, default):
+        self._read.append(f"{section}.{key}")
         group = self._table.get(section, {})
         if not isinstance(group, dict):
-            raise FormatError(f"{self._path}: [{section}] must be a table, not {group!r}")
+            raise FormatError(f"{self._path}: [{section}] must be a table, not {_said(group)}")
         if key not in group and default is self._REQUIRED:
             raise FormatError(f"{self._path}: {section}.{key} is missing; add it under [{section}]")
         return group.get(key, default)
@@ -121,23 +143,36 @@ class _Reader:
     def text(self, section: str, key: str, default: str) -> str:
         value = self._value(section, key, default)
         if not isinstance(value, str):
-            raise FormatError(f"{self._path}: {section}.{key} is {value!r}, expected text in quotes")
+            raise FormatError(f"{self._path}: {section}.{key} is {_said(value)}, expected text in quotes")
         return value
 
     def number(self, section: str, key: str, default=_REQUIRED, *, low: float, high: float):
         value = self._value(section, key, default)
         if value is None and default is None:
             return None
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value) or not low <= value <= high:
-            raise FormatError(f"{self._path}: {section}.{key} is {value!r}, expected a number from {low:g} to {high:g}")
-        return float(value)
+        try:
+            number = float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else nan
+        except OverflowError:
+            number = nan
+        if not isfinite(number) or not low <= number <= high:
+            raise FormatError(f"{self._path}: {section}.{key} is {_said(value)}, expected a number from {low:g} to {high:g}")
+        return number
 
     def array(self, section: str, key: str, shape: tuple[int, ...], default: np.ndarray) -> np.ndarray:
         value = self._value(section, key, default)
         try:
             array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             array = np.empty(0)
         if array.shape != shape or not np.isfinite(array).all():
-            raise FormatError(f"{self._path}: {section}.{key} is {value!r}, expected finite numbers of shape {shape}")
+            raise FormatError(f"{self._path}: {section}.{key} is {_said(value)}, expected finite numbers of shape {shape}")
         return array
+
+
+def _said(value) -> str:
+    """A value as a complaint quotes it, never longer than a line."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes out no number of more than 4300 digits
+        return "a number of thousands of digits"
+    return text if len(text) <= 80 else f"{text[:79]}…"

@@ -1,10 +1,18 @@
 """One family of errors: what is wrong, where, what was expected, what to do.  Caught only in ``calibrate.py``."""
 
 
+def printable(text: str) -> str:
+    """Text from a file as a terminal may show it: control characters, and bytes that were no text, as escapes."""
+    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
 class CalibrationError(Exception):
     """Something a person can mend; printed as one line, exit code 2."""
 
     exit_code = 2
+
+    def __init__(self, message: str):
+        super().__init__(printable(message))
 
 
 class FormatError(CalibrationError):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from session.errors import printable
+
 LEVELS = ("ok", "note", "warning", "error")
 
 
@@ -26,6 +28,8 @@ class Finding:
     def __post_init__(self):
         if self.level not in LEVELS:
             raise ValueError(f"level is {self.level!r}, expected one of {', '.join(LEVELS)}")
+        for name in ("where", "says", "do"):  # they may quote a file
+            object.__setattr__(self, name, printable(getattr(self, name)))
 
 
 def worst(findings: Iterable[Finding]) -> str:

@@ -16,6 +16,9 @@ from session.logfile import Log, read_log
 from session.samples import Samples
 from session.units import DEG
 
+#: far beyond any recording, and small enough for a table with a row each
+MOST_STILLS = 100_000
+
 
 @dataclass(frozen=True, eq=False)
 class Session:
@@ -74,18 +77,25 @@ def _read_attitudes(path: Path) -> np.ndarray:
     """Dial readings ``still,roll_deg,pitch_deg,yaw_deg`` as (stills, 3) rad, NaN rows for stills that have none."""
     columns = ["still", "roll_deg", "pitch_deg", "yaw_deg"]
     try:
-        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
+        lines = list(enumerate(path.read_text(encoding="utf-8-sig").splitlines(), start=1))
     except FileNotFoundError:
         raise FormatError(f'{path}: not found, but protocol.reference is "table"; add the dial readings, or use "gravity"') from None
-    rows = list(csv.reader(lines))
-    if not rows or [cell.strip() for cell in rows[0]] != columns:
+    except UnicodeDecodeError:
+        raise FormatError(f"{path}: not UTF-8 text; save it as CSV in UTF-8") from None
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    lines = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
+    if not lines or [cell.strip() for cell in lines[0][1].split(",")] != columns:
         raise FormatError(f"{path.name}: the header must be {','.join(columns)}")
     readings = {}
-    for number, row in enumerate(rows[1:], start=2):
+    for number, line in lines[1:]:
         try:
+            row = next(csv.reader([line]))
             still, *angles = int(row[0]), *map(float, row[1:4])
-        except (ValueError, IndexError):
-            raise FormatError(f"{path.name} line {number}: {','.join(row)!r}, expected still,roll_deg,pitch_deg,yaw_deg") from None
+        except (ValueError, IndexError, csv.Error):
+            raise FormatError(f"{path.name} line {number}: {line[:60]!r}, expected still,roll_deg,pitch_deg,yaw_deg") from None
+        if still > MOST_STILLS:
+            raise FormatError(f"{path.name} line {number}: still {row[0][:20].strip()!r} is beyond {MOST_STILLS}; stills count from 0")
         if still < 0 or len(angles) != 3 or not all(map(math.isfinite, angles)) or still in readings:
             raise FormatError(f"{path.name} line {number}: still {still} is doubled, negative or has no finite angles")
         readings[still] = angles

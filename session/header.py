@@ -15,6 +15,12 @@ TIME_NS = {"t_ns": 1, "t_us": 1_000, "t_s": 1_000_000_000}
 GYRO_UNITS = {"": None, "_dps": DEG, "_rps": 1.0}
 ACCEL_UNITS = {"": None, "_g": G, "_mps2": 1.0}
 TEMP_UNITS = {"temp": None, "temp_c": 1.0}
+KNOWN = {
+    "time": tuple(TIME_NS),
+    "gyroscope": tuple(f"g{axis}{unit}" for unit in GYRO_UNITS for axis in "xyz"),
+    "accelerometer": tuple(f"a{axis}{unit}" for unit in ACCEL_UNITS for axis in "xyz"),
+}
+SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,9 @@ def parse_header(line: str, where: str) -> Header:
     """Read the header line; FormatError (with ``where``) says which column is missing, doubled or in an unknown unit."""
     names = tuple(name.strip() for name in line.rstrip(",\r\n").split(","))
     expected = "expected t_us,gx,gy,gz,ax,ay,az,temp or units in the names (t_s, gx_dps, gx_rps, ax_g, ax_mps2, temp_c)"
+    for separator, called in SEPARATORS.items():
+        if len(names) < 7 and line.count(separator) >= 6:
+            raise FormatError(f"{where}: separated by {called}; expected commas")
     if len(names) < 7 or all(re.fullmatch(r"[-+.\deE]*", name) for name in names):
         raise FormatError(f"{where}: no header line but {line.strip()[:60]!r}; {expected}")
     times = [name for name in names if name in TIME_NS]
@@ -88,7 +97,17 @@ def _triad(names, letter, units, where, expected):
 
 
 def _problem(what: str, names: tuple[str, ...], found: list[str]) -> str:
+    near = "" if len(found) > 1 and what == "time" else _near(what, names, found)
     if not found:
-        close = get_close_matches(what[0], names, n=1)
-        return f"no {what} column among {', '.join(names)[:80]}" + (f" (is it {close[0]!r}?)" if close else "")
-    return f"the {what} columns are {', '.join(found)}"
+        return f"no {what} column among {', '.join(names)[:80]}{near}"
+    return f"the {what} columns are {', '.join(found)}{near}"
+
+
+def _near(what: str, names: tuple[str, ...], found: list[str]) -> str:
+    """The first name that is a known one in other letters, or nearly one: `` (is 'GX' meant as 'gx'?)``."""
+    taken = {*found, *TEMP_UNITS, *(name for known in KNOWN.values() for name in known)}
+    for name in names:
+        close = [] if name in taken else get_close_matches(name.lower(), KNOWN[what], n=1, cutoff=0.75)
+        if close:
+            return f" (is {name[:40]!r} meant as {close[0]!r}?)"
+    return ""

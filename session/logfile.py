@@ -18,6 +18,10 @@ from session.samples import Samples
 
 #: a u32 microsecond counter wraps after 71.6 minutes: a backward step of about this much is a wrap, not a fault
 WRAP_NS = 2**32 * 1000
+#: stamps up to here, 146 years, can be told apart in ns without overflow
+LAST_NS = 2**62
+#: whole numbers that a column can hold
+INT64 = (-(2**63), 2**63 - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +78,8 @@ def _read_text(path: Path) -> tuple[str, list[str]]:
             if not data:
                 raise FormatError(f"{path.name}: not a gzip file; unpack it or give it its right name") from None
             notes.append("the compressed file breaks off: the part before is used")
+    if b"\0" in data[:1000]:  # further on it is a line that broke, and named as such
+        raise FormatError(f"{path.name}: not a text log (UTF-16 or binary); expected CSV in UTF-8")
     return data.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n"), notes
 
 
@@ -130,13 +136,13 @@ def _load(body: str, header: Header) -> np.ndarray:
     names = [(f"c{i}", np.int64 if w else np.float64) for i, w in enumerate(whole)]
     # Stamps in ns do not fit a float64: beside physical units each column keeps its own type.
     kind = np.int64 if all(whole) else np.float64 if header.time_name != "t_ns" else names
-    rows = np.loadtxt(body.splitlines(), dtype=kind, delimiter=",", comments="#", usecols=header.used, ndmin=1 if kind is names else 2)
+    rows = np.loadtxt(body.split("\n"), dtype=kind, delimiter=",", comments="#", usecols=header.used, ndmin=1 if kind is names else 2)
     if kind is names:
         return rows
     table = np.empty(len(rows), dtype=names)
     for i, w in enumerate(whole):
-        if w and kind is np.float64 and (rows[:, i] % 1).any():
-            raise ValueError("a fraction where a whole number belongs")
+        if w and kind is np.float64 and ((rows[:, i] % 1).any() or not (np.abs(rows[:, i]) < LAST_NS).all()):
+            raise ValueError("a fraction, or more than 64 bits, where a whole number belongs")
         table[f"c{i}"] = rows[:, i]
     return table
 
@@ -147,7 +153,16 @@ def _first_fault(body: str, header: Header, first_line: int) -> tuple[int, str, 
         row = line.split("#")[0]
         if row.strip() and (problem := _fault(row, header)):
             return first_line + i, problem, i == len(lines) - 1
-    return first_line, "cannot be read as numbers", False
+    # No rule of ours: numpy itself says which is the first line that it cannot take.
+    good, bad = 0, len(lines)
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        try:
+            _load("\n".join(lines[good:middle]), header)
+            good = middle
+        except ValueError:
+            bad = middle
+    return first_line + good, f"{lines[good][:40]!r} cannot be read as numbers", good == len(lines) - 1
 
 
 def _fault(row: str, header: Header) -> str | None:
@@ -155,12 +170,18 @@ def _fault(row: str, header: Header) -> str | None:
     if len(cells) <= max(header.used):
         return f"{len(cells)} columns, expected {header.width}"
     for column in header.used:
-        whole = header.is_integer(column)
+        whole, cell = header.is_integer(column), cells[column].strip()
+        says = f"{header.names[column]} is {cell[:20]!r}"
+        if whole and re.fullmatch(r"[-+]?[0-9]+", cell):
+            if len(cell) > 1000 or not INT64[0] <= int(cell) <= INT64[1]:
+                return f"{says}{'…' if len(cell) > 20 else ''}, a number too long for any register or stamp"
+            continue
         try:
-            (int if whole else float)(cells[column])
+            if whole or "_" in cell:  # Python reads 1_000, and numpy does not
+                raise ValueError
+            float(cell)
         except ValueError:
-            kind = "a whole number" if whole else "a number"
-            return f"{header.names[column]} is {cells[column].strip()[:20]!r}, expected {kind}"
+            return f"{says}, expected {'a whole number' if whole else 'a number'}"
     return None
 
 
@@ -178,6 +199,10 @@ def _to_si(table, header: Header, sensor: Sensor, name: str, body: str, first_li
             row = int(np.argmin(fine))
             fail(row, f"{header.names[column]} is {values[row]}, no 16-bit register value; units belong in the header (gx_dps, ax_g)")
     time = columns[0]
+    last = LAST_NS // TIME_NS[header.time_name]
+    if not (fine := (time > -last) & (time < last)).all():
+        row = int(np.argmin(fine))
+        fail(row, f"{header.time_name} is {time[row]}, which is no time of this era; mend or remove that line")
     t_ns = np.rint(time * 1e9).astype(np.int64) if header.time_name == "t_s" else time * TIME_NS[header.time_name]
     gyro_scale = registers.gyro_rps_per_lsb(sensor.gyro_fs_dps) if header.gyro_scale is None else header.gyro_scale
     accel_scale = registers.accel_mps2_per_lsb(sensor.accel_fs_g) if header.accel_scale is None else header.accel_scale

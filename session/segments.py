@@ -28,7 +28,7 @@ class Segment:
     """Samples ``start <= i < stop`` of one log between two stills (numbers into the log's list of stills).
 
     number counts from 0 over all logs; turn_start, turn_stop bound the movement; note says what is unusual; problem says why it is
-    not used, or is None.
+    not used, or is None; breaks_yaw: integrating it tells nothing of the attitude after it.
     """
 
     number: int
@@ -43,6 +43,7 @@ class Segment:
     turn_deg: float
     note: str | None = None
     problem: str | None = None
+    breaks_yaw: bool = False
 
     @property
     def accepted(self) -> bool:
@@ -70,6 +71,7 @@ def _cut(samples, first: Still, last: Still, passed, sensor, protocol, log, numb
     rate = np.linalg.norm(samples.gyro[turn] - bias, axis=1)
     turn_deg = float(np.trapezoid(rate, t_s)) / DEG
     duration_s = float(samples.t_ns[stop - 1] - samples.t_ns[start]) * 1e-9
+    broken = why_broken(samples, turn, sensor)
     return Segment(
         number=number,
         log=log,
@@ -82,7 +84,8 @@ def _cut(samples, first: Still, last: Still, passed, sensor, protocol, log, numb
         turn_s=turn_s,
         turn_deg=turn_deg,
         note=_note(passed, turn_s, turn_deg, protocol),
-        problem=_problem(samples, turn, duration_s, sensor, protocol),
+        problem=broken or _too_long(duration_s, protocol),
+        breaks_yaw=broken is not None,
     )
 
 
@@ -106,7 +109,7 @@ def _note(passed, turn_s: float, turn_deg: float, protocol: Protocol) -> str | N
     return None
 
 
-def _problem(samples: Samples, turn: slice, duration_s: float, sensor: Sensor, protocol: Protocol) -> str | None:
+def why_broken(samples: Samples, turn: slice, sensor: Sensor) -> str | None:
     """Why the movement cannot be integrated, or None."""
     steps = np.diff(samples.t_ns[max(turn.start - 1, 0) : turn.stop]) * 1e-9
     if len(steps) and (worst := steps.max()) > GAP_PERIODS * samples.period_s:
@@ -117,6 +120,10 @@ def _problem(samples: Samples, turn: slice, duration_s: float, sensor: Sensor, p
     if any(clipped):
         axes = ", ".join(axis for axis, bad in zip("xyz", clipped, strict=True) if bad)
         return f"the gyro clips at {rate_dps[:, clipped].max():.0f} dps on {axes}: turn slower or choose a larger full scale"
+    return None
+
+
+def _too_long(duration_s: float, protocol: Protocol) -> str | None:
     if duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s:
         return f"{duration_s:.0f} s from still to still: too long for a segment; make it a closure run"
     return None

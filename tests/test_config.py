@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from conftest import SESSION_TOML
+from conftest import SESSION_TOML, Table, write_session
 
+from session.check import check_folder, check_keys
 from session.config import Accelerometer, read_config
 from session.errors import CalibrationError, FormatError
 from session.units import STANDARD_GRAVITY_MPS2
@@ -66,6 +67,12 @@ def test_the_pre_calibration_undoes_offset_and_matrix():
         (SESSION_TOML + "[accelerometer]\nmatrix = [[1,0],[0,1]]\n", "accelerometer.matrix"),
         (SESSION_TOML + "[accelerometer]\nmatrix = [[1,0,0],[0,1,0],[0,1,0]]\n", "singular"),
         (SESSION_TOML + '[accelerometer]\nbias_mps2 = "none"\n', "accelerometer.bias_mps2"),
+        (SESSION_TOML.replace("208.0", "1" + "0" * 400), "sensor.odr_hz is 1000"),
+        (SESSION_TOML.replace("208.0", "1" + "0" * 5000), "broken TOML"),
+        (SESSION_TOML.replace("208.0", "0x" + "f" * 5000), "sensor.odr_hz is a number of thousands of digits"),
+        (SESSION_TOML + f"[accelerometer]\nbias_mps2 = [0, 0, 1{'0' * 400}]\n", "accelerometer.bias_mps2 is [0, 0, 1000"),
+        (SESSION_TOML + "[accelerometer]\nmatrix = [[1e200,0,0],[0,1e200,0],[0,0,1e200]]\n", "accelerometer.matrix"),
+        ("x = " + "[" * 5000, "broken TOML"),
         ("schema = tinygc\n", "broken TOML"),
         (SESSION_TOML + "[site\n", "broken TOML"),
     ],
@@ -97,3 +104,30 @@ def test_a_folder_in_the_place_of_the_file_is_refused(tmp_path):
 def test_a_byte_order_mark_of_an_editor_does_no_harm(tmp_path):
     (tmp_path / "session.toml").write_text(SESSION_TOML, encoding="utf-8-sig")
     assert read_config(tmp_path / "session.toml").sensor.odr_hz == 208.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "near"),
+    [
+        ("latitude_deg", "latitude", "site.latitude", "site.latitude_deg"),
+        ("latitude_deg", "Latitude_Deg", "site.Latitude_Deg", "site.latitude_deg"),
+        ("serial =", "heading_deg = 3.0\nserial =", "sensor.heading_deg", "site.heading_deg"),
+        ("[sensor]", "still_s = 2\n[sensor]", "still_s", "protocol.still_s"),
+        ("[site]", "[protocl]\nsegment_s = 3\n[site]", "protocl.segment_s", "protocol.segment_s"),
+        ("[site]", "[notes]\nweather = 3\n[site]", "notes.weather", None),
+    ],
+)
+def test_a_key_that_nothing_reads_is_named_with_the_nearest_known_one(tmp_path, old, new, key, near):
+    config = read(tmp_path, SESSION_TOML.replace(old, new, 1))
+    assert config.unknown == ((key, near),)
+    (finding,) = check_keys(config)
+    assert (finding.level, key in finding.says, near is None or near in finding.do) == ("warning", True, True)
+
+
+def test_known_keys_are_all_known(tmp_path):
+    assert check_keys(read(tmp_path, SESSION_TOML)) == []
+
+
+def test_check_warns_of_an_unknown_key(tmp_path):
+    folder = write_session(tmp_path / "s", Table().tumble(2).samples(), toml=SESSION_TOML.replace("latitude_deg", "latitude"))
+    assert any(finding.do == "did you mean site.latitude_deg?" for finding in check_folder(folder))

@@ -101,11 +101,14 @@ def test_still_tilt_shrinks_with_its_length():
 
 
 def test_dials_replace_gravity_where_the_table_is_the_reference(turns):
-    """Three angles, no accelerometer: the gyro's part, and a dial at either end, one of them the neighbour's too."""
+    """For the yaw alone: a dial at either end, one of them the neighbour's too.  The tilt stays gravity's."""
     without, with_dial = made_floor(turns, True, 0.0), made_floor(turns, True, 1e-3)
-    np.testing.assert_allclose(with_dial.own - without.own, np.tile(2e-6 * np.eye(3), (3, 1, 1)), atol=1e-18)
-    np.testing.assert_allclose(with_dial.shared, np.tile(-1e-6 * np.eye(3), (2, 1, 1)), atol=1e-18)
-    assert not without.shared.any()
+    yaw = np.diag([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(with_dial.own - without.own, np.tile(2e-6 * yaw, (3, 1, 1)), atol=1e-18)
+    np.testing.assert_allclose(with_dial.shared - without.shared, np.tile(-1e-6 * yaw, (2, 1, 1)), atol=1e-18)
+    gravity = made_floor(turns, False, 0.0)
+    np.testing.assert_allclose(without.own[:, :2, :2], gravity.own, atol=1e-18)
+    np.testing.assert_allclose(with_dial.sigma[:, 2] ** 2, with_dial.own[:, 2, 2])
 
 
 def test_segments_that_are_no_neighbours_share_nothing(turns):
@@ -123,4 +126,4 @@ def test_product_without_the_dense_matrix_is_the_product_with_it(count):
     columns = rng.normal(size=(count, 2, 12))
     np.testing.assert_allclose(floor.times(columns).reshape(2 * count, 12), floor.dense() @ columns.reshape(2 * count, 12), atol=1e-13)
     np.testing.assert_array_equal(floor.dense(), floor.dense().T)
-    np.testing.assert_allclose(floor.sigma**2, np.trace(floor.own, axis1=1, axis2=2) / 2)
+    np.testing.assert_allclose(floor.sigma**2, np.repeat(np.trace(floor.own, axis1=1, axis2=2)[:, None] / 2, 2, axis=1))

@@ -188,6 +188,24 @@ def row(text, number=3):
         (row("1004808,1,2,3,-32769,5,6,7"), "line 3: ax is -32769, no 16-bit register"),
         (row("990000,1,2,3,4,5,6,7"), "line 3: t_us goes backward by 0.01 s"),
         (row("Boot v1.2 0x6B ok", 4), "line 4: 1 columns"),
+        (row(f"{2**60},1,2,3,4,5,6,7"), f"line 3: t_us is {2**60}, which is no time of this era"),
+        (row(f"-{2**60},1,2,3,4,5,6,7"), "which is no time of this era"),
+        (row(f"{10**30},1,2,3,4,5,6,7"), "line 3: t_us is '10000000000000000000'…, a number too long"),
+        (row("1004808,1,2," + "9" * 5000 + ",4,5,6,7"), "line 3: gz is '99999999999999999999'…, a number too long"),
+        (row("1004808,1,1_000,3,4,5,6,7"), "line 3: gy is '1_000', expected a whole number"),
+        (row("1004808,1,2,\u0663,4,5,6,7"), "line 3: gz is"),
+        (row("1004808,1,2,3,4\x0c5,5,6,7"), "line 3: ax is '4\\x0c5'"),
+        (text_of().replace(",", ";"), "line 1: separated by semicolons; expected commas"),
+        (text_of().replace(",", "\t"), "line 1: separated by tabs; expected commas"),
+        (text_of().upper(), "(is 'T_US' meant as 't_us'?)"),
+        (text_of().replace("gx,gy,gz", "GX,GY,GZ"), "(is 'GX' meant as 'gx'?)"),
+        (text_of(gyro="_dps").replace("gy_dps", "gy_DPS"), "unknown unit in 'gy_DPS'; known are gx, gx_dps"),
+        (text_of().encode("utf-16"), "not a text log (UTF-16 or binary)"),
+        (b"\x7fELF\0\0\0" * 40, "not a text log (UTF-16 or binary)"),
+        (text_of("t_s").replace(repr(TIMES["t_s"][1].item()), "1e300"), "line 3: t_s is 1e+300, which is no time of this era"),
+        (text_of(gyro="_dps", accel="_g", temp=None).replace("1004808", "1e300"), "line 3: t_us is '1e300', expected a whole number"),
+        (text_of(gyro="_dps").replace("1004808", "1_004_808"), "line 3: t_us is '1_004_808', expected a whole number"),
+        (text_of("t_s").replace(repr(TIMES["t_s"][1].item()), "1_0.04808"), "line 3: t_s is '1_0.04808', expected a number"),
     ],
 )
 def test_a_malformed_log_says_what_and_where(tmp_path, text, said):
@@ -294,6 +312,9 @@ def test_dial_readings_belong_to_the_stills_by_number(tmp_path, samples):
         ("still,roll_deg,pitch_deg,yaw_deg\n0,0,nan,0\n", "line 2"),
         ("still,roll_deg,pitch_deg,yaw_deg\n-1,0,0,0\n", "line 2"),
         ("still,roll_deg,pitch_deg,yaw_deg\nfirst,0,0,0\n", "line 2"),
+        ("still,roll_deg,pitch_deg,yaw_deg\n# said\n\nfirst,0,0,0\n", "line 4"),
+        ("still,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n99999999999999,0,0,0\n", "line 3: still '99999999999999' is beyond 100000"),
+        ('still,roll_deg,pitch_deg,yaw_deg\n0,"' + "1" * 200_000 + '",0,0\n', "line 2"),
     ],
 )
 def test_malformed_dial_readings_say_where(tmp_path, samples, text, said):
@@ -301,3 +322,22 @@ def test_malformed_dial_readings_say_where(tmp_path, samples, text, said):
     (tmp_path / "attitudes.csv").write_text(text)
     with pytest.raises(FormatError, match=said):
         read_session(tmp_path)
+
+
+def test_dial_readings_that_cannot_be_read_as_text_are_refused(tmp_path, samples):
+    write_session(tmp_path, samples)
+    path = tmp_path / "attitudes.csv"
+    path.write_bytes("still,roll_deg,pitch_deg,yaw_deg\n0,1°,0,0\n".encode("latin-1"))
+    with pytest.raises(FormatError, match="not UTF-8"):
+        read_session(tmp_path)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(FormatError, match="cannot be read"):
+        read_session(tmp_path)
+
+
+def test_zeros_that_a_lost_power_left_at_the_end_are_left_out(tmp_path):
+    rows = "".join(f"{4808 * i},1,2,3,4,5,6,7\n" for i in range(200))
+    log = read(tmp_path, (HEADER + "\n" + rows).encode() + bytes(300))
+    assert len(log.samples) == 200
+    assert "cut off" in log.notes[0]

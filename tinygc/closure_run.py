@@ -10,6 +10,7 @@ from session.errors import DataError
 from session.folder import Session
 from session.logfile import Log
 from session.samples import Samples
+from session.segments import why_broken
 from session.stills import Still, find_stills
 from session.units import DEG
 from tinygc import closure, rotation
@@ -17,12 +18,10 @@ from tinygc.closure import Batch
 from tinygc.earth import EarthRate, vertical_only
 from tinygc.floor import gyro_variance, still_tilt_variance
 from tinygc.problem import Problem
+from tinygc.yaw import angle_between, goes_on
 
 #: a table is set back by hand to a dial: closer than this is "the same attitude"
 RETURN_RAD = 0.5 * DEG
-#: the table has not been touched between the last log and the run if gravity says so to this
-UNTOUCHED_RAD = 0.1 * DEG
-UNTOUCHED_S = 600.0
 #: stillness that is integrated at either end, for what the detector may be late
 MARGIN_S = 0.1
 
@@ -72,23 +71,25 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
     if noise is None or len(stills) < 2:
         raise DataError(f"{name}: {len(stills)} still phases, expected one before and one after the turn; record still - long turn - still")
     first, last = stills[0], stills[-1]
-    away = _angle_between(first.accel_mean, last.accel_mean)
+    away = angle_between(first.accel_mean, last.accel_mean)
     if away > RETURN_RAD:
         raise DataError(
             f"{name}: does not return: gravity at its end is {away / DEG:.2f} deg from where it began, expected at most "
             f"{RETURN_RAD / DEG:g}; set the table back to the same marks, or name the file log*.csv to fit it"
         )
+    if why := why_broken(samples, slice(first.stop, last.start + 1), session.config.sensor):
+        raise DataError(f"{name}: {why}; a closure run must be whole: record it again, or remove the file")
     margin = round(MARGIN_S / samples.period_s)
     rows = slice(max(first.stop - 1 - margin, first.start), min(last.start + margin, last.stop) + 1)
     part = samples.between(rows.start, rows.stop)
     # The same yaw, by protocol; the tilt as gravity sees it, since a hand does not return to a hundredth of a degree.
-    earth, start, carried = _earth_and_start(problem, session, samples.t_ns[0], first)
+    earth, start, carried = _earth_and_start(problem, session, samples, first)
     end = closure.nearest_yaw(start, rotation.from_gravity(last.accel_mean))
     bare = Batch(part.gyro[None], part.dt_s[None], np.zeros_like(part.gyro[None]), start[None], end[None], yaw_known=True)
     attitudes = closure.attitudes(bare, problem.first(bare.rate))
     batch = Batch(bare.rate, bare.dt, earth.in_body(attitudes), bare.start, bare.end, yaw_known=True)
-    variance = np.diagonal(gyro_variance(batch, attitudes, [noise])[0]).copy()
-    variance[:2] += still_tilt_variance(first, noise) + still_tilt_variance(last, noise)
+    variance = np.diagonal(gyro_variance(batch, attitudes, [problem.noise])[0]).copy()
+    variance[:2] += still_tilt_variance(first, problem.noise) + still_tilt_variance(last, problem.noise)
     return ClosureRun(
         file=name,
         duration_s=float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * 1e-9,
@@ -102,16 +103,13 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
     )
 
 
-def _earth_and_start(problem: Problem, session: Session, t_ns: int, first: Still) -> tuple[EarthRate, np.ndarray, bool]:
+def _earth_and_start(problem: Problem, session: Session, samples: Samples, first: Still) -> tuple[EarthRate, np.ndarray, bool]:
     """The run's yaw in the table frame is known if the table was not touched since the last log; else only the vertical Earth is."""
     before = problem.logs[-1]
     start = rotation.from_gravity(first.accel_mean)
-    continues = 0 <= (t_ns - before.samples.t_ns[-1]) * 1e-9 < UNTOUCHED_S
-    if continues and _angle_between(before.stills[-1].accel_mean, first.accel_mean) < UNTOUCHED_RAD:
-        return problem.earth, closure.nearest_yaw(before.q_tb[-1], start), True
+    references = [i for i, still in enumerate(before.stills) if still.problem is None]
+    if references and goes_on(before.samples, before.stills[references[-1]], samples, first):
+        earth = problem.earths[int(before.group[references[-1]])]
+        return earth, closure.nearest_yaw(before.q_tb[references[-1]], start), True
     known = problem.earth.source != "none"
     return (vertical_only(session.config.site.latitude_deg) if known else problem.earth), start, False
-
-
-def _angle_between(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))

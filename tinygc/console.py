@@ -19,10 +19,18 @@ class _Output(Console):
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
 
+    def print(self, *objects, **settings) -> None:
+        try:
+            super().print(*objects, **settings)
+        except OSError as error:
+            error.filename = "standard output"  # a stream's errors lack the name
+            raise
+
 
 def output(quiet: bool = False) -> Console:
     """Standard output; silent when quiet."""
-    return _Output(quiet=quiet, highlight=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    # What is printed quotes files and folders: nothing in it is markup.
+    return _Output(quiet=quiet, highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
 
 
 @contextmanager

@@ -80,6 +80,14 @@ def estimate_heading(latitude_deg: float, q_tb: np.ndarray, rate: np.ndarray, si
     return EarthRate(_north(latitude_deg) * mean + [0, 0, _down(latitude_deg)], heading, float(spread), source)
 
 
+def contradicts(estimate: EarthRate, given: EarthRate) -> bool:
+    """Whether a heading that the stills show well differs from the one that was given by more than three sigmas."""
+    if estimate.source != "estimated" or estimate.heading_rad is None or given.heading_rad is None:
+        return False
+    apart = np.angle(np.exp(1j * (estimate.heading_rad - given.heading_rad)))
+    return bool(abs(apart) > 3 * estimate.heading_sigma_rad and estimate.heading_sigma_rad < 30 * DEG)
+
+
 def _north(latitude_deg: float) -> float:
     return EARTH_RATE_RPS * np.cos(latitude_deg * DEG)
 

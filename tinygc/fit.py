@@ -149,6 +149,7 @@ def to_json(result: FitResult) -> dict:
             "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
         },
         "goodness": vars(result.goodness),
+        "unobserved": result.linear.notes.get("unobserved", []),
         "earth": {
             "source": earth.source,
             "heading_deg": None if earth.heading_rad is None or earth.source == "unknown" else earth.heading_rad / DEG,
@@ -176,7 +177,7 @@ def to_json(result: FitResult) -> dict:
         "still_rates": {"used": result.options.still_rates, "other_choice_holdout": closure_figures(result.other_choice.held_out)},
         "options": {
             "seed": result.options.seed,
-            "folds": result.options.folds,
+            "folds": min(result.options.folds, len(problem.used)),
             "integrator": result.options.integrator,
             "optimizer": result.options.optimizer,
         },
@@ -199,6 +200,7 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
         more = {"method": name, "session": result.session.name, "version": tinygc.__version__}
         if fit is result.linear:
             more["covariance"] = result.covariance.tolist()
+            more["unobserved"] = fit.notes.get("unobserved", [])
         write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
     write_whole(folder / "fit.json", to_json(result))
     return folder

@@ -24,8 +24,9 @@ class Floor:
 
     @property
     def sigma(self) -> np.ndarray:
-        """(S,) rad, per angle: the weight of each segment is 1 / sigma^2."""
-        return np.sqrt(np.trace(self.own, axis1=1, axis2=2) / self.own.shape[-1])
+        """(S, d) rad: the weight of each angle is 1 / sigma^2; one for both of tilt, whose axes are only the table's."""
+        tilt = np.repeat((self.own[:, 0, 0] + self.own[:, 1, 1])[:, None] / 2, 2, axis=1)
+        return np.sqrt(np.concatenate([tilt, np.diagonal(self.own, axis1=1, axis2=2)[:, 2:]], axis=1))
 
     @property
     def tilt_rms(self) -> float:
@@ -58,15 +59,17 @@ def still_tilt_variance(still: Still, noise: Noise) -> float:
 def closure_floor(
     batch: Batch, attitudes: np.ndarray, ends: list[tuple[Still, Still]], noises: list[Noise], dial_sigma_rad: float = 0.0
 ) -> Floor:
-    """Floor of S segments with attitudes (S, T, 4), the stills at their ends, and the noise of the log each is from."""
+    """Floor of S segments with attitudes (S, T, 4), the stills at their ends, and the noise of the log each is from.
+
+    Tilt is gravity's, with white noise (which holds the register's rounding, too); yaw, where it is known, a dial's.  What the
+    accelerometer's pre-calibration leaves is not in it: nobody has stated it.
+    """
     own = gyro_variance(batch, attitudes, noises)[:, : batch.angles, : batch.angles]
     shared = np.zeros((max(len(batch) - 1, 0), batch.angles, batch.angles))
-    tilt = np.zeros((batch.angles, batch.angles))
-    tilt[0, 0] = tilt[1, 1] = 1.0
-    dial = dial_sigma_rad**2 * np.eye(batch.angles)
+    dial = [dial_sigma_rad**2] if batch.yaw_known else []
     for i, ((first, last), noise) in enumerate(zip(ends, noises, strict=True)):
-        end = dial if batch.yaw_known else still_tilt_variance(last, noise) * tilt
-        own[i] += end + (dial if batch.yaw_known else still_tilt_variance(first, noise) * tilt)
+        begin, end = (np.diag([still_tilt_variance(still, noise)] * 2 + dial) for still in (first, last))
+        own[i] += begin + end
         if i + 1 < len(ends) and ends[i + 1][0] is last:
             shared[i] = -end
     return Floor(own, shared)

@@ -44,15 +44,15 @@ def fit_least_squares(
     still_rates: StillRates | None = None,
     integrator: str = "exact",
 ) -> LeastSquaresFit:
-    """Fit the 12 parameters to a batch with per-segment sigma (S,) rad, from a start.
+    """Fit the 12 parameters to a batch with sigma (S,) rad of each segment, or (S, d) of each angle, from a start.
 
     Raises FitError where the search does not settle (residuals that are not finite, or no segments).
-    The covariance returned is that of independent residuals with these sigmas; ``covariance`` refines it.
+    The covariance returned is that of independent residuals with these sigmas; ``uncertainty.parameter_covariance`` refines it.
     """
     if len(batch) == 0:
         raise FitError("no segments to fit; see the reasons for which they were rejected")
     vector, prior = start.vector, start.vector
-    weight = 1 / sigma[:, None]
+    weight = 1 / sigma.reshape(len(batch), -1)
     rank = linear.PARAMETERS
     for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
         model = LinearModel.from_vector(vector)

@@ -63,13 +63,16 @@ def run_method(name: str, problem: Problem, options: FitOptions, progress: Progr
     """Fit to all segments, then to all but each fold in turn."""
     still_rates = problem.still_rates if options.still_rates else None
     batch, sigma = problem.batch, problem.floor.sigma
-    steps = options.folds + 1
+    folds = min(options.folds, len(batch))
+    steps = folds + 1
+    # The swarm's windows are exact, and so it is judged.
+    integrator = "exact" if name == "pso" else options.integrator
     began = time.perf_counter()
     model, notes = _fit(name, problem, batch, sigma, options, still_rates, None, lambda done, of: progress(done, of * steps))
     seconds = time.perf_counter() - began
     held_out = np.zeros((len(batch), batch.angles))
-    fold = np.arange(len(batch)) % options.folds
-    for k in range(options.folds):
+    fold = np.arange(len(batch)) % folds
+    for k in range(folds):
         seen = fold != k
         part, _ = _fit(
             name,
@@ -81,9 +84,9 @@ def run_method(name: str, problem: Problem, options: FitOptions, progress: Progr
             model,
             lambda done, of, k=k: progress((k + 1) * of + done, of * steps),
         )
-        held_out[~seen] = closure_angles(batch.pick(~seen), part, options.integrator)
+        held_out[~seen] = closure_angles(batch.pick(~seen), part, integrator)
     progress(steps, steps)
-    return MethodFit(name, model, closure_angles(batch, model, options.integrator), held_out, seconds, notes)
+    return MethodFit(name, model, closure_angles(batch, model, integrator), held_out, seconds, notes)
 
 
 def closure_angles(batch: Batch, model: Model, integrator: str = "exact") -> np.ndarray:
@@ -122,11 +125,12 @@ def _fit(
 
 
 def _train(batch, sigma, options: FitOptions, still_rates, progress: Progress) -> tuple[CalibrationNet, dict]:
-    # torch takes seconds to import: only those who train pay.
     from tinygc import training
 
     if options.optimizer == "adamw":
-        trained = training.train_adamw(batch, sigma, epochs=options.epochs, still_rates=still_rates, progress=progress)
+        trained = training.train_adamw(
+            batch, sigma, epochs=options.epochs, integrator=options.integrator, still_rates=still_rates, progress=progress
+        )
     else:
-        trained = training.train_second_order(batch, sigma, still_rates=still_rates, progress=progress)
+        trained = training.train_second_order(batch, sigma, integrator=options.integrator, still_rates=still_rates, progress=progress)
     return trained.net, {"optimizer": options.optimizer, "tie": trained.tie, "loss": list(trained.loss)}

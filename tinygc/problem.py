@@ -15,44 +15,53 @@ from session.stills import Noise, Still, find_stills
 from session.units import DEG
 from tinygc import rotation
 from tinygc.closure import Batch, attitudes, nearest_yaw
-from tinygc.earth import EarthRate, estimate_heading, no_earth, vertical_only, with_heading
+from tinygc.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.floor import Floor, closure_floor
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
 from tinygc.still_rates import StillRates
+from tinygc.yaw import angle_between, carry_yaw
 
 #: how well a person reads a dial
 DIAL_SIGMA_RAD = 0.05 * DEG
+DIAL_LIMIT_RAD = 1.0 * DEG
 #: a linear fit with 12 parameters and two angles a segment needs at least this many
 FEWEST_SEGMENTS = 7
 
 
 @dataclass(frozen=True, eq=False)
 class StillSet:
-    """The stills of one log: their noise, and attitudes q_tb (Q, 4) with the yaw carried by the gyro from still to still."""
+    """The stills of one log: their noise, attitudes q_tb (Q, 4), the yaw carried from still to still, and yaw groups (Q,)."""
 
     samples: Samples
     stills: list[Still]
     noise: Noise
     q_tb: np.ndarray
+    group: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """What is fitted.
 
-    segments: all of them, accepted or not; batch: the accepted ones, in order; floor of the batch; earth; logs: stills by log;
-    first: the linear fit that carried the yaw; still_rates of every reference still.
+    segments: all of them, accepted or not; batch: the accepted ones, in order; floor of the batch; earths by yaw group; logs: stills
+    by log; first: the linear fit that carried the yaw; still_rates of every reference still.
     """
 
     session: Session
     segments: list[Segment]
     batch: Batch
     floor: Floor
-    earth: EarthRate
+    earths: dict[int, EarthRate]
     logs: list[StillSet]
     first: LinearModel
     still_rates: StillRates
+
+    @property
+    def earth(self) -> EarthRate:
+        """Of the yaw group with the most stills."""
+        groups = np.concatenate([log.group[[still.problem is None for still in log.stills]] for log in self.logs])
+        return self.earths[int(np.bincount(groups).argmax())]
 
     @property
     def used(self) -> list[Segment]:
@@ -70,8 +79,10 @@ class Problem:
 
     @property
     def noise(self) -> Noise:
-        """Mean over the logs."""
-        return Noise(*(np.mean([getattr(log.noise, name) for log in self.logs], axis=0) for name in ("gyro", "accel")))
+        """Of all logs together, by how much stillness each has."""
+        weights = [sum(still.duration_s for still in log.stills) for log in self.logs]
+        power = (np.average([getattr(log.noise, name) ** 2 for log in self.logs], axis=0, weights=weights) for name in ("gyro", "accel"))
+        return Noise(*map(np.sqrt, power))
 
 
 def build_problem(
@@ -93,13 +104,16 @@ def build_problem(
     used = np.array([segment.accepted for segment in segments])
     sigma = np.full(int(used.sum()), 1e-3)
     start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
-    earth = no_earth()
     # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
     for _ in range(2):
         fit = fit_least_squares(chain.pick(used), sigma, start)
-        logs, chain = _carry_yaw(session, logs, segments, chain, fit.model)
-        earth = _earth(session, logs, fit.model) if use_earth else no_earth()
-        chain = replace(chain, earth=earth.in_body(attitudes(chain, fit.model(chain.rate))))
+        logs, chain = carry_yaw(logs, segments, chain, fit.model)
+        earths = _earths(session, logs, fit.model)
+        if not use_earth:
+            earths = dict.fromkeys(earths, no_earth())
+        at = attitudes(chain, fit.model(chain.rate))
+        groups = [int(logs[segment.log].group[logs[segment.log].stills.index(segment.first)]) for segment in segments]
+        chain = replace(chain, earth=np.stack([earths[g].in_body(q) for g, q in zip(groups, at, strict=True)]))
     batch = chain.pick(used)
     accepted = [segment for segment in segments if segment.accepted]
     floor = closure_floor(
@@ -109,7 +123,7 @@ def build_problem(
         [logs[segment.log].noise for segment in accepted],
         DIAL_SIGMA_RAD,
     )
-    return Problem(session, segments, batch, floor, earth, logs, fit.model, _still_rates(logs, earth))
+    return Problem(session, segments, batch, floor, earths, logs, fit.model, _still_rates(logs, earths))
 
 
 def _stills_and_segments(session: Session, exclude, moving, progress) -> tuple[list[StillSet], list[Segment]]:
@@ -123,11 +137,30 @@ def _stills_and_segments(session: Session, exclude, moving, progress) -> tuple[l
         stills = [replace(s, problem="turns about the vertical") if number + i in moving else s for i, s in enumerate(stills)]
         number += len(stills)
         segments += cut_segments(samples, stills, session.config.sensor, session.config.protocol, log=len(logs), number=len(segments))
-        logs.append(StillSet(samples, stills, noise, np.zeros((0, 4))))
+        logs.append(StillSet(samples, stills, noise, np.zeros((0, 4)), np.zeros(0, dtype=int)))
     excluded = [replace(s, problem="left out by request") if s.number in exclude else s for s in segments]
     if session.config.protocol.reference == "table":
         excluded = [_with_dials(session, logs, segment) for segment in excluded]
+        _require_agreement(session, logs)
+    unknown = sorted(set(exclude) - {segment.number for segment in segments})
+    if unknown and segments:
+        raise SegmentError(f"{session.folder}: no segment {unknown[0]} to leave out; there are 0 to {len(segments) - 1}")
     return logs, excluded
+
+
+def _require_agreement(session: Session, logs: list[StillSet]) -> None:
+    """The dials and gravity see the same tilt, or their numbers do not belong together."""
+    apart = []
+    for number, log in enumerate(logs):
+        for still in log.stills:
+            if still.problem is None and (reading := _dial(session, logs, number, still)) is not None:
+                down = rotation.matrix(rotation.from_euler(*reading))[2]
+                apart.append(angle_between(-still.accel_mean, down))
+    if apart and np.median(apart) > DIAL_LIMIT_RAD:
+        raise DataError(
+            f"attitudes.csv: the dials' tilt differs from gravity's by {np.median(apart) / DEG:.1f} deg (median of {len(apart)} stills); "
+            f"the log has {sum(len(log.stills) for log in logs)} stills, counted from 0: does the numbering match?"
+        )
 
 
 def _with_dials(session: Session, logs: list[StillSet], segment: Segment) -> Segment:
@@ -182,55 +215,57 @@ def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> B
         rate[i, count:] = rate[i, count - 1]
         dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * 1e-9
         for end, still in zip(ends, (segment.first, segment.last), strict=True):
-            reading = _dial(session, logs, segment.log, still) if dials else None
-            end[i] = rotation.from_gravity(still.accel_mean) if reading is None else rotation.from_euler(*reading)
+            end[i] = rotation.from_gravity(still.accel_mean)
+            if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
+                # A dial is read to a twentieth of a degree, gravity to a hundredth: the tilt is gravity's, the yaw the dial's.
+                end[i] = nearest_yaw(rotation.from_euler(*reading), end[i])
     return Batch(rate, dt, np.zeros_like(rate), ends[0], ends[1], dials)
 
 
-def _carry_yaw(session, logs: list[StillSet], segments: list[Segment], chain: Batch, model: LinearModel) -> tuple[list[StillSet], Batch]:
-    """Give each still the yaw that the gyro carries to it from the log's first still, where the table's index is."""
-    start, end = chain.start.copy(), chain.end.copy()
-    q_tb = [[rotation.from_gravity(still.accel_mean) for still in log.stills] for log in logs]
-    if not chain.yaw_known:
-        step = rotation.multiply(rotation.conjugate(chain.start), attitudes(chain, model(chain.rate))[:, -1])
-        for i, segment in enumerate(segments):
-            stills = logs[segment.log].stills
-            first, last = (stills.index(still) for still in (segment.first, segment.last))
-            start[i] = q_tb[segment.log][first]
-            end[i] = q_tb[segment.log][last] = nearest_yaw(rotation.multiply(start[i], step[i]), end[i])
-    else:
-        for i, segment in enumerate(segments):
-            stills = logs[segment.log].stills
-            q_tb[segment.log][stills.index(segment.first)] = start[i]
-            q_tb[segment.log][stills.index(segment.last)] = end[i]
-    carried = [replace(log, q_tb=np.array(q)) for log, q in zip(logs, q_tb, strict=True)]
-    return carried, replace(chain, start=start, end=end)
-
-
-def _earth(session: Session, logs: list[StillSet], model: LinearModel) -> EarthRate:
+def _earths(session: Session, logs: list[StillSet], model: LinearModel) -> dict[int, EarthRate]:
+    """The Earth's rate in the frame of each yaw group."""
     site = session.config.site
+    groups = sorted({int(g) for log in logs for g, still in zip(log.group, log.stills, strict=True) if still.problem is None})
     if site.latitude_deg is None:
-        return no_earth()
+        return {g: no_earth() for g in groups}
+    q_tb, rate, sigma, group = _reference_stills(logs)
+    found = {}
+    for g in groups:
+        mine = group == g
+        found[g] = vertical_only(site.latitude_deg)
+        if mine.sum() > 2:
+            found[g] = estimate_heading(site.latitude_deg, q_tb[mine], model(rate[mine]), sigma[mine])
     if site.heading_deg is not None:
-        return with_heading(site.latitude_deg, site.heading_deg)
-    q_tb, rate, sigma = _reference_stills(logs)
-    return estimate_heading(site.latitude_deg, q_tb, model(rate), sigma) if len(rate) > 2 else vertical_only(site.latitude_deg)
+        # The table's index: where the first still is, by protocol.  Believed unless the stills contradict it.
+        given = with_heading(site.latitude_deg, site.heading_deg)
+        if not contradicts(found[0], given):
+            found[0] = given
+    return found
 
 
-def _reference_stills(logs: list[StillSet]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Attitudes (Q, 4), mean rates (Q, 3) and their sigmas (Q, 3) of all stills that are references."""
+def _reference_stills(logs: list[StillSet]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Attitudes (Q, 4), mean rates (Q, 3), their sigmas (Q, 3) and yaw groups (Q,) of all stills that are references."""
     rows = [
-        (q, still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s))
+        (q, still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s), group)
         for log in logs
-        for q, still in zip(log.q_tb, log.stills, strict=True)
+        for q, still, group in zip(log.q_tb, log.stills, log.group, strict=True)
         if still.problem is None
     ]
-    q_tb, rate, sigma = (np.array(column) for column in zip(*rows, strict=True))
-    return q_tb, rate, sigma
+    q_tb, rate, sigma, group = (np.array(column) for column in zip(*rows, strict=True))
+    return q_tb, rate, sigma, group
 
 
-def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:
-    q_tb, rate, sigma = _reference_stills(logs)
+def _still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRates:
+    q_tb, rate, sigma, group = _reference_stills(logs)
     if not (sigma > 0).all():
         raise DataError("the gyro shows no noise at all in the stills; is the log made of registers, not of smoothed values?")
-    return StillRates(rate, earth.in_body(q_tb), sigma)
+    began = np.cumsum([0.0] + [log.samples.duration_s for log in logs])
+    middle_s = [
+        began[number] + still.start_s + still.duration_s / 2
+        for number, log in enumerate(logs)
+        for still in log.stills
+        if still.problem is None
+    ]
+    return StillRates(
+        rate, np.array([earths[int(g)].in_body(q) for g, q in zip(group, q_tb, strict=True)]), sigma, q_tb, np.array(middle_s)
+    )

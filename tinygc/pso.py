@@ -78,11 +78,11 @@ def fit_pso(
 ) -> LinearModel:
     """The swarm's best linear model; ``box`` shrinks the box it starts in (around ``start``)."""
     windows = preintegrate(batch)
-    weight = (2 / sigma) ** 2
+    weight = (2 / sigma.reshape(len(batch), -1)) ** 2
 
     def cost(vectors: np.ndarray) -> np.ndarray:
         E, B = vectors[:, :9].reshape(-1, 3, 3), vectors[:, 9:]
-        total = np.sum(windows.residuals(E, B) ** 2, axis=-1) @ weight
+        total = np.sum(windows.residuals(E, B) ** 2 * weight, axis=(1, 2))
         if still_rates is not None:
             total = total + [np.sum(still_rates.residuals(LinearModel.from_vector(vector)) ** 2) for vector in vectors]
         return total

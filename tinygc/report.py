@@ -69,6 +69,14 @@ def _headline(result: FitResult) -> Text:
 
 
 def _earth_words(result: FitResult) -> str:
+    groups, asked = len(result.problem.earths), result.session.config.site.heading_deg
+    words = _heading_words(result)
+    if asked is not None and result.problem.earth.source == "estimated":
+        words += f" (site.heading_deg = {asked:g} contradicts it: did the sensor begin at the table's index?)"
+    return words + (f"; the yaw is carried in {groups} pieces, each with a heading of its own" if groups > 1 else "")
+
+
+def _heading_words(result: FitResult) -> str:
     earth = result.problem.earth
     if earth.source == "given":
         return f"Earth's rotation with the heading given ({earth.heading_rad / DEG:.0f}°)"
@@ -99,9 +107,8 @@ def _methods(result: FitResult) -> Table:
         )
     floor = f"{result.problem.floor.tilt_rms / DEG:.4f}"
     table.add_row("noise floor", "", floor, floor, style="dim")
-    table.caption = (
-        f"fitted, held out: tilt; held out over {result.options.folds} folds; roll, pitch, yaw: held out, about the table's axes"
-    )
+    folds = min(result.options.folds, len(result.problem.used))
+    table.caption = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
     table.caption_justify = "left"
     return table
 
@@ -117,7 +124,10 @@ def _closure_runs(result: FitResult) -> Table:
         floor = run.floor_rad / DEG
         table.add_row("  noise floor (1σ)", *(f"{x:.4f}" for x in floor), f"{np.sqrt(np.mean(floor**2)):.4f}", style="dim")
     if any(run.earth.source == "unknown" for run in result.runs):
-        table.caption = "heading unknown: of the Earth's rotation only the vertical part is taken off"
+        table.caption = (
+            "the heading is unknown, or the run does not go on where the log ended (the device's clock, gravity): "
+            "of the Earth's rotation only the vertical part is taken off"
+        )
         table.caption_justify = "left"
     return table
 

@@ -14,11 +14,14 @@ from tinygc.linear import LinearModel
 
 @dataclass(frozen=True, eq=False)
 class StillRates:
-    """Q stills: rate (Q, 3) measured, earth (Q, 3) the Earth's rate in body axes, sigma (Q, 3) of the mean; all rad/s."""
+    """Q stills: rate (Q, 3) measured, earth (Q, 3) the Earth's rate in body axes, sigma (Q, 3) of the mean; all rad/s; attitudes q_tb
+    (Q, 4) and moments middle_s (Q,) s are what uncertainties need of them."""
 
     rate: np.ndarray
     earth: np.ndarray
     sigma: np.ndarray
+    q_tb: np.ndarray | None = None
+    middle_s: np.ndarray | None = None
 
     def residuals(self, model: LinearModel) -> np.ndarray:
         """(3 Q,) in sigmas; ``model`` may be any map of rates."""

@@ -1,11 +1,12 @@
-"""Train the calibration subnet on the endpoint loss, in PyTorch.
+"""Train the calibration subnet on the endpoint loss: one net, one residual, in NumPy or in PyTorch.
 
 Second order (the default): Levenberg-Marquardt.  The net's Jacobian is contracted with the closure's linear sensitivity, so one step
 costs about one epoch.  It leads from the identity to the linear solution, and from there
 along a path of weaker and weaker ties to it; on that path the step whose predicted error is least (leave one segment out) is kept, so
 that 27 parameters do not fit the noise that 12 leave alone.
 
-First order: the paper's AdamW at 0.01, differentiating through the tree product.
+First order: the paper's AdamW at 0.01 in PyTorch, differentiating through the tree product.  Only this imports torch, which takes
+seconds; the second order needs no autograd.
 """
 
 from __future__ import annotations
@@ -14,12 +15,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from session.errors import FitError
-from session.units import DEG
 from tinygc import closure
 from tinygc.closure import Batch
+from tinygc.least_squares import PRIOR_SIGMA
 from tinygc.network import PARAMETERS, CalibrationNet
 from tinygc.still_rates import StillRates
 
@@ -29,8 +29,6 @@ TIES = (0.0, 0.1, 0.3, 1.0, 3.0)
 INNER_TIE = 0.1
 #: standard errors by which a looser tie must lower the left-out error before its kinks are believed
 BELIEF = 3.0
-#: sigma of the weak prior on the linear part, as in least squares: 20 % and 20 dps
-LINEAR_SIGMA = np.array([0.2] * 9 + [20 * DEG] * 3)
 MAX_STEPS = 25
 #: in units of chi-square: a step that gains less than this says nothing of the sensor
 ENOUGH = 1e-3
@@ -51,10 +49,11 @@ def train_second_order(
     *,
     still_rates: StillRates | None = None,
     ties: tuple[float, ...] = TIES,
+    integrator: str = "exact",
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Training:
     """Levenberg-Marquardt from the identity; sigma (S,) rad per angle.  Raises FitError where the residuals are not finite."""
-    problem = _Problem(batch, sigma, still_rates)
+    problem = _Problem(batch, sigma, still_rates, integrator)
     vector, losses = CalibrationNet.identity().vector, []
     chosen, lowest = None, None
     for number, tie in enumerate(ties):
@@ -76,14 +75,15 @@ def _clearly_less(trial: np.ndarray, best: np.ndarray) -> bool:
 class _Problem:
     """The residuals of the net as rows in sigmas, with their Jacobian."""
 
-    def __init__(self, batch: Batch, sigma: np.ndarray, still_rates: StillRates | None):
-        self.batch, self.weight, self.still_rates = batch, 1 / sigma[:, None], still_rates
+    def __init__(self, batch: Batch, sigma: np.ndarray, still_rates: StillRates | None, integrator: str = "exact"):
+        self.integrator = integrator
+        self.batch, self.weight, self.still_rates = batch, 1 / sigma.reshape(len(batch), -1), still_rates
         self.typical_rps = float(np.sqrt(np.mean(batch.rate**2)))
         self.identity = CalibrationNet.identity().vector
 
     def residuals(self, vector: np.ndarray) -> np.ndarray:
         net = CalibrationNet.from_vector(vector)
-        rows = [(2 * closure.segment_residuals(self.batch, net(self.batch.rate)) * self.weight).ravel()]
+        rows = [(2 * closure.segment_residuals(self.batch, net(self.batch.rate), self.integrator) * self.weight).ravel()]
         if self.still_rates is not None:
             rows.append(self.still_rates.residuals(net))
         r = np.concatenate(rows)
@@ -107,7 +107,7 @@ class _Problem:
     def prior_sigma(self, tie: float) -> np.ndarray:
         """(27,): the bent part is tied to W1 = I, b1 = 0, slope = 1; the linear part hardly at all."""
         inner = np.array([1.0] * 9 + [self.typical_rps] * 3) * INNER_TIE
-        return np.concatenate([np.concatenate([inner, np.ones(3)]) * max(tie, 1e-9), LINEAR_SIGMA])
+        return np.concatenate([np.concatenate([inner, np.ones(3)]) * max(tie, 1e-9), PRIOR_SIGMA])
 
     def settle(self, vector: np.ndarray, tie: float) -> tuple[np.ndarray, np.ndarray, list[float]]:
         """Minimise with one tie; returns the weights, the left-out squared errors (S,), and the loss after each step."""
@@ -155,10 +155,13 @@ def train_adamw(
     *,
     epochs: int = 2000,
     learning_rate: float = 0.01,
+    integrator: str = "exact",
     still_rates: StillRates | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Training:
     """The paper's optimiser on the whole batch, with a cosine decay of the learning rate so that it ends somewhere."""
+    import torch
+
     weights = torch.as_tensor(CalibrationNet.identity().vector).requires_grad_()
     rate, weight = torch.as_tensor(batch.rate), torch.as_tensor(2 / sigma)
     optimizer = torch.optim.AdamW([weights], lr=learning_rate, weight_decay=0.0)
@@ -167,7 +170,7 @@ def train_adamw(
     for epoch in range(epochs):
         optimizer.zero_grad()
         net = CalibrationNet.from_vector(weights)
-        r = closure.segment_residuals(batch, net(rate)) * weight[:, None]
+        r = closure.segment_residuals(batch, net(rate), integrator) * weight.reshape(len(batch), -1)
         loss = (r**2).mean()
         if still_rates is not None:
             rows = (net(torch.as_tensor(still_rates.rate)) - torch.as_tensor(still_rates.earth)) / torch.as_tensor(still_rates.sigma)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from tinygc import closure, linear
+from tinygc import closure, linear, rotation
 from tinygc.earth import EarthRate
 from tinygc.floor import Floor
 from tinygc.integrate import sample_weights
@@ -70,23 +70,30 @@ def parameter_covariance(
     rate = model(batch.rate)
     sensitivity = closure.sensitivity(batch, rate)
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles]
-    weight = 1 / floor.sigma[:, None, None] ** 2
+    weight = 1 / floor.sigma[..., None] ** 2
     hessian = np.einsum("sdp,sdq->pq", design * weight, design) + np.diag(1 / PRIOR_SIGMA**2)
     meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
     if still_rates is not None:
         rows = still_rates.columns()
         hessian += rows.T @ rows
         meat += rows.T @ rows
+        still_pull = rows.reshape(-1, 3, rows.shape[1]).transpose(0, 2, 1) / still_rates.sigma[:, None]
     if earth.source == "estimated":
         # A heading wrong by dh turns the horizontal Earth rate by dh: one more column, with the heading's own sigma.
         sideways = np.cross([0.0, 0.0, 1.0], earth.rate_t)
         body = np.einsum("stji,j->sti", _turn(sensitivity, batch), sideways)
         column = np.einsum("stij,stj->si", sensitivity, body)[:, : batch.angles]
-        pull = np.einsum("sdp,sd->p", design * weight, column) * earth.heading_sigma_rad
+        pull = np.einsum("sdp,sd->p", design * weight, column)
+        if still_rates is not None and still_rates.q_tb is not None:
+            turned = np.einsum("qji,j->qi", rotation.matrix(still_rates.q_tb), sideways)
+            pull = pull + np.einsum("qpi,qi->p", still_pull, turned)
+        pull = pull * earth.heading_sigma_rad
         meat += np.outer(pull, pull)
     if middle_s is not None:
         # A bias error turns a segment's end as the three bias columns say.
         pull = np.einsum("sdp,sdi->spi", design * weight, design[..., 9:])
+        if still_rates is not None and still_rates.middle_s is not None:
+            pull, middle_s = np.concatenate([pull, still_pull]), np.concatenate([middle_s, still_rates.middle_s])
         wander = wander_covariance(middle_s)
         meat += np.einsum("spi,st,tqi->pq", pull, wander, pull, optimize=True)
     inverse = np.linalg.inv(hessian)

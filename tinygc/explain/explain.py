@@ -19,7 +19,7 @@ from tinygc.explain.mending import Mended, mend
 from tinygc.explain.naming import Naming, candidates, name_effects
 from tinygc.explain.parameters import readable
 from tinygc.explain.proof import Proof, prove
-from tinygc.explain.selection import FAMILY_WISE
+from tinygc.explain.selection import FAMILY_WISE, SHAPE_SHARE
 from tinygc.explain.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explain.twin import Twin
 from tinygc.explain.unknown import unknown_candidates
@@ -86,7 +86,7 @@ def explain_session(
     misfit = _first_misfit(problem) if mended.found else 0.0
     naming = name_effects(twin, whiten, candidates(twin), seed, lambda what: progress(what, 4, 6), explained=misfit)
     channel_p = channel_p_values(twin, whiten, naming.first.r, naming.first.J)
-    detected = min(1.0, 2 * min(naming.first_p, bonferroni(channel_p)))
+    detected = detection_p(naming.first_p, channel_p)
     left = channel_p_values(twin, whiten, naming.fit.r, naming.fit.J)
     naming, unknown, left = _refuse(twin, whiten, naming, misfit, detected, left, seed, lambda what: progress(what, 4, 6))
     naming = replace(naming, fit=in_gauge(twin, whiten, naming.fit))
@@ -116,6 +116,15 @@ def channel_p_values(twin: Twin, whiten: Whitener, r: np.ndarray, nuisance: np.n
     return p
 
 
+def detection_p(first_p: float, channel_p: dict[str, float]) -> float:
+    """One p-value from the candidates' and the channels' own.
+
+    The channels are judged against noise as it is stated, with allowances that most recordings do not use up, so their p-values are no
+    uniform ones; they get so small a share of the level that only what is beyond doubt counts, and the whole stays uniform.
+    """
+    return min(1.0, first_p / SHAPE_SHARE, bonferroni(channel_p) / (1 - SHAPE_SHARE))
+
+
 def bonferroni(p: dict[str, float]) -> float:
     return min(1.0, len(p) * min(p.values()))
 
@@ -137,7 +146,7 @@ def _refuse(twin, whiten, naming: Naming, mended_from: float, detected: float, l
 
 def _first_misfit(problem: Problem) -> float:
     """Chi-square of the closure before anything was mended."""
-    r = closure_angles(problem.batch, problem.first) / problem.floor.sigma[:, None]
+    r = closure_angles(problem.batch, problem.first) / problem.floor.sigma
     return float(np.sum(r**2))
 
 

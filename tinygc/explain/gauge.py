@@ -12,15 +12,15 @@ from tinygc.explain.twin import Twin
 from tinygc.explain.whitening import Whitener
 
 _DIAGONAL = [0, 4, 8]
-#: chi-square that moving a lag must cost before the closure is believed against gravity: four sigmas
-LAG_KNOWN = 16.0
+#: values of a common lag that are tried between what the closure and what gravity says
+LAGS = 9
 
 
 def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     """The same fit with its common delay put where it belongs.
 
     Skewed axes are counted from the earliest.  Sensitivity to angular acceleration, whose diagonal is a common delay plus
-    differences, takes the delay between gyro and accelerometer for the common part.  So does a lag, unless the closure knows better.
+    differences, takes the delay between gyro and accelerometer for the common part.  So does a lag, as far as the closure lets it.
     """
     for number, claim in enumerate(fit.state.claims):
         if claim.effect.id == "timing.axis_skew":
@@ -37,7 +37,8 @@ def _with_theta(twin: Twin, whiten: Whitener, fit: Refit, number: int, theta: np
     claims[number] = replace(claims[number], theta=theta)
     state = replace(fit.state, claims=tuple(claims))
     rates = twin.rates(state)
-    return replace(fit, state=state, rates=rates, r=whiten(twin.residuals(state, rates).stacked()))
+    r = whiten(twin.residuals(state, rates).stacked())
+    return replace(fit, state=state, rates=rates, r=r, chi_square=float(r @ r))
 
 
 def _with_common_delay(twin: Twin, whiten: Whitener, fit: Refit, number: int) -> Refit:
@@ -50,17 +51,20 @@ def _with_common_delay(twin: Twin, whiten: Whitener, fit: Refit, number: int) ->
 
 
 def _with_possible_lag(twin: Twin, whiten: Whitener, fit: Refit, number: int) -> Refit:
-    """A lag is never negative, and what all axes share of it shows in the closure by its square alone.  Where that is negative, or
-    gravity contradicts it, and the closure has little against it, it is what gravity says."""
+    """A lag is never negative, and what all axes share of it shows in the closure by its square alone: both signs fit, and little is a
+    lot.  Where it is negative, or gravity contradicts it, it goes to where closure and gravity together have least against it."""
     gravity = turn_gravity(twin, fit)
     theta = fit.state.claims[number].theta
     if not gravity.is_offset and theta.min() >= 0:
         return fit
-    moved = theta + gravity.offset_s
-    there = _with_theta(twin, whiten, fit, number, moved - min(moved.min(), 0.0))
-    if there.r @ there.r - fit.r @ fit.r > LAG_KNOWN:
-        return fit
-    return replace(there, covariance=_common_from_gravity(fit, number, [0, 1, 2], gravity))
+    sigma = np.hypot(gravity.sigma_s, gravity.bar_s / 3)
+    found = []
+    for share in np.linspace(0, 1, LAGS):
+        moved = theta + share * gravity.offset_s
+        there = _with_theta(twin, whiten, fit, number, moved - min(moved.min(), 0.0))
+        found.append((there.r @ there.r + ((1 - share) * gravity.offset_s / sigma) ** 2, there))
+    _, best = min(found, key=lambda pair: pair[0])
+    return replace(best, covariance=_common_from_gravity(fit, number, [0, 1, 2], gravity))
 
 
 def _common_from_gravity(fit: Refit, number: int, entries: list[int], gravity: TurnGravity) -> np.ndarray:

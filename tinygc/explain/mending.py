@@ -130,7 +130,7 @@ def _lost_count(problem: Problem, at: list[np.ndarray]) -> tuple[int, float]:
     if (~hit).sum() >= FEWEST_WHOLE:
         model = fit_least_squares(batch.pick(~hit), sigma[~hit], problem.first).model
     period_s = float(np.median([log.samples.period_s for log in problem.session.logs]))
-    part, weight = batch.pick(hit), 1 / sigma[hit][:, None]
+    part, weight = batch.pick(hit), 1 / sigma[hit]
     costs = []
     for count in range(round(LONGEST_LOSS_S / period_s) + 1):
         dt = part.dt.copy()

@@ -9,8 +9,9 @@ import numpy as np
 
 from tinygc.effects import catalogue
 from tinygc.effects._effect import Effect
+from tinygc.explain.gauge import in_gauge
 from tinygc.explain.refit import Refit, refit
-from tinygc.explain.selection import FAMILY_WISE, Selection
+from tinygc.explain.selection import FAMILY_WISE, SHAPE_SHARE, Selection
 from tinygc.explain.twin import Twin
 from tinygc.explain.whitening import Whitener
 
@@ -89,10 +90,10 @@ def name_effects(
         if not selection.groups:
             break
         log_p = selection.log_p(fit.r)
-        p_value = selection.family_wise(float(log_p.min()))
+        p_value = selection.p_value(fit.r)
         if not effects:
             first_p = p_value
-        if p_value > (LATER_FAMILY_WISE if effects else FAMILY_WISE):
+        if p_value > SHAPE_SHARE * (LATER_FAMILY_WISE if effects else FAMILY_WISE):
             break
         effect, better = _best_exact(twin, whiten, fit, effects, rest, selection, log_p)
         gain = fit.chi_square - better.chi_square
@@ -114,7 +115,9 @@ def _selection(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], see
     columns = {
         number: whiten(twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked()) for number, effect in enumerate(rest)
     }
-    return Selection(fit.J, columns, seed)
+    along = frozenset(number for number, effect in enumerate(rest) if effect.kind == "force")
+    rows = slice(0, whiten.parts["still"].stop)
+    return Selection(fit.J, columns, seed, allowances=whiten.allowances, scale_rows=rows, along=along)
 
 
 def _best_exact(twin, whiten, fit: Refit, effects, rest, selection: Selection, log_p: np.ndarray) -> tuple[Effect, Refit]:
@@ -129,7 +132,8 @@ def _best_exact(twin, whiten, fit: Refit, effects, rest, selection: Selection, l
             continue
         effect = _sharpened(twin, whiten, fit, effect)
         trial = refit(twin, whiten, [*effects, effect], fit.state)
-        trials[effect.id] = (trial.chi_square + effect.parameter.size * np.log(len(fit.r)), effect, trial)
+        # In its gauge: a lag may not win by what its sign and its common part are free to do.
+        trials[effect.id] = (in_gauge(twin, whiten, trial).chi_square + effect.parameter.size * np.log(len(fit.r)), effect, trial)
     _, effect, trial = min(trials.values(), key=lambda item: item[0])
     return effect, trial
 
@@ -176,6 +180,6 @@ def _stand_ins(twin, whiten, effects, effect: Effect, fit: Refit, tried: list[Ef
         if gains[number] < bar or candidate.id in found or len(found) >= MOST_LOOKALIKES:
             continue
         trial = refit(twin, whiten, [*others, _sharpened(twin, whiten, base, candidate)], base.state)
-        if trial.chi_square < fit.chi_square + STAND_IN:
+        if in_gauge(twin, whiten, trial).chi_square < in_gauge(twin, whiten, fit).chi_square + STAND_IN:
             found.append(candidate.id)
     return tuple(found)

@@ -13,7 +13,7 @@ from tinygc.least_squares import fit_least_squares
 from tinygc.methods import closure_angles
 from tinygc.problem import Problem
 
-FOLDS = 5
+FOLDS = 10
 FOLD_STEPS = 3
 
 
@@ -44,7 +44,7 @@ def tilt_rms(angles: np.ndarray) -> float:
 
 
 def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit) -> Proof:
-    """Hold out every fifth segment, with the stills at its ends, in turn."""
+    """Hold out every tenth segment, with the stills at its ends, in turn."""
     return Proof(
         before=_before(original),
         after=_after(twin, whiten, fit),

@@ -18,10 +18,16 @@ from session.samples import Samples
 
 #: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump
 JUMP = 12.0
+#: the two peaks of a short false reading are alike, and each has at least a third of itself, reversed, beyond it
+SPIKE, FLANK = 0.75, 0.2
+#: a plateau ends in corners: as far beyond its ends as it is long, a smooth peak has fallen by 9 times what it stays within (2 steps)
+CORNER = 3 * 9 * 2
 #: s: where that scatter is taken, and what a sensor's filter takes to start
 NEIGHBOURHOOD_S, START_S = 0.2, 0.1
 LONGEST_GLITCH = 8  #: samples
 SIDE = 4  #: samples on either side from which what was lost is bridged
+#: a loss shows in the accelerometer, too: most of them by at least this (noise alone: 0.9); where a rate clips it does not
+LOSS_IN_ACCEL = 3.0
 #: losses and false readings are rare: more than one a second is another thing
 PER_SECOND = 1.0
 
@@ -58,10 +64,25 @@ def find_jumps(samples: Samples) -> Jumps:
     total = np.sqrt(np.sum(size**2, axis=1))
     total[: round(START_S / samples.period_s)] = 0
     high = np.flatnonzero(total > JUMP)
-    # A step between rows k and k+1 is in the third differences k-2, k-1, k, and twice as large in the middle one.
+    # A step between rows k and k+1 is in the third differences k-2, k-1, k as 1, -2, 1.
     peaks = [i for i in high if total[i] >= total[max(i - 2, 0) : i + 3].max()]
-    rows = np.array(peaks, dtype=int) + 1
-    return Jumps(rows, -size[peaks] / 2 if len(peaks) else np.zeros((0, 6)))
+    steps = dict(step for i in peaks for step in _steps_at(i, size, total))
+    return Jumps(np.array(sorted(steps), dtype=int), np.array([steps[row] for row in sorted(steps)]).reshape(-1, 6))
+
+
+def _steps_at(i: int, size: np.ndarray, total: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """Row and size of each step in a peak: one, unless it looks like one false sample, 1, -3, 3, -1, or two of them, 1, -2, 0, 2, -1.
+
+    A corner of the rate, 0, -1, 1, 0, has no flanks.
+    """
+    for apart, factor in ((1, 3), (2, 2)):
+        for away, back in ((i, i + apart), (i - apart, i)):
+            if away < 1 or back + 2 > len(size) or min(total[away], total[back]) < SPIKE * total[i]:
+                continue
+            flanks = max(size[away - 1] @ size[away] / total[away] ** 2, size[back + 1] @ size[back] / total[back] ** 2)
+            if size[away] @ size[back] < 0 and flanks < -FLANK:
+                return [(away + 1, -size[away] / factor), (back + 1, -size[back] / factor)]
+    return [(i + 1, -size[i] / 2)]
 
 
 def _neighbourhood(absolute: np.ndarray, period_s: float) -> np.ndarray:
@@ -96,8 +117,10 @@ def find_glitches(jumps: Jumps, duration_s: float) -> Glitches | None:
 def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
     """Rows (L,) after which samples may be missing: steps that stay, in gyro and accelerometer alike."""
     alone = np.array([np.sum(np.abs(jumps.rows - row) <= LONGEST_GLITCH) == 1 for row in jumps.rows], dtype=bool)
-    rows = jumps.rows[alone] if len(jumps.rows) else jumps.rows
-    return rows if len(rows) <= PER_SECOND * duration_s else rows[:0]
+    rows, accel = jumps.rows[alone], np.linalg.norm(jumps.size[alone, 3:], axis=1)
+    if not len(rows) or np.median(accel) < LOSS_IN_ACCEL or len(rows) > PER_SECOND * duration_s:
+        return rows[:0]
+    return rows
 
 
 def find_ceiling(samples: Samples, full_scale_rps: float) -> Ceiling | None:
@@ -111,12 +134,13 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> Ceiling | None:
                 at = values >= top - _lsb(samples.gyro[:, axis])
                 quiet = np.diff(samples.gyro[:, axis])
                 bar = run_bar(float(np.median(np.abs(quiet))) / 0.6745 / np.sqrt(2), 2 * _lsb(samples.gyro[:, axis]))
-                if _longest_run(at) >= bar:
-                    found.append((top, at))
-    if not found:
+                start, stop = _longest_run(at)
+                if stop - start >= bar:
+                    found.append((top, at, _has_corners(values, start, stop, _lsb(samples.gyro[:, axis]))))
+    if not any(corners for _, _, corners in found):
         return None
-    level = float(np.median([top for top, _ in found]))
-    return Ceiling(level, np.any([at for _, at in found], axis=0))
+    level = float(np.median([top for top, _, _ in found]))
+    return Ceiling(level, np.any([at for _, at, _ in found], axis=0))
 
 
 def _lsb(values: np.ndarray) -> float:
@@ -124,9 +148,16 @@ def _lsb(values: np.ndarray) -> float:
     return float(distinct[distinct > 1e-9][0]) if (distinct > 1e-9).any() else 0.0
 
 
-def _longest_run(mask: np.ndarray) -> int:
+def _longest_run(mask: np.ndarray) -> tuple[int, int]:
+    """start, stop"""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.view(np.int8), [0]])))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    longest = int(np.argmax(edges[1::2] - edges[::2]))
+    return int(edges[2 * longest]), int(edges[2 * longest + 1])
+
+
+def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
+    beyond = values[[max(start - (stop - start), 0), min(stop + (stop - start), len(values)) - 1]]
+    return bool(values[start] - beyond.max() > CORNER * lsb)
 
 
 def without_glitches(samples: Samples, glitches: Glitches) -> Samples:

@@ -8,14 +8,19 @@ many correlated groups is not a p-value; its distribution when nothing is missin
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import stats
 
 DRAWS = 1000
 FAMILY_WISE = 0.05
+#: of the family-wise level, for the candidates; the rest is for the channels' chi-square, which stated noise decides
+SHAPE_SHARE = 0.98
 #: a direction that the nuisance leaves less of than this is not seen
 UNSEEN = 1e-4
+#: the same beside the allowances, of which there are many
+UNSEEN_BESIDE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,24 +32,31 @@ class Group:
 
 
 class Selection:
-    """Candidates against one set of nuisance columns."""
+    """Candidates against one set of nuisance columns.
 
-    def __init__(self, nuisance: np.ndarray, candidates: dict[str, np.ndarray], seed: int):
+    nuisance (n, p); candidates: name -> columns (n, P); allowances (n, m): directions that the covariance is wide along;
+    scale_rows: rows that tell the noise's scale; along: names of the candidates that are looked for along the allowances, too.
+    """
+
+    def __init__(
+        self,
+        nuisance: np.ndarray,
+        candidates: dict[object, np.ndarray],
+        seed: int,
+        *,
+        allowances: np.ndarray | None = None,
+        scale_rows: slice = slice(None),
+        along: frozenset = frozenset(),
+    ):
         self.q = _orthonormal(nuisance)
-        self.groups = [Group(name, basis) for name, columns in candidates.items() if (basis := self._left(columns)).shape[1]]
+        self.groups = [Group(name, basis) for name, columns in candidates.items() if (basis := _left(self.q, columns, UNSEEN)).shape[1]]
         self.n = len(nuisance)
-        self._seed = seed
+        self._seed, self._rows, self._along = seed, scale_rows, along
+        self._candidates, self._nuisance, self._allowances = candidates, nuisance, allowances
         self._lowest = None
 
-    def _left(self, columns: np.ndarray) -> np.ndarray:
-        size = np.linalg.norm(columns, axis=0)
-        columns = columns[:, size > 0] / size[size > 0]
-        left = columns - self.q @ (self.q.T @ columns)
-        u, s, _ = np.linalg.svd(left, full_matrices=False)
-        return u[:, s > UNSEEN]
-
     def log_p(self, r: np.ndarray) -> np.ndarray:
-        """(groups, …) logarithm of each group's p-value for residuals r (n, …)."""
+        """(groups, …) logarithm of each group's p-value for residuals r (n, …): their order, no more."""
         r = r - self.q @ (self.q.T @ r)
         rss = np.sum(r**2, axis=0)
         return np.array([self._log_p_of(group, r, rss) for group in self.groups])
@@ -61,17 +73,49 @@ class Selection:
         ratio = (gain / rank) / np.maximum((rss - gain) / freedom, 1e-300)
         return _log_f_tail(ratio, rank, freedom)
 
+    def p_value(self, r: np.ndarray) -> float:
+        """Probability that some candidate explains as much of residuals r (n,) as the best one does, when nothing is missing."""
+        return self.family_wise(float(self._lowest_of(r[:, None])[0]))
+
     def family_wise(self, log_p: float) -> float:
         """Probability that the smallest of all groups' p-values is as small as this when nothing is missing."""
         if self._lowest is None:
-            draws = np.random.default_rng(self._seed).standard_normal((self.n, DRAWS))
-            self._lowest = np.sort(self.log_p(draws).min(axis=0))
+            self._lowest = np.sort(self._lowest_of(np.random.default_rng(self._seed).standard_normal((self.n, DRAWS))))
+        drawn = float((1 + np.searchsorted(self._lowest, log_p, side="right")) / (DRAWS + 1))
+        if log_p >= self._lowest[DRAWS // 100]:
+            return drawn
         # So many independent tests would have given this distribution: Sidak's formula carries it on beyond what was drawn.
-        tenth = self._lowest[DRAWS // 10]
-        tests = np.log1p(-0.1) / np.log1p(-np.exp(tenth))
-        if log_p < self._lowest[DRAWS // 100]:
-            return float(-np.expm1(tests * np.log1p(-np.exp(max(log_p, -700)))))
-        return float((1 + np.searchsorted(self._lowest, log_p, side="right")) / (DRAWS + 1))
+        tests = np.log1p(-0.1) / np.log1p(-np.exp(self._lowest[DRAWS // 10]))
+        return min((1 + DRAWS // 100) / (DRAWS + 1), float(-np.expm1(tests * np.log1p(-np.exp(max(log_p, -700))))))
+
+    @cached_property
+    def _tested(self) -> tuple[np.ndarray, list[tuple[Group, bool]]]:
+        """Orthonormal nuisance with the allowances, and the groups left beside it, each with whether it is along them."""
+        if self._allowances is None:
+            return self.q, [(group, False) for group in self.groups]
+        q = _orthonormal(np.concatenate([_unit(self._nuisance), _unit(self._allowances)], axis=1), UNSEEN)
+        groups = []
+        for name, columns in self._candidates.items():
+            basis = _left(self.q, columns, UNSEEN) if name in self._along else _left(q, columns, UNSEEN_BESIDE)
+            if basis.shape[1]:
+                groups.append((Group(name, basis), name in self._along))
+        return q, groups
+
+    def _lowest_of(self, r: np.ndarray) -> np.ndarray:
+        """(draws,) logarithm of the smallest p-value of residuals r (n, draws)."""
+        q, groups = self._tested
+        r = r - self.q @ (self.q.T @ r)
+        left = (r - q @ (q.T @ r))[self._rows]
+        rss, freedom = np.sum(left**2, axis=0), len(left) - np.sum(q[self._rows] ** 2)
+        lowest = np.zeros(r.shape[1])
+        for group, is_along in groups:
+            rank = group.basis.shape[1]
+            gain = np.sum((group.basis.T @ r) ** 2, axis=0)
+            rest, rest_freedom = (rss, freedom) if is_along else (np.maximum(rss - gain, 1e-12 * rss), freedom - rank)
+            if rest_freedom >= 1:
+                ratio = (gain / rank) / np.maximum(rest / rest_freedom, 1e-300)
+                lowest = np.minimum(lowest, _log_f_tail(ratio, rank, rest_freedom))
+        return lowest
 
 
 def _log_f_tail(ratio: np.ndarray, rank: int, freedom: int) -> np.ndarray:
@@ -81,8 +125,18 @@ def _log_f_tail(ratio: np.ndarray, rank: int, freedom: int) -> np.ndarray:
     return np.where(np.isfinite(value), value, far)
 
 
-def _orthonormal(columns: np.ndarray) -> np.ndarray:
+def _unit(columns: np.ndarray) -> np.ndarray:
+    """Those of the columns (n, P) that are not zero, each of length one."""
     size = np.linalg.norm(columns, axis=0)
-    columns = columns[:, size > 0] / size[size > 0]
-    u, s, _ = np.linalg.svd(columns, full_matrices=False)
-    return u[:, s > 1e-9]
+    return columns[:, size > 0] / size[size > 0]
+
+
+def _left(q: np.ndarray, columns: np.ndarray, unseen: float) -> np.ndarray:
+    """Orthonormal basis of what is left of the columns beside q."""
+    columns = _unit(columns)
+    return _orthonormal(columns - q @ (q.T @ columns), unseen, scaled=False)
+
+
+def _orthonormal(columns: np.ndarray, unseen: float = 1e-9, scaled: bool = True) -> np.ndarray:
+    u, s, _ = np.linalg.svd(_unit(columns) if scaled else columns, full_matrices=False)
+    return u[:, s > unseen]

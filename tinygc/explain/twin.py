@@ -160,7 +160,7 @@ class Twin:
         return np.array([rates[log][still.start : still.stop].mean(axis=0) for log, still in self.stills])
 
     def _earth_in_stills(self, state: State) -> np.ndarray:
-        return np.einsum("qji,j->qi", rotation.matrix(self.q_tb), self.problem.earth.rate_t + state.earth_t)
+        return self.problem.still_rates.earth + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
 
     def _lengths(self, state: State) -> np.ndarray:
         return np.linalg.norm(self.force - state.force_bias, axis=1) - state.gravity_mps2

@@ -27,10 +27,13 @@ class Whitener:
     """Cholesky factor of the covariance of ``Channels.stacked()``; sizes of the three channels."""
 
     def __init__(self, twin: Twin):
-        self._covariance = _covariance(twin) + _precalibration(twin)
+        allowances = _precalibration(twin)
+        self._covariance = _covariance(twin) + allowances @ allowances.T
         self._rows = slice(None)
         self._factor = np.linalg.cholesky(self._covariance)
         s, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
+        #: (n, m) whitened: directions along which the covariance allows more than most recordings need
+        self.allowances = self(allowances)
         self.parts = {"closure": slice(0, s * d), "still": slice(s * d, s * d + 3 * q), "length": slice(s * d + 3 * q, s * d + 4 * q)}
 
     def __call__(self, stacked: np.ndarray) -> np.ndarray:
@@ -78,10 +81,9 @@ def _covariance(twin: Twin) -> np.ndarray:
 
 
 def _precalibration(twin: Twin) -> np.ndarray:
-    """Covariance from a bias and a matrix of the accelerometer that nobody knows better, the same for the whole session."""
+    """(n, 12) one sigma each of a bias and a matrix of the accelerometer that nobody knows better, the same for the whole session."""
     start = twin.start()
-    columns = twin.precalibration_columns(start, twin.rates(start)).stacked() * PRECALIBRATION_MPS2
-    return columns @ columns.T
+    return twin.precalibration_columns(start, twin.rates(start)).stacked() * PRECALIBRATION_MPS2
 
 
 def _flicker(twin: Twin) -> np.ndarray:
@@ -90,7 +92,8 @@ def _flicker(twin: Twin) -> np.ndarray:
     starts = [movement.t_s[0] for movement in twin.movements]
     segment_s = [starts[segment.log] + segment.start_s + segment.duration_s / 2 for segment in twin.segments]
     still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
-    wander = wander_covariance(np.array(segment_s + still_s))
+    spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
+    wander = wander_covariance(np.array(segment_s + still_s), np.array(spans))
     # A bias error turns a segment's end by its mean attitude times its duration, and shows in a still as it is.
     sensitivity = twin.sensitivity(twin.start(), twin.rates(twin.start()))
     response = np.concatenate([sensitivity.sum(axis=1).reshape(s * d, 3), np.tile(np.eye(3), (q, 1))])

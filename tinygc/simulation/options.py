@@ -12,6 +12,9 @@ from session.errors import CalibrationError
 GYRO_LPF2_HZ = {104: 33.0, 208: 66.8, 416: 135.9, 833: 295.5, 1667: 1108.1}
 #: stills at the two ends and some turning between them
 SHORTEST_CLOSURE_STILLS = 10
+#: what memory holds: a day of turns at 208 Hz
+MOST_SEGMENTS = 2000
+MOST_SAMPLES = 20_000_000
 
 
 def _choice(default, meaning: str):
@@ -61,6 +64,11 @@ class SimulationOptions:
     turn_s: float = _choice(3.0, "s, usual length of a turn")
 
     def __post_init__(self):
+        for option in fields(self):
+            value = getattr(self, option.name)
+            numbers = value if isinstance(value, tuple) else (value,)
+            fine = all(isfinite(number) for number in numbers if isinstance(number, float))
+            self._require(fine, option.name, "finite numbers" if isinstance(value, tuple) else "a finite number")
         for name in ("closure_s", "accel_noise_ug_rthz", "bias_instability_dph", "gyro_noise_dps_rthz"):
             self._require(getattr(self, name) >= 0, name, "0 or more")
         for name in ("gyro_scale_error", "gyro_misalignment", "accel_scale_error", "accel_misalignment"):
@@ -68,22 +76,28 @@ class SimulationOptions:
         for name in ("gyro_bias_dps", "accel_bias_mg", "accel_calibration_error_mg"):
             self._require(getattr(self, name) >= 0, name, "0 or more")
         for name in ("vigour", "still_s", "turn_s"):
-            self._require(0 < getattr(self, name) < float("inf"), name, "more than 0")
-        self._require(self.segments >= 1, "segments", "1 or more")
+            self._require(getattr(self, name) > 0, name, "more than 0")
+        self._require(1 <= self.segments <= MOST_SEGMENTS, "segments", f"1 to {MOST_SEGMENTS}")
         self._require(self.seed >= 0, "seed", "0 or more")
         self._require(self.odr_hz in GYRO_LPF2_HZ, "odr_hz", "one of " + ", ".join(map(str, GYRO_LPF2_HZ)))
         self._require(abs(self.odr_error or 0) <= 0.19, "odr_error", "within 0.19: the chip's register ends there")
         self._require(abs(self.latitude_deg) <= 90, "latitude_deg", "-90 to 90")
         self._require(9.7 <= self.gravity_mps2 <= 9.9, "gravity_mps2", "9.7 to 9.9")
         self._require(abs(self.heading_deg or 0) <= 360, "heading_deg", "-360 to 360")
-        self._require(len(self.lever_m) == 3 and all(map(isfinite, self.lever_m)), "lever_m", "three finite numbers")
+        self._require(len(self.lever_m) == 3, "lever_m", "three numbers")
         for name, settled_c in (
             ("temperature_start_c", self.temperature_start_c),
             ("warm_up_c", self.temperature_start_c + self.warm_up_c),
         ):
             self._require(-40 <= settled_c <= 105, name, "within the sensor's range, -40 to 105 degC in all")
         shortest = SHORTEST_CLOSURE_STILLS * self.still_s
-        self._require(self.closure_s == 0 or shortest <= self.closure_s < float("inf"), "closure_s", f"0, or {shortest:g} and more")
+        self._require(self.closure_s == 0 or shortest <= self.closure_s, "closure_s", f"0, or {shortest:g} and more")
+        for name, length_s in (
+            ("closure_s", self.closure_s),
+            ("still_s", self.segments * 2 * self.still_s),
+            ("turn_s", self.segments * self.turn_s),
+        ):
+            self._require(length_s * self.odr_hz <= MOST_SAMPLES, name, f"less: a session has at most {MOST_SAMPLES:.0e} samples")
         registers.gyro_rps_per_lsb(self.gyro_fs_dps)
         registers.accel_mps2_per_lsb(self.accel_fs_g)
 

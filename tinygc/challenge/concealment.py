@@ -1,0 +1,46 @@
+"""One thing that is hidden in a simulated session, by what it does to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.plan import Plan
+from tinygc.simulation.simulate import Distort, Disturb, Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Concealment:
+    """id; truth, its parameters by FORMATS' names and units; and what it does, each None where it does nothing:
+
+    distort: to the true rate; disturb: to the force that the accelerometer feels; movement: plan -> plan;
+    spoil: to the recorded log, (recording) -> (recording, further truth); without_latitude: whether session.toml keeps it to itself.
+    """
+
+    id: str
+    truth: dict = field(default_factory=dict)
+    distort: Distort | None = None
+    disturb: Disturb | None = None
+    movement: Callable[[Plan], Plan] | None = None
+    spoil: Callable[[Recording], tuple[Recording, dict]] | None = None
+    without_latitude: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a concealment is drawn for: rng; strength, a factor of the strong size; options and plan of the session."""
+
+    rng: np.random.Generator
+    strength: float
+    options: SimulationOptions
+    plan: Plan
+
+    def signed(self, size: float, shape: tuple[int, ...] = (3,)) -> np.ndarray:
+        """Values of either sign, 0.5 to 1.5 times strength times size."""
+        return self.strength * size * self.rng.uniform(0.5, 1.5, shape) * self.rng.choice((-1.0, 1.0), shape)
+
+
+Maker = Callable[[Scene], Concealment]

@@ -1,0 +1,113 @@
+"""The examination from end to end: hide, seal, explain blind, open, score."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from session.errors import DataError, FormatError
+from tinygc.challenge.conceal import Case, conceal, draw_cases, options_chosen
+from tinygc.challenge.score import Score, score
+from tinygc.challenge.seal import Seal, seal
+from tinygc.simulation.write import write_files
+
+PROCESSES = 2
+SESSIONS, SEALED, OPENED = "sessions", "sealed_truth.bin", "truth.json"
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """sha256 of the truth as it was printed before; the scores, one for each session; truth and what was said, by session."""
+
+    seed: int
+    sha256: str
+    scores: list[Score]
+    truth: dict[str, dict]
+    said: dict[str, dict]
+
+
+def examine(
+    folder: Path,
+    count: int,
+    seed: int,
+    *,
+    segments: int | None = None,
+    announce: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+) -> Examination:
+    """Examine ``explain`` on ``count`` sessions in ``folder``, which must be empty or new.
+
+    segments: of every session, instead of drawn; announce: shown the SHA-256 before anything is explained.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise FormatError(f"{folder}: not empty; give a new folder")
+    (folder / SESSIONS).mkdir(parents=True)
+    cases = draw_cases(count, seed, segments)
+    closed = _write(folder, cases, progress)
+    announce(f"truth sealed, SHA-256 {closed.sha256}")
+    said = {}
+    with ThreadPoolExecutor(PROCESSES) as pool:
+        names = [case.name for case in cases]
+        for name, result in zip(names, pool.map(explained, [folder / SESSIONS / name for name in names]), strict=True):
+            said[name] = result
+            progress("explaining blind", len(said), count)
+    truth = closed.open()
+    (folder / OPENED).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+    (folder / "said.json").write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+    scores = [score(name, truth[name], said[name]) for name in truth]
+    return Examination(seed, closed.sha256, scores, truth, said)
+
+
+def _write(folder: Path, cases: list[Case], progress: Callable[[str, int, int], None]) -> Seal:
+    """The session folders, and the truth beside them, sealed."""
+    truth = {}
+    for done, case in enumerate(cases):
+        progress("hiding", done, len(cases))
+        simulation, config, effects = conceal(case)
+        write_files(simulation, folder / SESSIONS / case.name, config)
+        truth[case.name] = {"effects": effects, "strength": case.strength, "options": options_chosen(case.options)}
+    return seal(truth, folder / SEALED)
+
+
+def explained(folder: Path) -> dict:
+    """What a process of its own says of one session folder (``tinygc-explain/1``, with verdict ``refused`` where it refuses)."""
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "tinygc.challenge.worker", "."]
+    run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    if run.returncode != 0:
+        raise DataError(f"{folder.name}: explaining ended with {run.returncode}: {run.stderr.strip()[-500:]}")
+    return json.loads(run.stdout)
+
+
+def without_sessions(folder: Path, everything: bool = False) -> None:
+    """Remove the sessions of an examination, or its whole folder."""
+    shutil.rmtree(folder if everything else folder / SESSIONS)
+
+
+def to_json(result: Examination) -> dict:
+    """``tinygc-challenge/1``: every session with its truth, what was said and its score, and the totals."""
+    from tinygc.challenge.table import totals
+
+    return {
+        "schema": "tinygc-challenge/1",
+        "seed": result.seed,
+        "sha256": result.sha256,
+        "sessions": {
+            each.name: {
+                "truth": result.truth[each.name],
+                "verdict": result.said[each.name]["verdict"],
+                "named": {effect["id"]: effect["equivalent"] for effect in result.said[each.name]["effects"]},
+                "score": vars(each),
+            }
+            for each in result.scores
+        },
+        "totals": totals(result.scores),
+    }

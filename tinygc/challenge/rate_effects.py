@@ -1,0 +1,181 @@
+"""Effects of the catalogue that bend the rate, concealed on the simulation's fine grid.
+
+Strong sizes are those of a poor sensor or a careless set-up; each parameter is 0.5 to 1.5 times as large, of either sign.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import bilinear, butter, lfilter, sosfiltfilt
+
+from session.units import DEG, G
+from tinygc.challenge.concealment import Concealment, Maker, Scene
+
+# Strong sizes, SI
+G_SENSITIVITY = 0.06 * DEG  #: rad/s per g, rms of the nine
+G2_SENSITIVITY = 0.1 * DEG  #: rad/s per g^2
+CROSS = 1.5e-3  #: s, rms of the nine
+CUBIC_AT_FS = 0.02  #: fraction of full scale, at full scale
+HALF_DIFFERENCE = 0.003  #: fraction
+THERMAL_BIAS = 0.02 * DEG  #: rad/s per degC; the session warms up by 10 degC
+THERMAL_SCALE = 8e-4  #: per degC
+DRIFT = 0.25 * DEG  #: rad/s over the log
+STEP = 0.15 * DEG  #: rad/s
+RECTIFICATION = 1.5 * DEG  #: rad/s per g^2
+VIBRATION_G, VIBRATION_HZ, VIBRATED_TURNS = 0.4, (20.0, 45.0), 0.5  #: rms in g of each axis, band, share of the turns
+TAU_S = (5e-3, 25e-3)  #: s
+SKEW_S = 17e-3  #: s, of the latest axis
+OFFSET_S = 15e-3  #: s
+
+
+def g_sensitivity(scene: Scene) -> Concealment:
+    matrix = scene.strength * G_SENSITIVITY * scene.rng.standard_normal((3, 3))
+    return Concealment(
+        "gyro.g_sensitivity",
+        {"matrix_dps_per_g": (matrix / DEG).tolist()},
+        distort=lambda t, rate, force, temp: rate + force @ (matrix / G).T,
+    )
+
+
+def g2_sensitivity(scene: Scene) -> Concealment:
+    k = scene.signed(G2_SENSITIVITY)
+    return Concealment(
+        "gyro.g2_sensitivity", {"dps_per_g2": (k / DEG).tolist()}, distort=lambda t, rate, force, temp: rate + k * np.square(force / G)
+    )
+
+
+def angular_acceleration(scene: Scene) -> Concealment:
+    cross = scene.strength * CROSS * scene.rng.standard_normal((3, 3))
+
+    def distort(t, rate, force, temp):
+        half = (t[1] - t[0]) / 2
+        edges = np.stack([np.interp(t + shift, t, axis) for shift in (half, -half) for axis in rate.T], axis=-1)
+        return rate + (edges[:, :3] - edges[:, 3:]) / (2 * half) @ cross.T
+
+    return Concealment("gyro.angular_acceleration", {"cross": cross.tolist()}, distort=distort)
+
+
+def scale_nonlinearity(scene: Scene) -> Concealment:
+    cubic, full_scale = scene.signed(CUBIC_AT_FS), scene.options.gyro_fs_dps * DEG
+    return Concealment(
+        "gyro.scale_nonlinearity",
+        {"cubic_at_fs": cubic.tolist()},
+        distort=lambda t, rate, force, temp: rate * (1 + cubic * (rate / full_scale) ** 2),
+    )
+
+
+def scale_asymmetry(scene: Scene) -> Concealment:
+    k = scene.signed(HALF_DIFFERENCE)
+    return Concealment(
+        "gyro.scale_asymmetry",
+        {"half_difference": k.tolist()},
+        distort=lambda t, rate, force, temp: np.where(rate > 0, (1 + k) * rate, (1 - k) * rate),
+    )
+
+
+def thermal_bias(scene: Scene) -> Concealment:
+    k, start_c = scene.signed(THERMAL_BIAS), scene.options.temperature_start_c
+    return Concealment(
+        "gyro.thermal_bias",
+        {"dps_per_c": (k / DEG).tolist()},
+        distort=lambda t, rate, force, temp: rate + np.outer(temp - start_c, k),
+    )
+
+
+def thermal_scale(scene: Scene) -> Concealment:
+    k, start_c = scene.signed(THERMAL_SCALE), scene.options.temperature_start_c
+    return Concealment(
+        "gyro.thermal_scale",
+        {"per_c": k.tolist()},
+        distort=lambda t, rate, force, temp: rate * (1 + np.outer(temp - start_c, k)),
+    )
+
+
+def bias_drift(scene: Scene) -> Concealment:
+    drift, log_s = scene.signed(DRIFT), scene.plan.log_s
+    return Concealment(
+        "gyro.bias_drift", {"dps_over_log": (drift / DEG).tolist()}, distort=lambda t, rate, force, temp: rate + np.outer(t / log_s, drift)
+    )
+
+
+def bias_step(scene: Scene) -> Concealment:
+    step, at_s = scene.signed(STEP), scene.plan.log_s * scene.rng.uniform(0.2, 0.8)
+    return Concealment(
+        "gyro.bias_step",
+        {"at_s": at_s, "dps": (step / DEG).tolist()},
+        distort=lambda t, rate, force, temp: rate + np.heaviside(t - at_s, 1.0)[:, None] * step,
+    )
+
+
+def vibration_rectification(scene: Scene) -> Concealment:
+    """Half of the turns are vibrated; the accelerometer feels the vibration, and the bias follows its mean square."""
+    k, seed = scene.signed(RECTIFICATION), int(scene.rng.integers(2**32))
+    turns = [turn for turn in scene.plan.turns if scene.rng.uniform() < VIBRATED_TURNS] or list(scene.plan.turns[:1])
+
+    def envelope(t: np.ndarray) -> np.ndarray:
+        """(N,) g, rms of each axis: rises and falls within a tenth of each turn."""
+        rms = np.zeros(len(t))
+        for start, stop in turns:
+            first, last = np.searchsorted(t, (start, stop))
+            u = np.linspace(0, 1, last - first)
+            rms[first:last] = VIBRATION_G * np.clip(10 * np.minimum(u, 1 - u), 0, 1)
+        return rms
+
+    def shaken(t: np.ndarray, force: np.ndarray) -> np.ndarray:
+        fine_hz = 1 / (t[1] - t[0])
+        noise = np.random.default_rng(seed).standard_normal(force.shape)
+        noise = sosfiltfilt(butter(2, VIBRATION_HZ, "bandpass", fs=fine_hz, output="sos"), noise, axis=0)
+        return force + G * envelope(t)[:, None] * noise / noise.std(axis=0)
+
+    return Concealment(
+        "gyro.vibration_rectification",
+        {"dps_per_g2": (k / DEG).tolist()},
+        distort=lambda t, rate, force, temp: rate + np.outer(envelope(t) ** 2, k),
+        disturb=shaken,
+    )
+
+
+def bandwidth(scene: Scene) -> Concealment:
+    tau_s = scene.strength * scene.rng.uniform(*TAU_S, 3)
+
+    def distort(t, rate, force, temp):
+        slow = np.empty_like(rate)
+        for axis, tau in enumerate(tau_s):
+            b, a = bilinear([1.0], [tau, 1.0], fs=1 / (t[1] - t[0]))
+            slow[:, axis] = rate[0, axis] + lfilter(b, a, rate[:, axis] - rate[0, axis])
+        return slow
+
+    return Concealment("gyro.bandwidth", {"tau_s": tau_s.tolist()}, distort=distort)
+
+
+def axis_skew(scene: Scene) -> Concealment:
+    """The axes are read one after the other, in any order."""
+    seconds = scene.strength * SKEW_S * scene.rng.permutation([0.0, scene.rng.uniform(0.3, 0.7), 1.0])
+    return Concealment("timing.axis_skew", {"seconds": seconds.tolist()}, distort=_late(seconds))
+
+
+def gyro_accel_offset(scene: Scene) -> Concealment:
+    seconds = float(scene.signed(OFFSET_S, ()))
+    return Concealment("timing.gyro_accel_offset", {"seconds": seconds}, distort=_late(np.full(3, seconds)))
+
+
+def _late(seconds: np.ndarray):
+    """The rate of so many seconds (3,) ago."""
+    return lambda t, rate, force, temp: np.stack([np.interp(t - s, t, rate[:, axis]) for axis, s in enumerate(seconds)], axis=-1)
+
+
+RATE_EFFECTS: dict[str, Maker] = {
+    "gyro.g_sensitivity": g_sensitivity,
+    "gyro.g2_sensitivity": g2_sensitivity,
+    "gyro.angular_acceleration": angular_acceleration,
+    "gyro.scale_nonlinearity": scale_nonlinearity,
+    "gyro.scale_asymmetry": scale_asymmetry,
+    "gyro.thermal_bias": thermal_bias,
+    "gyro.thermal_scale": thermal_scale,
+    "gyro.bias_drift": bias_drift,
+    "gyro.bias_step": bias_step,
+    "gyro.vibration_rectification": vibration_rectification,
+    "gyro.bandwidth": bandwidth,
+    "timing.axis_skew": axis_skew,
+    "timing.gyro_accel_offset": gyro_accel_offset,
+}

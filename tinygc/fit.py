@@ -185,13 +185,6 @@ def to_json(result: FitResult) -> dict:
     }
 
 
-def holdout_above(result: FitResult, limit_deg: float) -> bool:
-    """Whether the best method's held-out tilt, or any closure run's best RMSE, is above a limit."""
-    best = min(closure_figures(fit.held_out)["tilt_rms_deg"] for fit in result.methods.values())
-    runs = [min(run_figures(error)["rmse_deg"] for error in errors.values()) for errors in result.run_errors]
-    return max([best, *runs]) > limit_deg
-
-
 def save_models(result: FitResult, folder: Path | None = None) -> Path:
     """Write each method's model, and the figures, into a folder, the session's ``fit`` by default; returns that folder."""
     folder = folder or result.session.folder / "fit"

@@ -14,6 +14,7 @@ import pytest
 from conftest import ROOT, SESSION_TOML, Table, write_session
 
 import calibrate
+from tinygc import arguments as arguments_of
 from tinygc import models
 from tinygc.methods import METHODS
 
@@ -388,7 +389,7 @@ def test_bad_usage_is_one_line_and_exit_code_2(run, arguments):
     ("arguments", "expected"), [((), []), (("--exclude", "3,4"), [3, 4]), (("--exclude", "3", "--exclude=4, 5"), [3, 4, 5])]
 )
 def test_excluded_numbers_stand_with_commas_and_may_be_repeated(arguments, expected):
-    args = calibrate._parser().parse_args(["fit", *arguments, "folder"])
+    args = arguments_of.parser(calibrate.COMMANDS).parse_args(["fit", *arguments, "folder"])
     assert (args.folder, args.exclude) == (Path("folder"), expected)
 
 
@@ -603,4 +604,4 @@ def test_least_squares_does_not_import_torch(folder):
 
 
 def test_methods_of_the_command_line_are_all_there_are():
-    assert tuple(calibrate.METHODS.split(",")) == METHODS
+    assert tuple(arguments_of.METHODS.split(",")) == METHODS

@@ -1,0 +1,114 @@
+"""How long ``explain`` takes, step by step, and how it grows with segments and samples.
+
+    python benchmarks/explain_speed.py [--segments 20 40 80 160 320 640] [--odr 104 208 416 833] [--null]
+
+Each session hides a bias that follows temperature and gravity, so that the naming has two rounds and lookalikes to refit; ``--null``
+hides nothing.  Runs in one process of two threads; memory is that process' largest.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from common import markdown, progress
+
+from session.units import DEG, G
+from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions
+from tinygc.simulation.write import write_session
+
+STEPS = ("reading", "boring causes", "registers", "stills", "digital twin", "naming", "lookalikes", "beyond the catalogue", "proof")
+K_THERMAL, K_GRAVITY = 0.01 * DEG, 0.02 * DEG
+
+
+def timed(folder: Path) -> dict:
+    """Seconds by step, and MB, of explaining one folder in this process."""
+    import resource
+
+    from tinygc.explain.explain import explain_session
+
+    seconds, now = dict.fromkeys(STEPS, 0.0), [STEPS[0], time.perf_counter()]
+
+    def step(what: str, done: int, of: int) -> None:
+        name = next((step for step in STEPS if what.startswith(step)), now[0])
+        moment = time.perf_counter()
+        seconds[now[0]] += moment - now[1]
+        now[:] = name, moment
+
+    result = explain_session(folder, progress=step)
+    step(now[0], 0, 0)
+    samples = sum(len(log.samples) for log in result.problem.logs)
+    memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    named = [claim.effect.id for claim in result.claimed]
+    return {"seconds": seconds, "total": sum(seconds.values()), "memory_mb": memory_mb, "samples": samples, "named": named}
+
+
+def measured(options: SimulationOptions, null: bool) -> dict:
+    """Simulate, and explain in a fresh process."""
+
+    def distort(t, rate, force, temp):
+        return rate + K_THERMAL * (temp - options.temperature_start_c)[:, None] + K_GRAVITY * force[:, ::-1] / G
+
+    with tempfile.TemporaryDirectory(prefix="tinygc-") as parent:
+        folder = write_session(options, Path(parent) / "session", distort=None if null else distort)
+        environment = os.environ | {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2"}
+        command = [sys.executable, __file__, "--one", str(folder)]
+        return json.loads(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
+
+
+def exponent(sizes: list[float], seconds: list[float]) -> float:
+    """Growth as a power of the size, between the larger half of the sizes, where fixed costs no longer count."""
+    half = len(sizes) // 2
+    return (
+        float(np.polyfit(np.log(sizes[half:]), np.log(np.maximum(seconds[half:], 1e-3)), 1)[0]) if len(sizes) - half > 1 else float("nan")
+    )
+
+
+def growth(title: str, sizes: list[float], results: list[dict]) -> str:
+    """A row for each step, a column for each size, and the power that it grows with."""
+    rows = []
+    for name in (*STEPS, "total"):
+        seconds = [result["total"] if name == "total" else result["seconds"][name] for result in results]
+        if max(seconds) > 0.005:
+            power = exponent([result["samples"] for result in results], seconds)
+            rows.append((name, *(f"{each:.2f}" for each in seconds), f"{power:.2f}" if max(seconds) > 0.3 else ""))
+    rows.append(("memory, MB", *(f"{result['memory_mb']:.0f}" for result in results), ""))
+    rows.append(("named", *(str(len(result["named"])) for result in results), ""))
+    return markdown((title, *map("{:g}".format, sizes), "∝ samples^"), rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--segments", type=int, nargs="*", default=[20, 40, 80, 160, 320, 640])
+    parser.add_argument("--odr", type=float, nargs="*", default=sorted(GYRO_LPF2_HZ)[:4])
+    parser.add_argument("--null", action="store_true", help="hide nothing")
+    parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.one:
+        print(json.dumps(timed(args.one)))
+        return
+    if args.segments:
+        results = []
+        for segments in args.segments:
+            progress(f"{segments} segments")
+            results.append(measured(SimulationOptions(segments=segments, closure_s=0.0, warm_up_c=6.0, seed=1), args.null))
+        progress("")
+        print(growth("segments, 208 Hz: seconds", args.segments, results), end="\n\n")
+    if args.odr:
+        results = []
+        for odr_hz in args.odr:
+            progress(f"{odr_hz:g} Hz")
+            results.append(measured(SimulationOptions(odr_hz=odr_hz, closure_s=0.0, warm_up_c=6.0, seed=1), args.null))
+        progress("")
+        print(growth("Hz, 40 segments: seconds", args.odr, results))
+
+
+if __name__ == "__main__":
+    main()

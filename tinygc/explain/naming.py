@@ -23,6 +23,8 @@ LATER_SHARE = 1e-2
 #: candidates whose linear gain is at least this share of the best one's are refitted exactly before one is named
 LOOKALIKE_SHARE = 0.75
 MOST_LOOKALIKES = 4
+#: a shape is scanned over so many values, and sharpened between them: more would make the work grow with the session's square
+MOST_TIMES = 60
 #: chi-square by which a stand-in may be worse and still be said
 STAND_IN = 6.0
 
@@ -61,9 +63,9 @@ def candidates(twin: Twin) -> list[Effect]:
 
 
 def segment_times(twin: Twin) -> np.ndarray:
-    """Middle of each turn but the first and the last, s of the session."""
-    times = [twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments]
-    return np.array(times[1:-1])
+    """Middle of each turn but the first and the last, s of the session; in a long session, of every so many."""
+    times = [twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments][1:-1]
+    return np.array(times[:: -(-len(times) // MOST_TIMES) or 1])
 
 
 def name_effects(

@@ -8,6 +8,7 @@ them, and exact residuals for refitting.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -140,9 +141,15 @@ class Twin:
             bent = self._bent(state.force_bias)
             batch = replace(batch, start=bent[self.first], end=bent[self.last])
         if state.earth_t.any():
-            turn = rotation.matrix(closure.attitudes(batch, state.model(batch.rate)))
-            batch = replace(batch, earth=batch.earth + np.einsum("stji,j->sti", turn, state.earth_t))
+            x, y, z = state.earth_t
+            turn = self._turns
+            batch = replace(batch, earth=batch.earth + (x * turn[:, :, 0] + y * turn[:, :, 1] + z * turn[:, :, 2]))
         return batch
+
+    @cached_property
+    def _turns(self) -> np.ndarray:
+        """(S, T, 3, 3) from the body to the table, by the first linear fit: within a degree, of which the Earth's rate knows nothing."""
+        return rotation.matrix(closure.attitudes(self.batch, self.problem.first(self.batch.rate)))
 
     def _bent(self, force_bias: np.ndarray) -> np.ndarray:
         """Attitudes (Q, 4) of the stills from gravity less a bias, each with the yaw that was carried to it."""

@@ -1,0 +1,204 @@
+"""The blind examination: what is hidden is what the truth says, nobody can read it before the end, and the same seed asks the same."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from session.errors import DataError, FormatError
+from session.units import DEG
+from tinygc.challenge import examine as examination
+from tinygc.challenge.conceal import MAKERS, NEEDS, STRENGTHS, Case, conceal, draw_cases
+from tinygc.challenge.concealment import Scene
+from tinygc.challenge.outsiders import OUTSIDERS
+from tinygc.challenge.score import parameter_errors, score
+from tinygc.challenge.seal import seal
+from tinygc.challenge.table import challenge_tables, markdown, totals
+from tinygc.effects import catalogue
+from tinygc.effects._effect import Movement
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.simulate import plan_of, simulate_session, true_signals
+from tinygc.simulation.unit import draw_unit
+
+CASES, SEGMENTS, SEED = 3, 12, 8
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A tiny examination, and where it was held."""
+    folder = tmp_path_factory.mktemp("challenge") / "out"
+    announced = []
+    result = examination.examine(folder, CASES, SEED, segments=SEGMENTS, announce=lambda text: announced.append((text, _files(folder))))
+    return folder, result, announced
+
+
+def _files(folder):
+    return {path.name for path in folder.rglob("*") if path.is_file()}
+
+
+def test_every_session_is_explained_and_scored(small):
+    _, result, _ = small
+    assert [each.name for each in result.scores] == [f"case{i + 1:03d}" for i in range(CASES)]
+    assert all(said["verdict"] for said in result.said.values())
+    table = examination.to_json(result)
+    assert json.loads(json.dumps(table))["schema"] == "tinygc-challenge/1"
+    assert table["totals"]["sessions"] == CASES
+    assert markdown(result).count("\n") > 5
+    assert challenge_tables(result).renderables
+
+
+def test_sealed_before_anything_is_explained(small):
+    _, result, announced = small
+    ((text, files),) = announced
+    assert result.sha256 in text
+    assert examination.SEALED in files
+    assert not files & {examination.OPENED, "truth.json", "said.json"}
+
+
+def test_the_folder_that_the_worker_is_given_holds_no_truth(small):
+    folder, *_ = small
+    for session in (folder / examination.SESSIONS).iterdir():
+        assert _files(session) == {"session.toml", "log0001.csv.gz"}
+        words = (session / "session.toml").read_text()
+        assert "simulate" not in words.lower()
+        assert "seed" not in words
+
+
+def test_the_seal_cannot_be_read_and_not_be_changed(tmp_path):
+    truth = {"case001": {"effects": {"gyro.bias_step": {"at_s": 3.0}}}}
+    closed = seal(truth, tmp_path / "sealed")
+    assert b"gyro" not in closed.path.read_bytes()
+    assert closed.open() == truth
+    data = bytearray(closed.path.read_bytes())
+    data[20] ^= 1
+    closed.path.write_bytes(data)
+    with pytest.raises(DataError, match="SHA-256"):
+        closed.open()
+
+
+def test_same_seed_same_questions_and_same_answers(small, tmp_path):
+    folder, result, _ = small
+    assert draw_cases(40, 5) == draw_cases(40, 5)
+    assert draw_cases(40, 5) != draw_cases(40, 6)
+    for case in draw_cases(CASES, SEED, SEGMENTS)[:1]:
+        simulation, config, truth = conceal(case)
+        examination.write_files(simulation, tmp_path / case.name, config)
+        for name in ("session.toml", "log0001.csv.gz"):
+            assert (tmp_path / case.name / name).read_bytes() == (folder / examination.SESSIONS / case.name / name).read_bytes()
+        assert json.loads(json.dumps(truth)) == result.truth[case.name]["effects"]
+        again = examination.explained(tmp_path / case.name)
+        assert score(case.name, result.truth[case.name], again) == next(each for each in result.scores if each.name == case.name)
+
+
+def test_a_full_folder_is_not_touched(tmp_path):
+    (tmp_path / "mine").write_text("")
+    with pytest.raises(FormatError, match="not empty"):
+        examination.examine(tmp_path, 1, 0)
+
+
+# What is drawn
+
+
+def test_shares_of_what_is_hidden():
+    cases = draw_cases(120, 1)
+    kinds = [len(case.ids) for case in cases]
+    outside = sum(case.ids[0] in OUTSIDERS for case in cases if case.ids)
+    assert (kinds.count(0), kinds.count(2), outside) == (24, 20, 16)
+    assert {name for case in cases for name in case.ids} == set(MAKERS)
+    strengths = [case.strength for case in cases if case.ids and case.ids != ("earth.rotation",)]
+    assert all(abs(strengths.count(each) / len(strengths) - 1 / 4) < 0.05 for each in STRENGTHS)
+
+
+def test_every_effect_of_the_catalogue_is_asked_for_and_no_outsider_is_in_it():
+    assert set(MAKERS) - set(OUTSIDERS) == set(catalogue())
+    assert len(OUTSIDERS) >= 4
+
+
+@pytest.mark.parametrize("name", sorted(MAKERS))
+def test_what_is_hidden_is_in_the_recording_and_fades_with_its_strength(name):
+    options = SimulationOptions(closure_s=0.0, **({"segments": 8} | {k: v for k, v in NEEDS.get(name, {}).items() if k != "segments"}))
+    clean = simulate_session(options).log
+    sizes = []
+    for strength in (1.0, 0.2):
+        simulation, config, truth = conceal(Case("case", (name,), strength, options, 4))
+        assert set(truth) == {name}
+        json.dumps(truth)
+        log = simulation.log
+        same = min(len(log.gyro), len(clean.gyro))
+        sizes.append(sum(np.abs(a[:same].astype(float) - b[:same]).sum() for a, b in ((log.gyro, clean.gyro), (log.accel, clean.accel))))
+    if name == "earth.rotation":
+        assert "latitude" not in config
+    else:
+        assert "latitude" in config
+        assert sizes[0] > sizes[1] > 0
+
+
+@pytest.mark.parametrize("name", sorted(set(catalogue()) & {name for name in MAKERS if name.startswith("gyro.")} - {"gyro.saturation"}))
+def test_two_codes_of_one_effect_agree(name):
+    """The examiner's own code against the catalogue's, on the same movement: the parameters mean the same in both."""
+    options = SimulationOptions(segments=8, closure_s=0.0, warm_up_c=8.0)
+    plan = plan_of(options)
+    hidden = MAKERS[name](Scene(np.random.default_rng(3), 1.0, options, plan))
+    t = np.arange(0, plan.log_s, 1 / 1664)
+    rate, force, temp = true_signals(options, draw_unit(options, np.random.default_rng(0)), plan, t)
+    effect, g = catalogue()[name], 9.80665
+    if effect.variants:
+        effect = effect.variants(np.array([hidden.truth["at_s"]]))[0]
+    vibration = np.zeros(len(t))
+    if hidden.disturb:
+        shaken = (hidden.disturb(t, force) - force) / g
+        vibration = np.convolve(np.mean(shaken**2, axis=1), np.ones(416) / 416, "same")
+    movement = Movement(
+        t, t[1] - t[0], rate, force / g, temp, vibration, plan.log_s, options.gyro_fs_dps * DEG, options.temperature_start_c
+    )
+    theta = np.ravel(hidden.truth[effect.parameter.name]) * effect.parameter.si
+    mine, theirs = hidden.distort(t, rate, force, temp) - rate, effect.distort(movement, theta) - rate
+    loose = {"gyro.vibration_rectification": 0.3}.get(name, 0.01)
+    assert np.sqrt(np.mean((mine - theirs) ** 2)) < loose * np.sqrt(np.mean(mine**2))
+
+
+# How it is scored
+
+STEP = {"gyro.bias_step": {"at_s": 50.0, "dps": [0.1, 0.2, 0.3]}}
+
+
+def said(*effects, verdict="explained"):
+    return {"verdict": verdict, "effects": list(effects), "fit": {"excess_removed": 0.9}}
+
+
+def claim(name, parameters=None, std=None, equivalent=()):
+    return {"id": name, "parameters": parameters or {}, "std": std or {}, "equivalent": list(equivalent)}
+
+
+def test_scores():
+    truth = {"effects": STEP, "strength": 0.5}
+    exact = score("a", truth, said(claim("gyro.bias_step", {"dps": [0.1, 0.2, 0.3]}, {"dps": [0.01] * 3})))
+    assert exact.exact
+    assert exact.covered
+    assert exact.sigmas == (0, 0, 0)
+    stand_in = score("a", truth, said(claim("gyro.bias_drift", equivalent=["gyro.bias_step"]), verdict="ambiguous"))
+    assert (stand_in.exact, stand_in.covered, stand_in.wrong, stand_in.missed) == (False, True, (), ())
+    wrong = score("a", truth, said(claim("gyro.bias_drift")))
+    assert (wrong.covered, wrong.wrong, wrong.missed) == (False, ("gyro.bias_drift",), ("gyro.bias_step",))
+    missed = score("a", truth, said(verdict="unexplained"))
+    assert (missed.wrong, missed.missed, missed.removed) == ((), ("gyro.bias_step",), None)
+    null = score("a", {"effects": {}, "strength": None}, said(claim("gyro.bias_step")))
+    outside = score("a", {"effects": {"outside.telegraph": {}}, "strength": 1.0}, said(claim("gyro.bias_step")))
+    counts = totals([exact, stand_in, wrong, missed, null, replace(null, verdict="no_mismatch", claimed=()), outside])
+    asked = ("hidden", "named_exactly", "named_with_equivalents", "wrongly_named", "missed", "false_alarms", "outsiders_wrongly_named")
+    assert [counts[name] for name in asked] == [4, 1, 2, 1, 2, 1, 1]
+
+
+def test_parameter_errors_are_in_the_reported_sigmas():
+    effect = claim("gyro.bias_drift", {"dps_over_log": [1.0, 2.0, 3.4]}, {"dps_over_log": [0.1, 0.1, 0.1]})
+    sigmas, right = parameter_errors(effect, {"dps_over_log": [1.0, 2.2, 3.0]})
+    assert sigmas == pytest.approx([0, 2, 4])
+    assert right == [True, True, False]
+
+
+def test_moments_count_once():
+    truth = {"at": [100, 200, 300, 400, 500], "samples": 4}
+    assert parameter_errors(claim("x", {"at": [101, 199, 300, 403]}), truth) == ([], [True])
+    assert parameter_errors(claim("x", {"at": [101, 199, 300]}), truth) == ([], [False])
+    assert parameter_errors(claim("x", {"at": list(range(0, 1000, 7))}), truth) == ([], [False])

@@ -389,7 +389,7 @@ def test_bad_usage_is_one_line_and_exit_code_2(run, arguments):
     ("arguments", "expected"), [((), []), (("--exclude", "3,4"), [3, 4]), (("--exclude", "3", "--exclude=4, 5"), [3, 4, 5])]
 )
 def test_excluded_numbers_stand_with_commas_and_may_be_repeated(arguments, expected):
-    args = arguments_of.parser(calibrate.COMMANDS).parse_args(["fit", *arguments, "folder"])
+    args = arguments_of.parser().parse_args(["fit", *arguments, "folder"])
     assert (args.folder, args.exclude) == (Path("folder"), expected)
 
 

@@ -1,0 +1,79 @@
+"""``fit``: from a session to models and closure figures."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from tinygc.arguments import METHODS, count, methods, positive, segment_numbers
+from tinygc.commands._results import output, try_destinations, write_json
+
+SUMMARY = "fit the calibration, compare the methods, print the closure errors"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
+    command.add_argument("folder", type=Path, help="session folder")
+    command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
+    command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
+    command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
+    command.add_argument("--integrator", choices=("exact", "first-order"), default="exact", help="first-order: the paper's")
+    command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
+    command.add_argument("--epochs", type=count(1), default=2000, help="of adamw (%(default)s)")
+    command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
+    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
+    command.add_argument(
+        "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
+    )
+    command.add_argument("--out", type=Path, metavar="DIR", help="where the models go (fit/ in the session folder)")
+    command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
+
+
+def run(args: argparse.Namespace) -> int:
+    """From a session to models and closure figures."""
+    from tinygc.console import progress_bar
+    from tinygc.fit import fit_session, save_models, to_json
+    from tinygc.methods import FitOptions
+    from tinygc.report import fit_report
+
+    options = FitOptions(
+        methods=tuple(args.methods),
+        folds=args.folds,
+        seed=args.seed,
+        still_rates=args.still_rates,
+        integrator=args.integrator,
+        optimizer=args.optimizer,
+        epochs=args.epochs,
+        earth=not args.no_earth,
+        exclude=tuple(dict.fromkeys(args.exclude)),
+        physics=None if args.physics is None else tuple(name.strip() for name in args.physics.split(",")),
+    )
+    try_destinations(args, "fit")
+    with progress_bar(args.quiet) as progress:
+        result = fit_session(args.folder, options, progress)
+    table = to_json(result)
+    # The results first: a terminal that fails must not cost them.
+    folder = save_models(result, args.out)
+    output(args).print(fit_report(result))
+    output(args).print(f"models: {folder}", soft_wrap=True)
+    write_json(args.json, table)
+    above = [] if args.limit is None else _above(table, args.limit)
+    if above:
+        print(f"calibrate: above --limit {args.limit:g} deg: {'; '.join(above)}", file=sys.stderr)
+    return 1 if above else 0
+
+
+def _above(table: dict, limit_deg: float) -> list[str]:
+    """The figures of a fit that ``--limit`` refuses: the best held-out tilt, and each closure run's best RMSE."""
+    tilts = {name: method["holdout"]["tilt_rms_deg"] for name, method in table["methods"].items()}
+    figures = [("the best held-out tilt", tilts)]
+    for run in table["closure_runs"]:
+        figures.append((f"{run['file']}'s best RMSE", {name: run[name]["rmse_deg"] for name in tilts if name in run}))
+    said = []
+    for what, by_method in figures:
+        best = min(by_method, key=by_method.get)
+        if not by_method[best] <= limit_deg:
+            said.append(f"{what} is {by_method[best]:.4g} deg ({best})")
+    return said

@@ -21,6 +21,10 @@ EQUATIONS = {
 
 def to_dict(model: LinearModel | CalibrationNet, **more) -> dict:
     """JSON-ready, with schema, equation and units; ``more`` is added as it is."""
+    if hasattr(model, "denoiser"):
+        from tinygc.denoiser_files import denoised_to_dict
+
+        return {"schema": SCHEMA, "units": "rad/s in, rad/s out", **denoised_to_dict(model), **more}
     if hasattr(model, "calibrate"):
         from tinygc.physics_files import physics_to_dict
 
@@ -38,6 +42,10 @@ def from_dict(table: dict, where: str = "model") -> LinearModel | CalibrationNet
         from tinygc.physics_files import physics_from_dict
 
         return physics_from_dict(table, where, from_dict)
+    if table.get("kind") == "tinygc_denoised":
+        from tinygc.denoiser_files import denoised_from_dict
+
+        return denoised_from_dict(table, where, from_dict)
     cls = {"linear": LinearModel, "tinygc": CalibrationNet}.get(table.get("kind"))
     if cls is None:
         raise FormatError(f"{where}: kind is {table.get('kind')!r}, expected linear or tinygc")

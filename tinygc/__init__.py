@@ -4,3 +4,10 @@ Conventions are those of ``session``'s docstring.  Nothing heavy is imported her
 """
 
 __version__ = "0.1.0"
+
+
+def load(path, rate_hz=None):
+    """A model file as ``omega = model(raw, acc, temp)``, rad/s in and out: see ``tinygc.calibration.Calibration``."""
+    from tinygc.calibration import load
+
+    return load(path, rate_hz)

@@ -1,0 +1,105 @@
+"""What is known around a model: the session, the fit, the covariance, and where all of it came from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from session.config import Config, read_config
+from session.errors import FormatError
+from session.folder import log_paths
+from session.units import DEG, G
+from tinygc import models
+from tinygc.exports import ExportError
+
+#: the method that is taken unless another is asked for
+PREFERRED = "least_squares"
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """session: its name; method: of the fit; config: ``session.toml``; table: the model file as JSON; fit: ``fit.json`` or empty;
+    hashes: SHA-256 of the model file, session.toml and every log, by file name; say: takes a line for the operator."""
+
+    session: str
+    method: str
+    config: Config
+    table: dict
+    fit: dict
+    hashes: dict[str, str]
+    say: Callable[[str], None] = field(default=lambda line: None)
+
+    @property
+    def stem(self) -> str:
+        """The session's name as a file name."""
+        return re.sub(r"[^A-Za-z0-9]+", "_", self.session).strip("_") or "session"
+
+    @property
+    def covariance(self) -> np.ndarray | None:
+        """(12, 12) of E row by row, then B in rad/s; None where the method has none."""
+        table = self.table.get("covariance")
+        return None if table is None else np.asarray(table, dtype=float)
+
+    @property
+    def gyro_noise(self) -> np.ndarray | None:
+        """(3,) rad/s/sqrt(Hz), one-sided white density measured in the stills."""
+        found = self.fit.get("noise", {}).get("gyro_dps_rthz")
+        return None if found is None else np.multiply(found, DEG)
+
+    @property
+    def accel_noise(self) -> np.ndarray | None:
+        """(3,) m/s^2/sqrt(Hz), one-sided white density measured in the stills."""
+        found = self.fit.get("noise", {}).get("accel_g_rthz")
+        return None if found is None else np.multiply(found, G)
+
+
+def read_context(folder: Path, method: str | None = None, say: Callable[[str], None] = lambda line: None):
+    """``(model, Context)`` of a fitted session.
+
+    ``method`` names one of the fit's models, or is a model file; without it least squares is taken.  Raises ExportError where there is no fit, FormatError for files that cannot be read.
+    """
+    config = read_config(folder / "session.toml")
+    path = _model_path(folder, method)
+    model = models.load(path)
+    table = json.loads(path.read_text(encoding="utf-8"))
+    beside = path.parent / "fit.json"
+    fit = _read_json(beside) if beside.exists() else {}
+    sources = [path, folder / "session.toml", *log_paths(folder, "log"), *log_paths(folder, "closure")]
+    hashes = {source.name: _sha256(source) for source in sources}
+    name = table.get("session") if isinstance(table.get("session"), str) else folder.resolve().name
+    named = table.get("method") if isinstance(table.get("method"), str) else path.stem.removeprefix("model_")
+    return model, Context(name, named, config, table, fit, hashes, say)
+
+
+def _model_path(folder: Path, method: str | None) -> Path:
+    if method is not None and (method.endswith(".json") or "/" in method):
+        return Path(method)
+    there = {path.stem.removeprefix("model_"): path for path in sorted((folder / "fit").glob("model_*.json"))}
+    if not there:
+        raise ExportError(f"{folder / 'fit'}: no model; run `calibrate.py fit {folder}` first, or give --model FILE")
+    wanted = method or PREFERRED
+    if wanted not in there:
+        raise ExportError(f"{folder / 'fit'}: no model_{wanted}.json; there are {', '.join(there)}")
+    return there[wanted]
+
+
+def _read_json(path: Path) -> dict:
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FormatError(f"{path}: cannot be read: {error}") from None
+    return table if isinstance(table, dict) else {}
+
+
+def _sha256(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None

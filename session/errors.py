@@ -29,3 +29,13 @@ class SegmentError(CalibrationError):
 
 class FitError(CalibrationError):
     """The segments do not determine what was asked of them."""
+
+
+class DeviceError(CalibrationError):
+    """The device or its port failed."""
+
+    exit_code = 3
+
+
+class StorageError(CalibrationError):
+    """What was received can no longer be written: disk full, folder read-only."""

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-MODULES = sorted(f"session.{path.stem}" for path in (ROOT / "session").glob("*.py") if path.stem != "__init__")
+MODULES = sorted(
+    ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in (ROOT / "session").rglob("*.py") if path.stem != "__init__"
+)
 
 
 def test_recording_never_loads_the_estimators():

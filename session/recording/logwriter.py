@@ -1,0 +1,89 @@
+"""Events into ``log*.csv`` (FORMATS).  A reset of the device, or a new connection, begins a new file: device time begins anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from session.errors import StorageError
+from session.stream.events import Chunk, Comment, Event, Info, Trouble
+from session.stream.text import HEADER, parse_info
+
+NEW_LOG = ("reset", "reconnect")
+
+
+class LogWriter:
+    """Writes what a stream says; paths: the logs so far, in order.  What it writes depends on the events alone."""
+
+    def __init__(self, folder: Path, stem: str = "log"):
+        self.folder, self.stem, self.paths = folder, stem, []
+        self._file = None
+        self._info: Info | None = None
+        self._waiting: list[str] = []  # comments before the first sample
+
+    def begin(self, stem: str) -> None:
+        """The next sample begins a new file ``stem*.csv``."""
+        self._end()
+        self.stem = stem
+
+    def write(self, events: Iterable[Event]) -> None:
+        """Append; StorageError where that fails."""
+        try:
+            for event in events:
+                self._write(event)
+        except OSError as error:
+            raise StorageError(f"{self.folder}: {error.strerror or error}; the raw file can be replayed") from None
+
+    def flush(self) -> None:
+        """Hand what is buffered to the operating system."""
+        if self._file:
+            try:
+                self._file.flush()
+            except OSError as error:
+                raise StorageError(f"{self.folder}: {error.strerror or error}; the raw file can be replayed") from None
+
+    def close(self) -> None:
+        self._end()
+
+    def _end(self) -> None:
+        if self._file:
+            self._file.close()
+        self._file, self._info, self._waiting = None, None, []
+
+    def _write(self, event: Event) -> None:
+        if isinstance(event, Chunk):
+            if len(event):
+                self._samples(event)
+        elif isinstance(event, Comment):
+            self._info = parse_info(event.text) or self._info
+            self._comment(event.text)
+        elif isinstance(event, Info):
+            if event != self._info:
+                self._info = event
+                self._comment(event.text)
+        elif isinstance(event, Trouble) and event.kind in NEW_LOG:
+            self._end()
+
+    def _samples(self, chunk: Chunk) -> None:
+        if self._file is None:
+            self._open()
+        table = np.column_stack([chunk.t_us, chunk.registers])
+        self._file.write("%d,%d,%d,%d,%d,%d,%d,%d\n" * len(table) % tuple(table.ravel().tolist()))
+
+    def _comment(self, text: str) -> None:
+        if self._file is None:
+            self._waiting.append(text)
+        else:
+            self._file.write(f"# {text}\n")
+
+    def _open(self) -> None:
+        number = 1 + sum(path.name.startswith(self.stem) for path in self.paths)
+        path = self.folder / f"{self.stem}{number:04d}.csv"
+        self._file = path.open("w", encoding="utf-8", newline="\n")
+        self.paths.append(path)
+        for text in self._waiting:
+            self._file.write(f"# {text}\n")
+        self._file.write(HEADER + "\n")
+        self._waiting = []

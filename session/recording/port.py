@@ -1,0 +1,113 @@
+"""A serial port and its one reader thread."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import termios
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import serial
+
+from session.errors import CalibrationError, DeviceError
+
+#: what pyserial raises when a cable is pulled: SerialException is an OSError, termios.error is none
+UNPLUGGED = (OSError, serial.SerialException, termios.error)
+READ_S = 0.2
+RETRY_S = 0.25
+
+
+@dataclass(frozen=True)
+class Received:
+    """Bytes that arrived at host_ns (monotonic clock)."""
+
+    host_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The port is open, for the first time or again."""
+
+    host_ns: int
+    name: str
+
+
+@dataclass(frozen=True)
+class Closed:
+    """The port is gone, and why; the thread tries to open it again."""
+
+    host_ns: int
+    why: str
+
+
+class Port:
+    """Reads from construction to ``close``; ``items`` is a queue of Received, Opened, Closed, or of the error that ended it.
+
+    keep(item) is called in the reader thread before the item is queued: to store the bytes first.
+    DeviceError where the port cannot be opened at the start.
+    """
+
+    def __init__(self, name: str, baudrate: int = 921600, keep: Callable[[object], None] = lambda item: None):
+        self.name, self.baudrate, self._keep = name, baudrate, keep
+        self.items: queue.SimpleQueue = queue.SimpleQueue()
+        self._stop = threading.Event()
+        try:
+            self._serial = self._open()
+        except UNPLUGGED as error:
+            raise DeviceError(f"{name}: cannot be opened ({_reason(error)}); see calibrate.py ports") from None
+        self._thread = threading.Thread(target=self._read, name="port-reader", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading; what was received stays in ``items``."""
+        self._stop.set()
+        self._thread.join()
+
+    def _open(self) -> serial.Serial:
+        return serial.Serial(self.name, self.baudrate, timeout=READ_S, exclusive=True)
+
+    def _hand_over(self, item: object) -> None:
+        self._keep(item)
+        self.items.put(item)
+
+    def _read(self) -> None:
+        try:
+            self._hand_over(Opened(time.monotonic_ns(), self.name))
+            while not self._stop.is_set():
+                try:
+                    data = self._serial.read(max(1, self._serial.in_waiting))
+                except UNPLUGGED as error:
+                    self._hand_over(Closed(time.monotonic_ns(), _reason(error)))
+                    self._reopen()
+                    continue
+                if data:
+                    self._hand_over(Received(time.monotonic_ns(), data))
+        except CalibrationError as error:
+            self.items.put(error)
+        finally:
+            _close(self._serial)
+
+    def _reopen(self) -> None:
+        _close(self._serial)
+        while not self._stop.wait(RETRY_S):
+            try:
+                self._serial = self._open()
+            except UNPLUGGED:
+                continue
+            self._hand_over(Opened(time.monotonic_ns(), self.name))
+            return
+
+
+def _close(port: serial.Serial) -> None:
+    with contextlib.suppress(UNPLUGGED):
+        port.close()
+
+
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(number, int) else str(error)

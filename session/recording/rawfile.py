@@ -1,0 +1,116 @@
+"""The raw file: the bytes as they came, and beside it when they came.
+
+``raw.bin`` holds what the port gave and nothing else, so any capture of a port replays.  ``raw.times`` is text,
+``host_ns,bytes,event``: at host_ns (monotonic clock) the file held that many bytes.  Events are ``open`` (the port was opened, with
+wall-clock time and port), ``close``, and ``begin STEM`` (from here on, logs are named so).  A write goes straight to the operating
+system, so a killed process loses nothing that it had; twice a second it is forced to the disk, against a power failure.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+from session.errors import StorageError
+
+RAW, TIMES = "raw.bin", "raw.times"
+TIMES_HEADER = "host_ns,bytes,event"
+SYNC_S = 0.5
+#: arrival times closer together than this share a line
+TIME_STEP_NS = 10_000_000
+
+
+@dataclass(frozen=True)
+class Mark:
+    """At host_ns the raw file held ``offset`` bytes; event is empty, or ``open …``, ``close …``, ``begin STEM``."""
+
+    host_ns: int
+    offset: int
+    event: str = ""
+
+
+class RawFile:
+    """Append bytes and marks.  StorageError says what is safe when no more can be written; later calls raise it again."""
+
+    def __init__(self, folder: Path):
+        self.path, self._failed = folder / RAW, None
+        self._last_ns = -TIME_STEP_NS
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._raw = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+            self._times = os.open(folder / TIMES, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise StorageError(f"{error.filename or folder}: {error.strerror or error}; give --out another folder") from None
+        self.size = os.fstat(self._raw).st_size
+        end = os.fstat(self._times).st_size
+        if end == 0:
+            self._write(self._times, f"{TIMES_HEADER}\n".encode())
+        elif os.pread(self._times, 1, end - 1) != b"\n":  # a process was killed while it wrote a line
+            self._write(self._times, b"\n")
+        self._lock = threading.Lock()
+        self._done = threading.Event()
+        self._syncing = threading.Thread(target=self._sync, name="raw-sync", daemon=True)
+        self._syncing.start()
+
+    def append(self, host_ns: int, data: bytes) -> None:
+        """Bytes that arrived at host_ns."""
+        with self._lock:
+            self._write(self._raw, data)
+            if host_ns - self._last_ns >= TIME_STEP_NS:
+                self._last_ns = host_ns
+                self._write(self._times, f"{host_ns},{self.size},\n".encode())
+
+    def mark(self, host_ns: int, event: str, offset: int | None = None) -> None:
+        """Something that happened behind the first ``offset`` bytes; without one, behind all there are."""
+        with self._lock:
+            where = self.size if offset is None else offset
+            self._write(self._times, f"{host_ns},{where},{' '.join(event.split())}\n".encode())
+
+    def close(self) -> None:
+        """Force everything to the disk and close; may be called twice."""
+        if self._done.is_set():
+            return
+        self._done.set()
+        self._syncing.join()
+        for file in (self._raw, self._times):
+            os.close(file)
+
+    def _write(self, file: int, data: bytes) -> None:
+        if self._failed:
+            raise self._failed
+        while data:
+            try:
+                written = os.write(file, data)
+            except OSError as error:
+                safe = f"{self.size} bytes received before are safe in {self.path}"
+                self._failed = StorageError(f"{self.path}: {error.strerror or error}; {safe}; make room, then go on with --resume")
+                raise self._failed from None
+            if file == self._raw:
+                self.size += written
+            data = data[written:]
+
+    def _sync(self) -> None:
+        while True:
+            last = self._done.wait(SYNC_S)
+            for file in (self._raw, self._times):
+                with contextlib.suppress(OSError):  # a full disk speaks up at the next write
+                    os.fsync(file)
+            if last:
+                return
+
+
+def read_marks(raw_path: Path) -> list[Mark]:
+    """The marks beside a raw file, by offset; none where there is no such file.  Lines that were cut off are passed over."""
+    try:
+        text = raw_path.with_suffix(".times").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return []
+    marks = []
+    for line in text.split("\n")[:-1]:
+        cells = line.split(",", 2)
+        if len(cells) == 3 and cells[0].isascii() and cells[0].isdigit() and cells[1].isascii() and cells[1].isdigit():
+            marks.append(Mark(int(cells[0]), int(cells[1]), cells[2]))
+    return sorted(marks, key=lambda mark: mark.offset)

@@ -1,0 +1,109 @@
+"""``tinygc-frame/1`` (FORMATS): COBS between zero bytes, little-endian, CRC-16/CCITT-FALSE.  Both ways, many at a time.
+
+One counter numbers the frames of both types.  A frame is shorter than 254 bytes, so COBS replaces each zero by the distance to
+the next, puts the first distance in front, and adds nothing else (Cheshire and Baker 1999).
+"""
+
+from __future__ import annotations
+
+import binascii
+import struct
+
+import numpy as np
+
+from session.stream.events import Info
+
+SAMPLE_TYPE, INFO_TYPE = 0x01, 0x02
+#: a sample frame without its CRC
+SAMPLE = np.dtype([("type", "u1"), ("sequence", "<u2"), ("t_us", "<u4"), ("registers", "<i2", (7,))])
+INFO = struct.Struct("<BHHHfI")
+#: bytes between two delimiters
+SAMPLE_BYTES, INFO_BYTES = SAMPLE.itemsize + 3, INFO.size + 3
+CRC_START = 0xFFFF
+
+
+def encode_samples(sequence: np.ndarray, t_us: np.ndarray, registers: np.ndarray) -> np.ndarray:
+    """Sample frames with their delimiter: (n, 25) uint8.  sequence and t_us (n,) wrap; registers (n, 7) int16."""
+    table = np.zeros(len(t_us), dtype=SAMPLE)
+    table["type"] = SAMPLE_TYPE
+    table["sequence"] = np.asarray(sequence) & 0xFFFF
+    table["t_us"] = np.asarray(t_us) & 0xFFFFFFFF
+    table["registers"] = registers
+    return encode_blocks(table.view(np.uint8).reshape(len(table), SAMPLE.itemsize))
+
+
+def encode_info(sequence: int, info: Info) -> bytes:
+    """An info frame with its delimiter.  A serial that is no number of 32 bits is sent as 0."""
+    serial = int(info.serial) if info.serial.isascii() and info.serial.isdigit() else 0
+    body = INFO.pack(INFO_TYPE, sequence & 0xFFFF, int(info.gyro_fs_dps), int(info.accel_fs_g), info.odr_hz, serial & 0xFFFFFFFF)
+    return encode_blocks(np.frombuffer(body, np.uint8)[None]).tobytes()
+
+
+def encode_blocks(bodies: np.ndarray) -> np.ndarray:
+    """CRC, COBS and delimiter for bodies (n, k) uint8 of one length, k + 2 < 254: (n, k + 4) uint8."""
+    count, size = bodies.shape
+    plain = np.empty((count, size + 2), np.uint8)
+    plain[:, :size] = bodies
+    check = crc(bodies)
+    plain[:, size], plain[:, size + 1] = check & 0xFF, check >> 8  # little-endian, like all else
+    coded = np.zeros((count, size + 4), np.uint8)
+    coded[:, 1:-1] = plain
+    # From the end: each zero, and the place in front, holds the distance to the next zero or the end.
+    following = np.full(count, size + 3, np.int64)
+    for place in range(size + 2, 0, -1):
+        zero = plain[:, place - 1] == 0
+        coded[zero, place] = following[zero] - place
+        following[zero] = place
+    coded[:, 0] = following
+    return coded
+
+
+def decode_blocks(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Undo COBS and check the CRC of blocks (n, k) uint8, delimiter taken off.  Returns bodies (n, k - 3) uint8 and good (n,) bool."""
+    size = blocks.shape[1]
+    plain = blocks[:, 1:].copy()
+    place = blocks[:, 0].astype(np.int64)
+    rows = np.flatnonzero(place < size)
+    while len(rows):
+        plain[rows, place[rows] - 1] = 0
+        place[rows] += blocks[rows, place[rows]]
+        rows = rows[place[rows] < size]
+    body = plain[:, :-2]
+    sent = plain[:, -2].astype(np.uint16) | plain[:, -1].astype(np.uint16) << 8
+    return body, (place == size) & (sent == crc(body))
+
+
+def decode_info(body: bytes) -> Info | None:
+    """An info frame's body as ``Info``; None where it holds what no sensor has."""
+    _, _, gyro_fs, accel_fs, odr_hz, serial = INFO.unpack(body)
+    if not (gyro_fs and accel_fs and 0.1 <= odr_hz <= 1e5):
+        return None
+    return Info(float(gyro_fs), float(accel_fs), float(odr_hz), str(serial))
+
+
+def crc(bodies: np.ndarray) -> np.ndarray:
+    """CRC-16/CCITT-FALSE of each row of (n, k) uint8, k <= 32: (n,) uint16.
+
+    A CRC is linear over bits: that of a row is the exclusive or of what each byte contributes from its place.
+    """
+    size = bodies.shape[1]
+    contributions = _CONTRIBUTION[_LONGEST - size :]
+    terms = contributions[np.arange(size), bodies]
+    return np.bitwise_xor.reduce(terms, axis=1) ^ np.uint16(_START[size])
+
+
+_LONGEST = 32
+
+
+def _contributions() -> np.ndarray:
+    """(32, 256) uint16: what each value of the byte that has 31 … 0 bytes behind it adds to a CRC."""
+    table = np.empty((_LONGEST, 256), np.uint16)
+    table[-1] = [binascii.crc_hqx(bytes([value]), 0) for value in range(256)]
+    for place in range(_LONGEST - 2, -1, -1):
+        table[place] = (table[place + 1] << 8) ^ table[-1][table[place + 1] >> 8]
+    return table
+
+
+_CONTRIBUTION = _contributions()
+#: what the start value alone leaves after so many bytes
+_START = [binascii.crc_hqx(bytes(size), CRC_START) for size in range(_LONGEST + 1)]

@@ -31,8 +31,6 @@ K_THERMAL, K_GRAVITY = 0.01 * DEG, 0.02 * DEG
 
 def timed(folder: Path) -> dict:
     """Seconds by step, and MB, of explaining one folder in this process."""
-    import resource
-
     from tinygc.explain.explain import explain_session
 
     seconds, now = dict.fromkeys(STEPS, 0.0), [STEPS[0], time.process_time()]
@@ -46,9 +44,15 @@ def timed(folder: Path) -> dict:
     result = explain_session(folder, progress=step)
     step(now[0], 0, 0)
     samples = sum(len(log.samples) for log in result.problem.logs)
-    memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     named = [claim.effect.id for claim in result.claimed]
-    return {"seconds": seconds, "total": sum(seconds.values()), "memory_mb": memory_mb, "samples": samples, "named": named}
+    return {"seconds": seconds, "total": sum(seconds.values()), "memory_mb": peak_memory_mb(), "samples": samples, "named": named}
+
+
+def peak_memory_mb() -> float:
+    """This program's own largest; ru_maxrss would count the process that it was forked from (Linux; nan elsewhere)."""
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    return next((int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")), float("nan"))
 
 
 def measured(options: SimulationOptions, null: bool) -> dict:

@@ -122,11 +122,16 @@ def _neighbours(steps, even: int):
 
 
 def accumulate(steps):
-    """All partial products q_0 … q_k (..., T, 4) of steps (..., T, 4), by doubling spans (Hillis and Steele 1986)."""
+    """All partial products q_0 … q_k (..., T, 4) of steps (..., T, 4): a scan of neighbours' products (Ladner and Fischer 1980).
+
+    Twice as many multiplications as there are steps, in 2 log2(T) vectorised calls.
+    """
+    count = steps.shape[-2]
+    if count < 2:
+        return steps
+    even = count // 2 * 2
+    pairs = accumulate(multiply(*_neighbours(steps, even)))  # the partial products that end at an odd place
     xp = namespace(steps)
-    span = 1
-    while span < steps.shape[-2]:
-        both = (steps[..., :span, :], multiply(steps[..., :-span, :], steps[..., span:, :]))
-        steps = xp.moveaxis(xp.concatenate([xp.moveaxis(part, -1, 0) for part in both], -1), 0, -1)
-        span *= 2
-    return steps
+    later = multiply(pairs[..., : (count - 1) // 2, :], steps[..., 2::2, :])
+    both = xp.stack([xp.concatenate([steps[..., :1, :], later], -2)[..., : even // 2, :], pairs], -2).reshape(*steps.shape[:-2], even, 4)
+    return both if even == count else xp.concatenate([both, later[..., -1:, :]], -2)

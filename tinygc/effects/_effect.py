@@ -93,7 +93,8 @@ class Effect:
         """The rate (N, 3) rad/s that the element reports for the true one."""
         if self.exact_distort is not None:
             return self.exact_distort(movement, theta)
-        return movement.rate + self.columns(movement) @ theta
+        columns = self.columns(movement)
+        return movement.rate + (columns.reshape(-1, len(theta)) @ theta).reshape(-1, 3)  # one flat product: many times faster
 
     def correct(self, measured: np.ndarray, movement: Movement, theta: np.ndarray) -> np.ndarray:
         """The true rate (N, 3) rad/s behind the calibrated one; ``movement.rate`` is where the search begins."""
@@ -108,13 +109,17 @@ class Effect:
 
 def diagonal(values: np.ndarray) -> np.ndarray:
     """(N, 3, 3) columns of a per-axis parameter from what one unit of it adds to each axis (N, 3) or to all (N,)."""
-    values = np.broadcast_to(values[:, None] if values.ndim == 1 else values, (len(values), 3))
-    return values[:, :, None] * np.eye(3)
+    columns = np.zeros((len(values), 3, 3))
+    columns[:, range(3), range(3)] = values[:, None] if values.ndim == 1 else values
+    return columns
 
 
 def full(inputs: np.ndarray) -> np.ndarray:
     """(N, 3, 9) columns of a 3x3 parameter, row by row, that multiplies inputs (N, 3)."""
-    return np.einsum("ij,nk->nijk", np.eye(3), inputs).reshape(len(inputs), 3, 9)
+    columns = np.zeros((len(inputs), 3, 3, 3))
+    for axis in range(3):
+        columns[:, axis, axis] = inputs
+    return columns.reshape(len(inputs), 3, 9)
 
 
 def largest(theta: np.ndarray) -> float:

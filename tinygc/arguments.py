@@ -9,7 +9,7 @@ from pathlib import Path
 from session.errors import printable
 from tinygc.commands import COMMANDS
 
-METHODS = "raw,raw_bias_removed,least_squares,pso,tinygc"  # as in tinygc.methods, which imports too much for --help
+METHODS = "raw,raw_bias_removed,least_squares,pso,tinygc,tinygc_denoised"  # as in tinygc.methods, which imports too much for --help
 
 
 class _Parser(argparse.ArgumentParser):

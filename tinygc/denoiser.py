@@ -8,7 +8,7 @@ of the 50 has no weight.
 
 **Either sign alike.**  A leaky ReLU treats negative rates otherwise than positive ones.  f is exactly odd, whatever the weights: the
 half-difference of the net run on x and on -x.  Without biases f is also homogeneous, f(c x) = c f(x) for every c, so one number per
-axis, f of a constant 1, is the gain at *every* constant rate.  ``normalised`` divides conv3 by it: a constant rate passes unchanged, exactly.
+axis, f of a constant 1, is the gain at *every* constant rate.  ``normalised`` divides conv3 by it: each passes unchanged, exactly.
 
 **The mean of any signal.**  That holds for constants.  Of a moving rate the integral, which is what an attitude is made of, is kept for
 every signal if and only if f is linear: the default slope is 1, where L passes both signs as they are, f(x) = g(x), one pass is

@@ -66,10 +66,9 @@ def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int,
     _stop_at_errors(findings)
     problem = build_problem(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
     runs = read_closure_runs(problem)
-    fits = {
-        name: run_method(name, problem, options, lambda done, of, name=name: progress(name.replace("_", " "), done, of))
-        for name in options.methods
-    }
+    fits: dict[str, MethodFit] = {}
+    for name in options.methods:
+        fits[name] = run_method(name, problem, options, lambda done, of, name=name: progress(name.replace("_", " "), done, of), fits)
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or run_method("least_squares", problem, options)
     physics = None
@@ -161,6 +160,7 @@ def to_json(result: FitResult) -> dict:
                 "seconds": round(fit.seconds, 3),
                 "train": closure_figures(fit.angles),
                 "holdout": closure_figures(fit.held_out),
+                **({"denoiser": fit.notes["denoiser"]} if "denoiser" in fit.notes else {}),
             }
             for name, fit in result.methods.items()
         },

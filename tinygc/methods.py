@@ -10,6 +10,8 @@ import numpy as np
 
 from tinygc import closure
 from tinygc.closure import Batch
+from tinygc.denoise_training import DenoiseOptions
+from tinygc.denoiser import DenoisedNet
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
 from tinygc.network import PARAMETERS as NET_PARAMETERS
@@ -17,9 +19,9 @@ from tinygc.network import CalibrationNet
 from tinygc.problem import Problem
 from tinygc.still_rates import StillRates
 
-Model = LinearModel | CalibrationNet
+Model = LinearModel | CalibrationNet | DenoisedNet
 Progress = Callable[[int, int], None]
-METHODS = ("raw", "raw_bias_removed", "least_squares", "pso", "tinygc")
+METHODS = ("raw", "raw_bias_removed", "least_squares", "pso", "tinygc", "tinygc_denoised")
 PARAMETERS = {"raw": 0, "raw_bias_removed": 3, "least_squares": 12, "pso": 12, "tinygc": NET_PARAMETERS}
 OPTIMIZERS = ("second-order", "adamw")
 
@@ -28,7 +30,7 @@ OPTIMIZERS = ("second-order", "adamw")
 class FitOptions:
     """methods in the order of the report; folds of the held-out closure; seed of the swarm; still_rates as further data;
     integrator; optimizer and epochs of the network; earth: whether its rotation is taken off; exclude: numbers of segments to leave
-    out; physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none."""
+    out; physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none; denoise: of tinygc_denoised."""
 
     methods: tuple[str, ...] = METHODS
     folds: int = 5
@@ -40,12 +42,13 @@ class FitOptions:
     earth: bool = True
     physics: tuple[str, ...] | None = None
     exclude: tuple[int, ...] = ()
+    denoise: DenoiseOptions = field(default_factory=DenoiseOptions)
 
 
 @dataclass(frozen=True, eq=False)
 class MethodFit:
     """One method's model; angles (S, d) rad it leaves on the segments it was fitted to, and held_out (S, d) on those it never saw;
-    seconds that the fit to all segments took."""
+    seconds that the fit to all segments took; parts: the model of each fold."""
 
     name: str
     model: Model
@@ -53,14 +56,26 @@ class MethodFit:
     held_out: np.ndarray
     seconds: float
     notes: dict = field(default_factory=dict)
+    parts: tuple[Model, ...] = ()
 
     @property
     def parameters(self) -> int:
         return PARAMETERS.get(self.name) or getattr(self.model, "parameters", 0)
 
 
-def run_method(name: str, problem: Problem, options: FitOptions, progress: Progress = lambda done, of: None) -> MethodFit:
-    """Fit to all segments, then to all but each fold in turn."""
+def run_method(
+    name: str,
+    problem: Problem,
+    options: FitOptions,
+    progress: Progress = lambda done, of: None,
+    before: dict[str, MethodFit] | None = None,
+) -> MethodFit:
+    """Fit to all segments, then to all but each fold in turn; ``before``: what was fitted already, of use to what builds upon it."""
+    if name == "tinygc_denoised":
+        from tinygc.denoised_method import run_denoised
+
+        calibrated = (before or {}).get("tinygc") or run_method("tinygc", problem, options, progress)
+        return run_denoised(problem, options, calibrated, progress)
     still_rates = problem.still_rates if options.still_rates else None
     batch, sigma = problem.batch, problem.floor.sigma
     folds = min(options.folds, len(batch))
@@ -70,7 +85,7 @@ def run_method(name: str, problem: Problem, options: FitOptions, progress: Progr
     began = time.perf_counter()
     model, notes = _fit(name, problem, batch, sigma, options, still_rates, None, lambda done, of: progress(done, of * steps))
     seconds = time.perf_counter() - began
-    held_out = np.zeros((len(batch), batch.angles))
+    held_out, parts = np.zeros((len(batch), batch.angles)), []
     fold = np.arange(len(batch)) % folds
     for k in range(folds):
         seen = fold != k
@@ -84,9 +99,10 @@ def run_method(name: str, problem: Problem, options: FitOptions, progress: Progr
             model,
             lambda done, of, k=k: progress((k + 1) * of + done, of * steps),
         )
+        parts.append(part)
         held_out[~seen] = closure_angles(batch.pick(~seen), part, integrator)
     progress(steps, steps)
-    return MethodFit(name, model, closure_angles(batch, model, integrator), held_out, seconds, notes)
+    return MethodFit(name, model, closure_angles(batch, model, integrator), held_out, seconds, notes, tuple(parts))
 
 
 def closure_angles(batch: Batch, model: Model, integrator: str = "exact") -> np.ndarray:

@@ -18,6 +18,7 @@ TITLES = {
     "least_squares": "least squares",
     "pso": "PSO",
     "tinygc": "TinyGC-Net",
+    "tinygc_denoised": "TinyGC-Net, denoised",
     "physics": "linear model with physics",
     "tinygc_physics": "TinyGC-Net with physics",
 }
@@ -167,6 +168,7 @@ def _remarks(result: FitResult) -> list[Text]:
                 "yellow",
             )
         )
+    remarks += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
         remarks.append(Text(_physics_words(result), "cyan"))
     unobserved = result.linear.notes.get("unobserved")
@@ -186,6 +188,14 @@ def _remarks(result: FitResult) -> list[Text]:
     )
     remarks.append(Text(f"The paper's first-order integrator would err by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
     return remarks
+
+
+def _denoiser_words(figures: dict) -> str:
+    less = figures["noise_reduction"]
+    words = (
+        "not measured (no still is as long as the window)" if less is None else " ".join(f"{ratio:.1f}" for ratio in less) + " times less"
+    )
+    return f"Denoised: noise at rest {words}; {figures['delay_samples']} samples ({figures['delay_s'] * 1e3:.0f} ms) late."
 
 
 def _physics_words(result: FitResult) -> str:

@@ -22,6 +22,13 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--integrator", choices=("exact", "first-order"), default="exact", help="first-order: the paper's")
     command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
     command.add_argument("--epochs", type=count(1), default=2000, help="of adamw (%(default)s)")
+    command.add_argument(
+        "--denoise-loss",
+        choices=("neighbours", "still", "endpoint"),
+        default="neighbours",
+        help="what tinygc_denoised learns; endpoint: the paper's",
+    )
+    command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="samples it may come late (%(default)s)")
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
@@ -34,6 +41,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """From a session to models and closure figures."""
     from tinygc.console import progress_bar
+    from tinygc.denoise_training import DenoiseOptions
     from tinygc.fit import fit_session, save_models, to_json
     from tinygc.methods import FitOptions
     from tinygc.report import fit_report
@@ -48,6 +56,7 @@ def run(args: argparse.Namespace) -> int:
         epochs=args.epochs,
         earth=not args.no_earth,
         exclude=tuple(dict.fromkeys(args.exclude)),
+        denoise=DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
         physics=None if args.physics is None else tuple(name.strip() for name in args.physics.split(",")),
     )
     try_destinations(args, "fit")

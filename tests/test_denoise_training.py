@@ -1,0 +1,161 @@
+"""Training the denoiser: what its losses measure, what each of them makes of the noise, and that the closure does not pay for it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from conftest import Turns
+
+from session.errors import FitError
+from session.units import DEG
+from tinygc import closure, denoise_risk
+from tinygc.denoise_material import REACH, of_batch
+from tinygc.denoise_training import DenoiseOptions, start, taps_and_jacobian, train_denoiser
+from tinygc.denoiser import Denoiser
+from tinygc.linear import bias_only
+
+ODR_HZ, NOISE_RPS = 208.0, 0.05 * DEG
+
+
+def material(seed=0, count=24, turns_seed=11):
+    """A chain of turns, still for a second at either end of each, and white noise of 0.05 dps; stills of two seconds."""
+    turns = Turns(count, seed=turns_seed, odr_hz=ODR_HZ)
+    rng = np.random.default_rng(seed)
+    rest = round(ODR_HZ)
+    clean = np.pad(turns.rate, ((0, 0), (rest, rest), (0, 0)))
+    dt = np.full((count, clean.shape[1] - 1), 1 / ODR_HZ)
+    measured = clean + NOISE_RPS * rng.standard_normal(clean.shape)
+    batch = closure.Batch(measured, dt, np.zeros_like(measured), turns.q[:-1], turns.q[1:], False)
+    stills = [NOISE_RPS * rng.standard_normal((2 * rest, 3)) for _ in range(count + 1)]
+    return of_batch(batch, np.full(count, NOISE_RPS / np.sqrt(ODR_HZ) * np.sqrt(5.0)), stills), clean
+
+
+@pytest.fixture(scope="module")
+def trained():
+    seen, _ = material()
+    return train_denoiser(seen, bias_only(), DenoiseOptions()).model
+
+
+def at_rest(model, seed=9):
+    noise = np.random.default_rng(seed).standard_normal((40000, 3))
+    return noise.std(axis=0) / model.denoiser(noise).std(axis=0)
+
+
+def rms_deg(material, rate):
+    return np.sqrt(np.mean(closure.error_angles(closure.segment_residuals(material.batch, rate)) ** 2)) / DEG
+
+
+def test_taps_and_their_derivatives():
+    """Against the subnet itself, and autograd."""
+    vector = start(3).vector + 0.2 * np.random.default_rng(4).normal(size=(3, 56))
+    taps, jacobian = taps_and_jacobian(vector)
+    np.testing.assert_allclose(taps, Denoiser.from_vector(vector).normalised().taps(), atol=1e-12)
+
+    def of(weights):
+        impulse = torch.zeros((2 * REACH + 1, 3), dtype=torch.float64)
+        impulse[REACH] = 1.0
+        return Denoiser.from_vector(weights).normalised().windowed(impulse).T
+
+    exact = torch.autograd.functional.jacobian(of, torch.as_tensor(vector)).numpy()
+    for axis in range(3):
+        np.testing.assert_allclose(jacobian[axis], exact[axis, :, axis], atol=1e-10)
+
+
+def test_it_starts_at_the_identity_and_can_learn():
+    rate = np.random.default_rng(0).normal(size=(80, 3))
+    np.testing.assert_allclose(start(0)(rate), rate, atol=1e-14)
+    assert np.linalg.matrix_rank(taps_and_jacobian(start(0).vector)[1][0]) >= 15
+
+
+def test_the_error_in_motion_is_measured_without_the_truth():
+    """The risk of three filters against noisy neighbours, and their squared error against the truth that it never saw."""
+    seen, clean = material(seed=2)
+    delay = 8
+    risk = denoise_risk.measure(seen.stretches, seen.stills, REACH + 1, delay)
+    np.testing.assert_allclose(np.sqrt(risk.noise[:, 0]), NOISE_RPS, rtol=0.02)
+    for taps in (np.eye(REACH + 1)[delay], np.full(REACH + 1, 1 / 17) * (np.arange(REACH + 1) < 17), risk.ideal(2.0)[0][0]):
+        taps = np.tile(taps, (3, 1))
+        windows = np.lib.stride_tricks.sliding_window_view(seen.batch.rate, REACH + 1, axis=1)[..., ::-1]
+        answer = np.einsum("staj,aj->sta", windows, taps)
+        true = np.mean((answer - clean[:, REACH - delay : clean.shape[1] - delay]) ** 2, axis=(0, 1))
+        np.testing.assert_allclose(risk.in_motion(taps), true, rtol=0.05, atol=0.05 * NOISE_RPS**2)
+
+
+def test_ideal_taps_keep_their_promises():
+    risk = denoise_risk.measure(material()[0].stretches, material()[0].stills, REACH + 1, 12)
+    taps, _ = risk.ideal(3.0)
+    np.testing.assert_allclose(denoise_risk.moments(REACH + 1, 12) @ taps.T, np.eye(4)[:, [0, 0, 0]], atol=1e-8)
+    assert (np.sqrt(risk.noise[:, 0] / risk.at_rest(taps)) > 2.999).all()
+
+
+def test_noise_at_rest_falls_threefold_twelve_samples_late(trained):
+    """On noise that it has not seen."""
+    assert (at_rest(trained) > 3.0).all()
+    np.testing.assert_allclose(trained.denoiser.delay_samples, 12, atol=0.01)
+    assert trained.delay_samples == 12
+    np.testing.assert_allclose(trained.denoiser.gain, 1, atol=1e-12)
+
+
+def test_the_closure_of_turns_it_never_saw_does_not_suffer(trained):
+    for seed in (5, 6):
+        fresh, _ = material(seed=seed, turns_seed=12 + seed)
+        calibrated = rms_deg(fresh, fresh.batch.rate)
+        assert rms_deg(fresh, fresh.rate(trained)) < 1.05 * calibrated
+
+
+def test_it_passes_cubics_late_but_whole(trained):
+    t = np.arange(200.0)[:, None] / 50
+    cubic = 1 + 2 * t - t**2 + 0.5 * t**3 * np.array([1.0, -1.0, 0.5])
+    np.testing.assert_allclose(trained.denoiser(cubic)[60:], cubic[48:-12], atol=5e-4)
+
+
+def test_what_each_loss_makes_of_the_noise():
+    """The endpoint alone hardly smooths; the stills alone smooth most and lose the movement."""
+    seen, _ = material()
+    fresh, _ = material(seed=7, turns_seed=20)
+    endpoint, still = (train_denoiser(seen, bias_only(), DenoiseOptions(loss=loss)).model for loss in ("endpoint", "still"))
+    assert at_rest(endpoint).max() < 2
+    assert at_rest(still).min() > 4
+    assert rms_deg(fresh, fresh.rate(still)) > 2 * rms_deg(fresh, fresh.batch.rate)
+
+
+def test_seeded_and_frozen(trained):
+    seen, _ = material()
+    calibration = bias_only(np.array([0.01, 0.0, -0.02]))
+    again = train_denoiser(seen, bias_only(), DenoiseOptions()).model
+    np.testing.assert_array_equal(again.denoiser.vector, trained.denoiser.vector)
+    assert train_denoiser(seen, calibration, DenoiseOptions()).model.calibration is calibration
+
+
+@pytest.mark.parametrize("slope", [1.0, 0.3])
+def test_adamw_learns_of_the_neighbours(slope):
+    """Linear or bent, repeatable, with unit gain."""
+    seen, _ = material(count=8)
+    options = DenoiseOptions(slope=slope, optimizer="adamw", epochs=40)
+    first, second = (train_denoiser(seen, bias_only(), options) for _ in range(2))
+    assert first.loss == second.loss
+    assert first.loss[-1] < 0.5 * first.loss[0]
+    np.testing.assert_allclose(first.model.denoiser.gain, 1, atol=1e-12)
+    assert at_rest(first.model).min() > 1.3
+
+
+def test_adamw_on_the_endpoint_keeps_its_best_epoch():
+    seen, _ = material(count=8)
+    trained = train_denoiser(seen, bias_only(), DenoiseOptions(loss="endpoint", optimizer="adamw", epochs=15))
+    late = trained.model.denoiser.windowed(seen.context)[:, : seen.batch.rate.shape[1]]  # as it was trained: nothing shifted back
+    r = closure.segment_residuals(seen.batch, late) * (2 / seen.sigma)[:, None]
+    assert np.mean(r**2) == pytest.approx(min(trained.loss), rel=1e-6)
+
+
+def test_bad_input_is_refused():
+    seen, _ = material(count=8)
+    with pytest.raises(FitError, match="reach"):
+        train_denoiser(seen, bias_only(), DenoiseOptions(delay=49))
+    with pytest.raises(FitError, match="noise"):
+        train_denoiser(replace(seen, stills=[np.zeros((100, 3))]), bias_only(), DenoiseOptions())
+    with pytest.raises(ValueError, match="loss"):
+        train_denoiser(seen, bias_only(), DenoiseOptions(loss="hope"))
+    seen.context[1, 50, 0] = np.nan
+    with pytest.raises(FitError, match="finite"), np.errstate(invalid="ignore"):
+        train_denoiser(seen, bias_only(), DenoiseOptions())

@@ -1,0 +1,55 @@
+"""The method ``tinygc_denoised``: the calibration as ``tinygc`` found it, frozen, and the denoising subnet behind it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from tinygc import closure
+from tinygc.denoise_material import Material, of_problem
+from tinygc.denoise_training import train_denoiser
+from tinygc.denoiser import DenoisedNet
+from tinygc.methods import FitOptions, MethodFit
+from tinygc.problem import Problem
+
+
+def run_denoised(problem: Problem, options: FitOptions, calibrated: MethodFit, progress: Callable[[int, int], None]) -> MethodFit:
+    """Train on all segments, then on all but each fold with that fold's calibration, which saw none of it either."""
+    material = of_problem(problem)
+    how = replace(options.denoise, optimizer=options.optimizer, seed=options.seed)
+    steps = len(calibrated.parts) + 1
+    began = time.perf_counter()
+    trained = train_denoiser(material, calibrated.model, how, lambda done, of: progress(done, of * steps))
+    seconds = time.perf_counter() - began
+    held_out = np.zeros_like(calibrated.held_out)
+    fold = np.arange(len(problem.batch)) % len(calibrated.parts)
+    for k, calibration in enumerate(calibrated.parts):
+        part = train_denoiser(material.pick(fold != k), calibration, how, lambda done, of, k=k: progress((k + 1) * of + done, of * steps))
+        held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
+    notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": how.loss}}
+    angles = denoised_angles(material, trained.model, options.integrator)
+    return MethodFit("tinygc_denoised", trained.model, angles, held_out, calibrated.seconds + seconds, notes)
+
+
+def denoised_angles(material: Material, model: DenoisedNet, integrator: str = "exact") -> np.ndarray:
+    """Error angles (S, d) rad that the whole net leaves, its delay allowed for."""
+    return closure.error_angles(closure.segment_residuals(material.batch, material.rate(model), integrator))
+
+
+def figures(material: Material, model: DenoisedNet) -> dict:
+    """What a user must know: noise_reduction (3,), by how much the standard deviation in the stills falls (None where no
+    still is as long as the window); delay_s; delay_samples."""
+    before, after = [], []
+    for still in material.stills:
+        rate = model.calibration(still)
+        filtered = model.denoiser.windowed(rate)
+        if len(filtered) > 1:
+            before.append(rate[model.denoiser.reach :] - rate.mean(axis=0))
+            after.append(filtered - filtered.mean(axis=0))
+    ratio = None
+    if before:
+        ratio = (np.concatenate(before).std(axis=0) / np.concatenate(after).std(axis=0)).tolist()
+    return {"noise_reduction": ratio, "delay_s": model.delay_s, "delay_samples": model.delay_samples}

@@ -57,6 +57,9 @@ class StreamDecoder:
             events.append(Trouble("crc", 1, self._last))
         elif len(token) == frames.INFO_BYTES:
             info = frames.decode_info(body.tobytes())
+            sequence = int.from_bytes(body[0, 1:3].tobytes(), "little")
+            if self._sequence is not None and sequence == (self._sequence + 1) & 0xFFFF:
+                self._sequence = sequence
             if info:
                 self.info = info
                 events.append(info)

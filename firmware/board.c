@@ -1,0 +1,151 @@
+/* STM32F405: 168 MHz from the internal oscillator, USART1 on PA9/PA10 (host), USART2 on PA2/PA3 (sensor), SysTick each millisecond.
+ *
+ * RM0090 gives the registers.  QEMU has stubs for RCC, FLASH and GPIO, whose ready flags never rise: every wait ends by itself. */
+#include "board.h"
+
+#define REG(address) (*(volatile uint32_t *)(address))
+
+#define RCC 0x40023800u
+#define RCC_CR REG(RCC + 0x00)
+#define RCC_PLLCFGR REG(RCC + 0x04)
+#define RCC_CFGR REG(RCC + 0x08)
+#define RCC_AHB1ENR REG(RCC + 0x30)
+#define RCC_APB1ENR REG(RCC + 0x40)
+#define RCC_APB2ENR REG(RCC + 0x44)
+#define FLASH_ACR REG(0x40023C00u)
+#define GPIOA_MODER REG(0x40020000u)
+#define GPIOA_PUPDR REG(0x4002000Cu)
+#define GPIOA_AFRL REG(0x40020020u)
+#define GPIOA_AFRH REG(0x40020024u)
+#define SYST_CSR REG(0xE000E010u)
+#define SYST_RVR REG(0xE000E014u)
+#define SYST_CVR REG(0xE000E018u)
+#define NVIC_ISER1 REG(0xE000E104u)
+
+/* USART registers. */
+#define SR(base) REG((base) + 0x00)
+#define DR(base) REG((base) + 0x04)
+#define BRR(base) REG((base) + 0x08)
+#define CR1(base) REG((base) + 0x0C)
+
+enum {
+    CORE_HZ = 168000000,
+    APB1_HZ = CORE_HZ / 4,
+    APB2_HZ = CORE_HZ / 2,
+    SPINS = 100000,
+    RXNE = 1 << 5,
+    TXE = 1 << 7,
+    RXNEIE = 1 << 5,
+    UE_TE_RE = 1 << 13 | 1 << 3 | 1 << 2,
+    RING = 256, /* of received bytes; a power of two */
+};
+
+static const uint32_t USART[PORTS] = {0x40011000u, 0x40004400u};
+
+static struct {
+    volatile uint8_t bytes[RING];
+    volatile uint32_t in, out; /* counts that wrap; only the interrupt moves in, only board_read moves out */
+} received[PORTS];
+
+static volatile uint32_t milliseconds;
+
+static int wait_for(volatile const uint32_t *reg, uint32_t mask, uint32_t value)
+{
+    for (int spin = 0; spin < SPINS; spin++)
+        if ((*reg & mask) == value)
+            return 1;
+    return 0;
+}
+
+/* 16 MHz / 16 * 336 / 2 = 168 MHz.  If the PLL does not come up the core stays at 16 MHz, and no host will understand the baud rate:
+ * there is nobody to tell. */
+static void start_clock(void)
+{
+    FLASH_ACR = 5u | 7u << 8; /* 5 wait states, prefetch and caches: before the clock is raised */
+    RCC_PLLCFGR = 16u | 336u << 6 | 0u << 16 | 7u << 24;
+    RCC_CR |= 1u << 24;
+    if (!wait_for(&RCC_CR, 1u << 25, 1u << 25))
+        return;
+    RCC_CFGR = 5u << 10 | 4u << 13 | 2u; /* APB1 a quarter, APB2 a half, system clock from the PLL */
+    wait_for(&RCC_CFGR, 3u << 2, 2u << 2);
+}
+
+void board_start(uint32_t baud)
+{
+    start_clock();
+    RCC_AHB1ENR |= 1u;
+    RCC_APB1ENR |= 1u << 17;
+    RCC_APB2ENR |= 1u << 4;
+    /* PA2, PA3, PA9, PA10: alternate function 7; a pull-up on what comes in, or an open line reads as a storm of bytes. */
+    GPIOA_MODER |= 2u << 4 | 2u << 6 | 2u << 18 | 2u << 20;
+    GPIOA_PUPDR |= 1u << 6 | 1u << 20;
+    GPIOA_AFRL |= 7u << 8 | 7u << 12;
+    GPIOA_AFRH |= 7u << 4 | 7u << 8;
+    BRR(USART[HOST]) = APB2_HZ / baud;
+    BRR(USART[SENSOR]) = APB1_HZ / baud;
+    for (int port = 0; port < PORTS; port++)
+        CR1(USART[port]) = UE_TE_RE | RXNEIE;
+    NVIC_ISER1 = 1u << (USART1_IRQ - 32) | 1u << (USART2_IRQ - 32);
+    SYST_RVR = CORE_HZ / 1000 - 1;
+    SYST_CVR = 0;
+    SYST_CSR = 7;
+}
+
+uint32_t board_milliseconds(void)
+{
+    return milliseconds;
+}
+
+int board_read(enum port port)
+{
+    const uint32_t out = received[port].out;
+    if (out == received[port].in)
+        return -1;
+    const uint8_t byte = received[port].bytes[out % RING];
+    received[port].out = out + 1;
+    CR1(USART[port]) = UE_TE_RE | RXNEIE; /* there is room again */
+    return byte;
+}
+
+void board_write(enum port port, const uint8_t *bytes, unsigned count)
+{
+    for (unsigned n = 0; n < count; n++) {
+        wait_for(&SR(USART[port]), TXE, TXE);
+        DR(USART[port]) = bytes[n];
+    }
+}
+
+void board_wait(void)
+{
+    __asm volatile("wfi");
+}
+
+void SysTick_Handler(void)
+{
+    milliseconds++;
+}
+
+/* Where the ring is full the byte stays in the port until there is room; what comes after it is then lost, unless the other end waits
+ * for its answer. */
+static void receive(enum port port)
+{
+    const uint32_t in = received[port].in;
+    if (!(SR(USART[port]) & RXNE))
+        return;
+    if (in - received[port].out == RING) {
+        CR1(USART[port]) = UE_TE_RE;
+        return;
+    }
+    received[port].bytes[in % RING] = (uint8_t)DR(USART[port]);
+    received[port].in = in + 1;
+}
+
+void USART1_Handler(void)
+{
+    receive(HOST);
+}
+
+void USART2_Handler(void)
+{
+    receive(SENSOR);
+}

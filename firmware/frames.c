@@ -1,0 +1,106 @@
+#include "frames.h"
+
+static uint16_t crc16(const uint8_t *bytes, unsigned count)
+{
+    uint32_t crc = 0xFFFF;
+    for (unsigned n = 0; n < count; n++) {
+        crc ^= (uint32_t)bytes[n] << 8;
+        for (int bit = 0; bit < 8; bit++)
+            crc = crc & 0x8000 ? crc << 1 ^ 0x1021 : crc << 1;
+    }
+    return (uint16_t)crc;
+}
+
+static void put(struct frame *frame, uint32_t value, unsigned count)
+{
+    for (unsigned n = 0; n < count && frame->count < FRAME_MOST; n++, value >>= 8)
+        frame->bytes[frame->count++] = (uint8_t)value;
+}
+
+void frame_begin(struct frame *frame, uint8_t type, uint16_t sequence)
+{
+    frame->count = 0;
+    put(frame, type, 1);
+    put(frame, sequence, 2);
+}
+
+void frame_u16(struct frame *frame, uint16_t value)
+{
+    put(frame, value, 2);
+}
+
+void frame_u32(struct frame *frame, uint32_t value)
+{
+    put(frame, value, 4);
+}
+
+void frame_f32(struct frame *frame, float value)
+{
+    union {
+        float f;
+        uint32_t u;
+    } bits = {value};
+    put(frame, bits.u, 4);
+}
+
+unsigned frame_end(struct frame *frame, uint8_t *out)
+{
+    put(frame, crc16(frame->bytes, frame->count), 2);
+    unsigned code = 0, to = 1; /* where the length of the run at hand belongs, and where its next byte goes */
+    for (unsigned n = 0; n < frame->count; n++) {
+        if (frame->bytes[n] == 0) {
+            out[code] = (uint8_t)(to - code);
+            code = to++;
+        } else {
+            out[to++] = frame->bytes[n];
+        }
+    }
+    out[code] = (uint8_t)(to - code);
+    out[to++] = 0;
+    return to;
+}
+
+/* In place; the decoded length, or 0.  Frames are shorter than 254 bytes, so each run but the last ends in a zero. */
+static unsigned decode(uint8_t *bytes, unsigned count)
+{
+    unsigned from = 0, to = 0;
+    while (from < count) {
+        const unsigned end = from + bytes[from];
+        if (end > count)
+            return 0;
+        while (++from < end)
+            bytes[to++] = bytes[from];
+        if (from < count)
+            bytes[to++] = 0;
+    }
+    return to;
+}
+
+unsigned frame_take(struct decoder *decoder, uint8_t byte)
+{
+    if (byte != 0) {
+        if (decoder->count < sizeof decoder->bytes)
+            decoder->bytes[decoder->count] = byte;
+        if (decoder->count <= sizeof decoder->bytes)
+            decoder->count++;
+        return 0;
+    }
+    const unsigned count = decoder->count;
+    decoder->count = 0;
+    if (count == 0 || count > sizeof decoder->bytes)
+        return 0;
+    const unsigned length = decode(decoder->bytes, count);
+    if (length < 3 || crc16(decoder->bytes, length - 2) != get_u16(decoder->bytes + length - 2))
+        return 0;
+    return length - 2;
+}
+
+uint16_t get_u16(const uint8_t *from)
+{
+    return (uint16_t)(from[0] | from[1] << 8);
+}
+
+uint32_t get_u32(const uint8_t *from)
+{
+    return from[0] | (uint32_t)from[1] << 8 | (uint32_t)from[2] << 16 | (uint32_t)from[3] << 24;
+}

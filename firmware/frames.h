@@ -1,0 +1,42 @@
+/* tinygc-frame/1: COBS-encoded, delimited by 0x00, little-endian, CRC-16/CCITT-FALSE over everything before it. */
+#ifndef FRAMES_H
+#define FRAMES_H
+
+#include <stdint.h>
+
+enum {
+    FRAME_SAMPLE = 0x01,     /* u16 sequence, u32 t_us, i16 gx gy gz ax ay az temp */
+    FRAME_INFO = 0x02,       /* u16 sequence, u16 gyro_fs_dps, u16 accel_fs_g, f32 odr_hz, u32 serial */
+    FRAME_CALIBRATED = 0x03, /* u16 sequence, u32 t_us, f32 wx wy wz in rad/s; sequence and t_us are those of its sample */
+    FRAME_SELF_TEST = 0x04,  /* u16 sequence, u16 failed (0: passed), f32 worst in rad/s, u32 model id */
+    FRAME_HELLO = 0x10,      /* from the host, u16 sequence: begin anew; answered by INFO and SELF_TEST */
+    FRAME_MOST = 32,         /* bytes of the longest frame, before encoding */
+};
+
+/* A frame being written, without its CRC. */
+struct frame {
+    uint8_t bytes[FRAME_MOST];
+    unsigned count;
+};
+
+void frame_begin(struct frame *frame, uint8_t type, uint16_t sequence);
+void frame_u16(struct frame *frame, uint16_t value);
+void frame_u32(struct frame *frame, uint32_t value);
+void frame_f32(struct frame *frame, float value);
+
+/* Append the CRC, encode, append the delimiter; the number of bytes in out, which holds FRAME_MOST + 2. */
+unsigned frame_end(struct frame *frame, uint8_t *out);
+
+/* Bytes of a stream between two delimiters. */
+struct decoder {
+    uint8_t bytes[FRAME_MOST + 1];
+    unsigned count; /* FRAME_MOST + 2 once too many have come */
+};
+
+/* Take a byte; the length, without CRC, of the frame that it completes, decoded to decoder->bytes, or 0. */
+unsigned frame_take(struct decoder *decoder, uint8_t byte);
+
+uint16_t get_u16(const uint8_t *from);
+uint32_t get_u32(const uint8_t *from);
+
+#endif

@@ -34,7 +34,7 @@ class StreamDecoder:
             *tokens, self._buffer = self._buffer.split(b"\0")
             for token in tokens:
                 self._frame(token, events)
-        elif b"\n" in self._buffer:
+        elif self.mode != "frames" and b"\n" in self._buffer:
             *lines, self._buffer = self._buffer.split(b"\n")
             for line in lines:
                 self._line(line.rstrip(b"\r"), events)

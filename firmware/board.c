@@ -33,6 +33,7 @@ enum {
     APB1_HZ = CORE_HZ / 4,
     APB2_HZ = CORE_HZ / 2,
     SPINS = 100000,
+    ORE = 1 << 3,
     RXNE = 1 << 5,
     TXE = 1 << 7,
     RXNEIE = 1 << 5,
@@ -81,8 +82,8 @@ void board_start(uint32_t baud)
     GPIOA_PUPDR |= 1u << 6 | 1u << 20;
     GPIOA_AFRL |= 7u << 8 | 7u << 12;
     GPIOA_AFRH |= 7u << 4 | 7u << 8;
-    BRR(USART[HOST]) = APB2_HZ / baud;
-    BRR(USART[SENSOR]) = APB1_HZ / baud;
+    BRR(USART[HOST]) = (APB2_HZ + baud / 2) / baud;
+    BRR(USART[SENSOR]) = (APB1_HZ + baud / 2) / baud;
     for (int port = 0; port < PORTS; port++)
         CR1(USART[port]) = UE_TE_RE | RXNEIE;
     NVIC_ISER1 = 1u << (USART1_IRQ - 32) | 1u << (USART2_IRQ - 32);
@@ -129,15 +130,18 @@ void SysTick_Handler(void)
  * for its answer. */
 static void receive(enum port port)
 {
-    const uint32_t in = received[port].in;
-    if (!(SR(USART[port]) & RXNE))
-        return;
-    if (in - received[port].out == RING) {
+    const uint32_t in = received[port].in, status = SR(USART[port]);
+    if ((status & RXNE) && in - received[port].out == RING) {
         CR1(USART[port]) = UE_TE_RE;
         return;
     }
-    received[port].bytes[in % RING] = (uint8_t)DR(USART[port]);
-    received[port].in = in + 1;
+    if (!(status & (RXNE | ORE)))
+        return;
+    const uint8_t byte = (uint8_t)DR(USART[port]); /* which also takes an overrun back */
+    if (status & RXNE) {
+        received[port].bytes[in % RING] = byte;
+        received[port].in = in + 1;
+    }
 }
 
 void USART1_Handler(void)

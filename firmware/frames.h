@@ -7,9 +7,9 @@
 enum {
     FRAME_SAMPLE = 0x01,     /* u16 sequence, u32 t_us, i16 gx gy gz ax ay az temp */
     FRAME_INFO = 0x02,       /* u16 sequence, u16 gyro_fs_dps, u16 accel_fs_g, f32 odr_hz, u32 serial */
-    FRAME_CALIBRATED = 0x03, /* u16 sequence, u32 t_us, f32 wx wy wz in rad/s; sequence and t_us are those of its sample */
-    FRAME_SELF_TEST = 0x04,  /* u16 sequence, u16 failed (0: passed), f32 worst in rad/s, u32 model id */
-    FRAME_HELLO = 0x10,      /* from the host, u16 sequence: begin anew; answered by INFO and SELF_TEST */
+    FRAME_CALIBRATED = 0x03, /* u16 sequence, u32 t_us, f32 wx wy wz in rad/s: the answer to a sample, with its sequence and t_us */
+    FRAME_SELF_TEST = 0x04,  /* u16 sequence, u16 failed (0: passed), f32 worst in rad/s, u32 model id: the answer to a hello */
+    FRAME_HELLO = 0x10,      /* u16 sequence: run the self-test, forget the samples so far */
     FRAME_MOST = 32,         /* bytes of the longest frame, before encoding */
 };
 

@@ -1,7 +1,8 @@
-/* A sensor's registers in, the project's frames out: each sample as it came, and calibrated by the exported model.
+/* A sensor's registers in, the project's frames out.
  *
- * Samples come as frames, from the sensor's port or from the host's.  Until a host or sensor has spoken, a stand-in is streamed at the
- * sensor's data rate, so that there is something to record. */
+ * The host's port carries samples and, once a second, the info frame: a plain tinygc-frame/1 stream, ready to be recorded.  Whoever sends
+ * a sample frame, on either port, gets the calibrated rate back on that port, so that it can pace itself by the answers.  Until somebody
+ * has spoken a stand-in is streamed at the sensor's data rate: there is something to record at once. */
 #include "board.h"
 #include "frames.h"
 #include "standin.h"
@@ -18,13 +19,12 @@ enum { BAUD = 921600, SAMPLE_BYTES = 21, HELLO_BYTES = 3, BURST = 8 };
 
 static tinygc_state state;
 static uint16_t sequence; /* of samples */
-static uint32_t until_info;
+static uint32_t until_info; /* samples */
 
-static void send(struct frame *frame)
+static void send(enum port port, struct frame *frame)
 {
     uint8_t encoded[FRAME_MOST + 2];
-    const unsigned count = frame_end(frame, encoded);
-    board_write(HOST, encoded, count);
+    board_write(port, encoded, frame_end(frame, encoded));
 }
 
 static void send_info(void)
@@ -35,76 +35,78 @@ static void send_info(void)
     frame_u16(&frame, TINYGC_ACCEL_FS_G);
     frame_f32(&frame, TINYGC_ODR_HZ);
     frame_u32(&frame, SERIAL);
-    send(&frame);
-    until_info = (uint32_t)TINYGC_ODR_HZ;
+    send(HOST, &frame);
 }
 
-static void send_self_test(void)
+static void send_sample(uint32_t t_us, const int16_t registers[7])
+{
+    struct frame frame;
+    if (until_info-- == 0) {
+        send_info();
+        until_info = (uint32_t)TINYGC_ODR_HZ - 1;
+    }
+    frame_begin(&frame, FRAME_SAMPLE, sequence++);
+    frame_u32(&frame, t_us);
+    for (int i = 0; i < 7; i++)
+        frame_u16(&frame, (uint16_t)registers[i]);
+    send(HOST, &frame);
+}
+
+static void answer_sample(enum port port, const uint8_t *bytes)
+{
+    struct frame frame;
+    tinygc_input in;
+    int16_t registers[7];
+    float omega[3];
+    for (int i = 0; i < 7; i++)
+        registers[i] = (int16_t)get_u16(bytes + 7 + 2 * i);
+    send_sample(get_u32(bytes + 3), registers);
+    tinygc_from_registers(registers, &in);
+    tinygc_step(&state, &in, omega);
+    frame_begin(&frame, FRAME_CALIBRATED, get_u16(bytes + 1));
+    frame_u32(&frame, get_u32(bytes + 3));
+    for (int i = 0; i < 3; i++)
+        frame_f32(&frame, omega[i]);
+    send(port, &frame);
+}
+
+static void answer_hello(enum port port, const uint8_t *bytes)
 {
     struct frame frame;
     float worst;
     const int failed = tinygc_self_test(&worst);
-    frame_begin(&frame, FRAME_SELF_TEST, sequence);
+    tinygc_start(&state);
+    frame_begin(&frame, FRAME_SELF_TEST, get_u16(bytes + 1));
     frame_u16(&frame, (uint16_t)failed);
     frame_f32(&frame, worst);
     frame_u32(&frame, TINYGC_MODEL_ID);
-    send(&frame);
-}
-
-static void on_sample(uint32_t t_us, const int16_t registers[7])
-{
-    struct frame frame;
-    tinygc_input in;
-    float omega[3];
-    if (until_info == 0)
-        send_info();
-    until_info--;
-    tinygc_from_registers(registers, &in);
-    tinygc_step(&state, &in, omega);
-    frame_begin(&frame, FRAME_SAMPLE, sequence);
-    frame_u32(&frame, t_us);
-    for (int i = 0; i < 7; i++)
-        frame_u16(&frame, (uint16_t)registers[i]);
-    send(&frame);
-    frame_begin(&frame, FRAME_CALIBRATED, sequence);
-    frame_u32(&frame, t_us);
-    for (int i = 0; i < 3; i++)
-        frame_f32(&frame, omega[i]);
-    send(&frame);
-    sequence++;
+    send(port, &frame);
 }
 
 /* Whether the frame was one that we know. */
-static int on_frame(const uint8_t *bytes, unsigned count)
+static int on_frame(enum port port, const uint8_t *bytes, unsigned count)
 {
-    if (bytes[0] == FRAME_SAMPLE && count == SAMPLE_BYTES) {
-        int16_t registers[7];
-        for (int i = 0; i < 7; i++)
-            registers[i] = (int16_t)get_u16(bytes + 7 + 2 * i);
-        on_sample(get_u32(bytes + 3), registers);
-        return 1;
-    }
-    if (bytes[0] == FRAME_HELLO && count == HELLO_BYTES) {
-        tinygc_start(&state);
-        sequence = 0;
-        send_info();
-        send_self_test();
-        return 1;
-    }
-    return 0;
+    if (bytes[0] == FRAME_SAMPLE && count == SAMPLE_BYTES)
+        answer_sample(port, bytes);
+    else if (bytes[0] == FRAME_HELLO && count == HELLO_BYTES)
+        answer_hello(port, bytes);
+    else
+        return 0;
+    return 1;
 }
 
 /* The stand-in's samples that are due by now; behind by more than a burst, it leaves some out, as a sensor would. */
 static void play_standin(void)
 {
     static uint32_t played;
-    const uint32_t due = (uint32_t)((float)board_milliseconds() * (TINYGC_ODR_HZ / 1000.0f));
+    const uint32_t odr_mhz = (uint32_t)(TINYGC_ODR_HZ * 1000.0f);
+    const uint32_t due = (uint32_t)((uint64_t)board_milliseconds() * odr_mhz / 1000000u);
     int16_t registers[7];
     if (due - played > BURST)
         played = due - BURST;
     for (; played != due; played++) {
         standin_read(played, registers);
-        on_sample((uint32_t)((uint64_t)played * 1000000u / (uint32_t)TINYGC_ODR_HZ), registers);
+        send_sample((uint32_t)((uint64_t)played * 1000000000u / odr_mhz), registers);
     }
 }
 
@@ -123,7 +125,7 @@ int main(void)
             idle = 0;
             const unsigned count = frame_take(&decoders[port], (uint8_t)byte);
             if (count > 0)
-                fed |= on_frame(decoders[port].bytes, count);
+                fed |= on_frame((enum port)port, decoders[port].bytes, count);
         }
         if (!fed)
             play_standin();

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.errors import FitError
 from session.units import G
 from tinygc.effects._effect import PASSES
 from tinygc.embedded.affine import COST, affine, table
 from tinygc.embedded.stage import Cost, Inputs, Stage, single
 from tinygc.explain.movement import Conditions
 from tinygc.explain.twin import Claim
+from tinygc.exports import ExportError
 
 AHEAD, BYGONE = "it needs samples that are yet to come", "it belongs to the time of that one session"
 #: why the others stay behind
@@ -164,9 +164,9 @@ CARRIED = {
 
 
 def effect_stage(claim: Claim, known: Conditions) -> Stage:
-    """The stage that undoes a claimed effect.  FitError for one that no device can undo sample by sample."""
+    """The stage that undoes a claimed effect.  ExportError for one that no device can undo sample by sample."""
     effect = claim.effect.id
     if effect not in CARRIED:
         why = REFUSED.get(effect, "there is no C for it")
-        raise FitError(f"{effect} cannot be exported to C: {why}; export another method's model, or name others with fit --physics")
+        raise ExportError(f"{effect} cannot be exported to C: {why}; json carries it, or export another method's model")
     return CARRIED[effect](np.asarray(claim.theta, dtype=float), known)

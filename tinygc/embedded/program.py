@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.errors import FitError
 from tinygc.embedded.affine import Linear, Net
 from tinygc.embedded.convolutions import Denoise
 from tinygc.embedded.effects import effect_stage
 from tinygc.embedded.stage import Cost, Inputs, Stage
+from tinygc.exports import ExportError
 from tinygc.linear import LinearModel
 from tinygc.network import CalibrationNet
 
@@ -45,7 +45,7 @@ class Program:
 
 
 def program(model) -> Program:
-    """Of any model that ``tinygc.models`` reads.  FitError says what cannot be carried."""
+    """Of any model that ``tinygc.models`` reads.  ExportError says what cannot be carried."""
     stages = tuple(_stages(model))
     own = getattr(model, "parameters", None)
     return Program(stages, len(model.vector) if own is None else own)
@@ -65,4 +65,4 @@ def _stages(model) -> list[Stage]:
         inverse = np.linalg.inv(linear.E)
         back = Linear(LinearModel(inverse, -inverse @ linear.B), "BACK", "r = E^-1 (r - B)")
         return [*_stages(model.physics), back, *_stages(model.net)]
-    raise FitError(f"a model of type {type(model).__name__} cannot be exported to C: there is no C for it")
+    raise ExportError(f"a model of type {type(model).__name__} cannot be exported to C: there is no C for it; json carries it")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class Registers:
     gyro_fs_dps: float = 500
     accel_fs_g: float = 4
     odr_hz: float = 208.0
-    accelerometer: Accelerometer = Accelerometer()
+    accelerometer: Accelerometer = field(default_factory=Accelerometer)
 
     @classmethod
     def of(cls, config: Config) -> Registers | None:

@@ -23,7 +23,7 @@ _HEADER = """\
  *
  * From what the sensor reads to what it feels: m is the measured rate, r begins as m,
 {formula}
- * and is the answer.
+ * and is the answer.  No sample is looked at twice, and none ahead.{averaged}
  *
  * units    rate in rad/s in and out; specific force in m/s^2, pre-calibrated (level and still, z down: 0, 0, -g); temperature in degC
  * axes     the sensor's own
@@ -95,6 +95,9 @@ void tinygc_step(tinygc_state *state, const tinygc_input *in, float omega[3])
 
 {self_test}"""
 
+_AVERAGED = """  The calibration took the temperature's
+ * mean over a second; here it is taken as it comes."""
+
 _DEFINES = """\
 #define TINYGC_GYRO_FS_DPS {sensor.gyro_fs_dps:g}
 #define TINYGC_ACCEL_FS_G {sensor.accel_fs_g:g}
@@ -102,8 +105,8 @@ _DEFINES = """\
 """
 
 _FROM_REGISTERS = """
-/* Registers gx gy gz ax ay az temp, at {sensor.gyro_fs_dps:g} dps and {sensor.accel_fs_g:g} g, in physical units; the accelerometer's
- * pre-calibration is in it. */
+/* Registers gx gy gz ax ay az temp of an ASM330LHH at {sensor.gyro_fs_dps:g} dps and {sensor.accel_fs_g:g} g, in physical units; the
+ * accelerometer's pre-calibration is in it. */
 void tinygc_from_registers(const int16_t registers[7], tinygc_input *in);
 """
 
@@ -160,6 +163,7 @@ def source_files(program: Program, sensor: Registers | None, title: str, facts: 
         "state": sum(stage.state_bytes for stage in stages) or 1,
         "members": members or "    unsigned char unused;\n",
         **vars(program.cost),
+        "averaged": _AVERAGED if "in->temp_c" in code else "",
         "force": "" if "in->force" in code else unread,
         "temp": "" if "in->temp_c" in code else unread,
         "defines": "" if sensor is None else _DEFINES.format(sensor=sensor, odr=_number(np.float32(sensor.odr_hz))),

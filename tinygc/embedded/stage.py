@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.errors import FormatError
+from tinygc.exports import ExportError
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +61,9 @@ class Stage:
 
 
 def single(values, what: str) -> np.ndarray:
-    """As float32; FormatError where that has no such number."""
+    """As float32; ExportError where that has no such number."""
     with np.errstate(over="ignore"):
         rounded = np.asarray(values, dtype=float).astype(np.float32)
     if not np.isfinite(rounded).all():
-        raise FormatError(f"{what} holds numbers beyond single precision; this model cannot be exported to C")
+        raise ExportError(f"{what} holds numbers beyond single precision; C cannot carry it, json can")
     return rounded

@@ -17,7 +17,7 @@ import importlib
 
 from session.errors import CalibrationError
 
-FORMATS = ("json",)
+FORMATS = ("json", "c")
 
 
 class ExportError(CalibrationError):

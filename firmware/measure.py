@@ -1,0 +1,118 @@
+"""Build the exported model for the board and run it under QEMU: what it answers, what it takes.
+
+``tools_missing`` says what is not installed; everything else expects the tools (docs/firmware.md).
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent
+TOOLS = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
+MACHINE = ("-M", "netduinoplus2", "-display", "none", "-monitor", "none")
+RUN_S = 120
+#: functions of a model that belong to its self-test, not to its use
+SELF_TEST = {"tinygc_self_test"}
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Bytes: code (all functions but the self-test), weights (constants but its vectors), self_test (both), state."""
+
+    code: int
+    weights: int
+    self_test: int
+    state: int
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """rates (N, 3) float32 rad/s; instructions a sample, with the loop around it; per_nop, which tells whether they are instructions;
+    self_test: 0 where it passed; exact: whether no bit of its answers differed."""
+
+    rates: np.ndarray
+    instructions: float
+    per_nop: float
+    self_test: int
+    exact: bool
+
+
+def tools_missing() -> str:
+    """Empty, or what to install."""
+    missing = [tool for tool in TOOLS if shutil.which(tool) is None]
+    if not missing and not newlib():
+        missing = ["libnewlib-arm-none-eabi"]
+    return f"not installed: {', '.join(missing)} (docs/firmware.md)" if missing else ""
+
+
+def newlib() -> bool:
+    """Whether the compiler finds a C library to link with."""
+    found = subprocess.run(["arm-none-eabi-gcc", "-print-file-name=nano.specs"], capture_output=True, text=True, check=False)
+    return "/" in found.stdout
+
+
+def build(target: str, model: Path, folder: Path, optimise: str = "-O2", **variables: str) -> Path:
+    """The ELF file ``target`` (tinygc.elf or measure.elf) of the model in a folder.  Raises RuntimeError with what make said."""
+    settings = {"MODEL": model.resolve(), "BUILD": folder.resolve(), "OPTIMISE": optimise, **variables}
+    command = ["make", "-s", "-C", HERE, f"{folder.resolve() / target}", *(f"{name}={value}" for name, value in settings.items())]
+    made = subprocess.run(command, capture_output=True, text=True, check=False)
+    if made.returncode:
+        raise RuntimeError(made.stdout + made.stderr)
+    return folder / target
+
+
+def sizes(folder: Path) -> Sizes:
+    """Of the ``tinygc_model.o`` in a build folder."""
+    table = subprocess.run(["arm-none-eabi-nm", "-S", folder / "tinygc_model.o"], capture_output=True, text=True, check=True).stdout
+    symbols = [(name, kind, int(size, 16)) for size, kind, name in re.findall(r"^\w+ (\w+) (\w) (\w+)$", table, re.M)]
+    test = sum(size for name, _, size in symbols if name in SELF_TEST or name.startswith("TEST_"))
+    use = [symbol for symbol in symbols if symbol[0] not in SELF_TEST and not symbol[0].startswith("TEST_")]
+    return Sizes(
+        code=sum(size for _, kind, size in use if kind in "tT"),
+        weights=sum(size for _, kind, size in use if kind in "rR"),
+        self_test=test,
+        state=_state_bytes(folder),
+    )
+
+
+def _state_bytes(folder: Path) -> int:
+    """The measuring program holds one state; its size as the linker sees it."""
+    elf = folder / "measure.elf"
+    table = subprocess.run(["arm-none-eabi-nm", "-S", elf], capture_output=True, text=True, check=True).stdout
+    return int(re.search(r"^\w+ (\w+) [bB] state(?:\.\d+)?$", table, re.M)[1], 16)
+
+
+def run(elf: Path, inputs: np.ndarray, folder: Path) -> Measured:
+    """Feed (N, 7) gx gy gz rad/s, ax ay az m/s^2, temperature degC to measure.elf under QEMU, an instruction a nanosecond."""
+    inputs.astype("<f4").tofile(folder / "inputs.bin")
+    semihosting = ("-semihosting-config", "enable=on,target=native")
+    command = ["qemu-system-arm", *MACHINE, "-serial", "none", "-icount", "shift=0", *semihosting, "-kernel", elf.resolve()]
+    # Semihosting prints to standard error.
+    said = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=RUN_S, check=True).stderr
+    samples, ticks, nops, failed, inexact = map(int, said.split())
+    if samples != len(inputs):
+        raise RuntimeError(f"the board took {samples} samples of {len(inputs)}")
+    rates = np.fromfile(folder / "outputs.bin", "<f4").reshape(-1, 3)
+    return Measured(rates, ticks / samples, nops / 1000, failed, not inexact)
+
+
+class Emulator:
+    """The firmware under QEMU; ``ports``: the pseudo-terminals of the host and of the sensor.  Use it in a ``with``."""
+
+    def __init__(self, elf: Path):
+        command = ["qemu-system-arm", *MACHINE, "-serial", "pty", "-serial", "pty", "-kernel", str(elf)]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.ports = tuple(re.search(r"/dev/\S+", self._process.stdout.readline())[0] for _ in range(2))
+
+    def __enter__(self) -> Emulator:
+        return self
+
+    def __exit__(self, *error) -> None:
+        self._process.kill()
+        self._process.communicate()

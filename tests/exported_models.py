@@ -1,0 +1,62 @@
+"""Models of every kind that C can carry, and inputs for them: shared by the tests of the C on the host and on the board."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tinygc.denoiser import DenoisedNet, Denoiser
+from tinygc.effects import catalogue
+from tinygc.embedded.effects import CARRIED
+from tinygc.embedded.stage import Inputs
+from tinygc.explain.movement import Conditions
+from tinygc.explain.twin import Claim
+from tinygc.linear import LinearModel
+from tinygc.network import CalibrationNet
+from tinygc.physics import PhysicsModel
+from tinygc.physics_methods import CarriedNet
+
+DEG = np.pi / 180
+RNG = np.random.default_rng(5)
+KNOWN = Conditions(duration_s=200.0, fs_rps=500 * DEG, first_temp_c=25.3)
+
+LINEAR = LinearModel(np.eye(3) + 0.012 * RNG.normal(size=(3, 3)), 0.01 * RNG.normal(size=3))
+NET = CalibrationNet.from_vector(CalibrationNet.identity().vector + 0.01 * RNG.normal(size=27))
+
+
+def denoiser(slope: float = 1.0) -> Denoiser:
+    """One that smooths."""
+    return Denoiser.from_vector(np.abs(RNG.normal(size=(3, 56))), slope=slope).normalised()
+
+
+def claim(effect: str) -> Claim:
+    """An effect of a size that a sensor may have."""
+    parameter = catalogue()[effect].parameter
+    return Claim(catalogue()[effect], 0.1 * parameter.plausible * RNG.normal(size=parameter.size))
+
+
+def physics(*effects: str) -> PhysicsModel:
+    return PhysicsModel(LINEAR, tuple(map(claim, effects)), KNOWN)
+
+
+WHOLE = DenoisedNet(NET, denoiser(), 208.0)
+MODELS = {
+    "linear": LINEAR,
+    "tinygc": NET,
+    **{effect: physics(effect) for effect in CARRIED},
+    "physics": physics(*CARRIED),
+    "tinygc_physics": CarriedNet(physics("gyro.g_sensitivity", "gyro.thermal_bias"), NET),
+    "tinygc_denoised": WHOLE,
+    "tinygc_denoised, leaky": DenoisedNet(NET, denoiser(0.3), 208.0),
+    "all of it": DenoisedNet(CarriedNet(physics(*CARRIED), NET), denoiser(), 208.0),
+}
+
+
+def random_inputs(count: int = 10_000, top: float = 500 * DEG, seed: int = 0) -> np.ndarray:
+    """(N, 7) float32: rates over the full scale, gravity and a hand's jerks, 10 to 40 degC."""
+    rng = np.random.default_rng(seed)
+    force = 9.8 * rng.normal(size=(count, 3))
+    return np.column_stack([rng.uniform(-top, top, (count, 3)), force, rng.uniform(10, 40, count)]).astype(np.float32)
+
+
+def as_inputs(table: np.ndarray) -> Inputs:
+    return Inputs.of(table[:, :3], table[:, 3:6], table[:, 6])

@@ -1,0 +1,252 @@
+"""The exported model on the emulated STM32F405: the same bits as on this machine, within its bounds, and over the serial port."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from exported_models import MODELS, WHOLE, as_inputs, random_inputs
+
+sys.path.insert(0, str(ROOT / "firmware"))
+
+import measure
+from play import Board, read_registers
+
+from session.errors import DeviceError, FormatError
+from session.folder import read_session
+from session.logfile import read_log
+from session.recording.recorder import Recorder
+from session.stream import frames
+from session.stream.decoder import StreamDecoder
+from session.stream.events import Chunk, Info
+from tinygc.embedded.program import program
+from tinygc.embedded.registers import Registers
+from tinygc.embedded.source import source_files
+
+MISSING = measure.tools_missing()
+needs_board = pytest.mark.skipif(bool(MISSING), reason=MISSING)
+SENSOR = Registers()
+
+
+def write_model(folder: Path, name: str) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for file, text in source_files(program(MODELS[name]), SENSOR, "A test.", {}).items():
+        (folder / file).write_text(text)
+    return folder
+
+
+@needs_board
+@pytest.mark.parametrize("name", ["tinygc_denoised", "all of it", "tinygc_denoised, leaky"])
+def test_no_bit_differs_on_the_board_over_10_000_samples(name, tmp_path):
+    model, table = write_model(tmp_path / "model", name), random_inputs()
+    for optimise in ("-O2", "-Os"):
+        elf = measure.build("measure.elf", model, tmp_path / optimise, optimise)
+        found = measure.run(elf, table, tmp_path)
+        expected = program(MODELS[name]).run(as_inputs(table))
+        assert np.count_nonzero(found.rates.view(np.uint32) != expected.view(np.uint32)) == 0
+        assert (found.self_test, found.exact) == (0, True)
+
+
+@needs_board
+def test_the_195_parameters_fit_and_are_quick_enough(tmp_path):
+    """Code below 1 kB and state below 1.5 kB at -Os, fewer than 2500 instructions a sample at -O2; a nop counts as one."""
+    model = write_model(tmp_path / "model", "tinygc_denoised")
+    assert program(WHOLE).parameters == 195
+    measure.build("measure.elf", model, tmp_path / "small", "-Os")
+    small = measure.sizes(tmp_path / "small")
+    assert 500 < small.code < 1024
+    assert small.weights < 4 * 195 + 100  # and the sensor's sensitivities
+    assert 1000 < small.state < 1536
+    found = measure.run(measure.build("measure.elf", model, tmp_path / "fast", "-O2"), random_inputs(2000), tmp_path)
+    assert found.per_nop == pytest.approx(1, abs=0.005)
+    assert 2 * 189 < found.instructions < 2500
+
+
+@needs_board
+def test_what_does_not_fit_is_an_error_of_the_linker(tmp_path):
+    model = write_model(tmp_path / "model", "linear")
+    source = model / "tinygc_model.c"
+    text = source.read_text()
+    for section, kilobytes, region in ((".bss.big", 124, "RAM"), (".ccm", 64, "CCM")):
+        big = f'__attribute__((section("{section}"), used)) static char big[{kilobytes * 1024 + 1024}];\n'
+        source.write_text(
+            text.replace("void tinygc_start", f"{big}void tinygc_start").replace("state->unused = 0;", "big[0] = 0, state->unused = 0;")
+        )
+        with pytest.raises(RuntimeError, match=f"`{region}' overflowed"):
+            measure.build("tinygc.elf", model, tmp_path / region)
+
+
+@needs_board
+def test_a_folder_without_a_model_is_named(tmp_path):
+    with pytest.raises(RuntimeError, match=r"no model in .*export SESSION --to c"):
+        measure.build("tinygc.elf", tmp_path / "none", tmp_path / "build")
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory):
+    if MISSING:
+        pytest.skip(MISSING)
+    folder = tmp_path_factory.mktemp("board")
+    elf = measure.build("tinygc.elf", write_model(folder / "model", "tinygc_denoised"), folder, SERIAL="4711")
+    with measure.Emulator(elf) as emulator:
+        yield emulator
+
+
+class Recording:
+    """``calibrate.py record``'s own recorder, polled while something else goes on."""
+
+    def __init__(self, folder: Path, port: str):
+        self.recorder = Recorder(folder, port)
+        self.events, self._done = [], threading.Event()
+        self._thread = threading.Thread(target=self._poll)
+        self._thread.start()
+
+    def _poll(self) -> None:
+        while not self._done.is_set():
+            self.events += self.recorder.poll(0.05)
+
+    def until(self, samples: int, seconds: float = 20.0) -> None:
+        end = time.monotonic() + seconds
+        while self.recorder.decoder.samples < samples and time.monotonic() < end:
+            time.sleep(0.02)
+
+    def close(self) -> None:
+        self._done.set()
+        self._thread.join()
+        self.recorder.close()
+
+
+def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(board, tmp_path):
+    """A log is played to the board as if by its sensor; the recorder gets it back whole, and the board's rates are the host's."""
+    t_us, registers = read_registers(ROOT / "data" / "session1" / "log0001.csv.gz")
+    t_us, registers = t_us[:2000], registers[:2000]
+    recording = Recording(tmp_path, board.ports[0])
+    try:
+        # Nothing has spoken to it: the stand-in streams at the sensor's pace.
+        recording.until(100)
+        standin = recording.recorder.decoder.samples
+        assert standin >= 100
+        link = Board(board.ports[1])
+        test = link.hello()
+        assert (test.failed, test.worst, test.model) == (0, 0.0, program(WHOLE).identity)
+        before = recording.recorder.decoder.samples
+        rates = link.calibrate(t_us, registers)
+        recording.until(before + len(t_us))
+        link.close()
+    finally:
+        recording.close()
+    decoder = recording.recorder.decoder
+    assert (decoder.lost, decoder.crc_errors, decoder.garbage, decoder.implausible) == (0, 0, 0, 0)
+    assert decoder.info == Info(500.0, 4.0, 208.0, "4711")
+    chunks = [event for event in recording.events if isinstance(event, Chunk)]
+    np.testing.assert_array_equal(np.concatenate([chunk.registers for chunk in chunks])[-len(t_us) :], registers)
+
+    host = program(WHOLE).run(SENSOR.inputs(registers))
+    assert np.count_nonzero(rates.view(np.uint32) != host.view(np.uint32)) == 0
+
+    # The recorded file, read as any log is, and calibrated by the model in double precision.
+    config = read_session(ROOT / "data" / "session1").config
+    log = read_log(recording.recorder.logs.paths[-1], config.sensor)
+    np.testing.assert_array_equal(log.samples.t_ns, 1000 * t_us)
+    np.testing.assert_allclose(rates, WHOLE(log.samples.gyro), atol=2e-6)
+
+
+def test_a_board_that_is_asked_over_the_recorders_port_answers_there(board):
+    """Request and response on one port, among the samples that it streams."""
+    registers = np.random.default_rng(0).integers(-20000, 20000, (50, 7)).astype(np.int16)
+    link = Board(board.ports[0])
+    assert link.hello().failed == 0
+    rates = link.calibrate(np.arange(50) * 4808 + 0xFFFFFF00, registers)
+    link.close()
+    np.testing.assert_array_equal(rates, program(WHOLE).run(SENSOR.inputs(registers)))
+
+
+def test_garbage_on_the_line_is_passed_over(board):
+    """Broken frames, overlong ones, unknown types, and a sample whose CRC is wrong: none is answered, none breaks what follows."""
+    rng = np.random.default_rng(1)
+    good = frames.encode_samples(np.array([7]), np.array([1]), np.zeros((1, 7), np.int16)).tobytes()
+    link = Board(board.ports[1])
+    link.hello()
+    for garbage in (rng.bytes(3000), bytes(50), b"\xff" * 500 + b"\0", good[:9] + b"\x55" + good[10:], good[:-6] + b"\0", b"\x03\x10\0"):
+        link._send(garbage)
+    link._send(b"\0")
+    registers = np.ones((3, 7), np.int16)
+    link.hello()
+    rates = link.calibrate(np.arange(3), registers)
+    link.close()
+    np.testing.assert_array_equal(rates, program(WHOLE).run(SENSOR.inputs(registers)))
+
+
+def test_a_port_that_is_none_is_a_device_error(tmp_path):
+    with pytest.raises(DeviceError, match="cannot be opened"):
+        Board(str(tmp_path / "ttyNONE"))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "t_us,gx\n", "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g\n1,2,3,4,5,6,7\n", "t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3\n"]
+)
+def test_only_logs_of_registers_can_be_played(text, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    with pytest.raises(FormatError, match="expected a log of registers"):
+        read_registers(path)
+
+
+# The frames' C on this machine, against the Python that is its other end.
+
+
+@pytest.fixture(scope="module")
+def c_frames(tmp_path_factory):
+    import shutil
+
+    if shutil.which("gcc") is None:
+        pytest.skip("not installed: gcc")
+    library = tmp_path_factory.mktemp("frames") / "frames.so"
+    flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover", "-shared", "-fPIC"]
+    subprocess.run(["gcc", *flags, ROOT / "firmware" / "frames.c", "-o", library], check=True)
+    return ctypes.CDLL(str(library))
+
+
+class Frame(ctypes.Structure):
+    _fields_ = (("bytes", ctypes.c_uint8 * 32), ("count", ctypes.c_uint))
+
+
+class Decoder(ctypes.Structure):
+    _fields_ = (("bytes", ctypes.c_uint8 * 33), ("count", ctypes.c_uint))
+
+
+def test_frames_written_in_c_are_read_in_python_whatever_they_hold(c_frames):
+    rng = np.random.default_rng(4)
+    stream, expected = b"", rng.integers(-32768, 32768, (300, 7)) * (rng.random((300, 7)) < 0.6)
+    for n, registers in enumerate(expected):
+        frame, out = Frame(), ctypes.create_string_buffer(34)
+        c_frames.frame_begin(ctypes.byref(frame), 1, n)
+        c_frames.frame_u32(ctypes.byref(frame), 256 * n)
+        for value in registers:
+            c_frames.frame_u16(ctypes.byref(frame), int(value) & 0xFFFF)
+        count = c_frames.frame_end(ctypes.byref(frame), out)
+        stream += out.raw[:count]
+    decoder = StreamDecoder()
+    (chunk,) = decoder.feed(stream)
+    np.testing.assert_array_equal(chunk.registers, expected)
+    np.testing.assert_array_equal(chunk.t_us, 256 * np.arange(300))
+
+
+def test_frames_written_in_python_are_read_in_c_and_noise_is_not(c_frames):
+    rng = np.random.default_rng(5)
+    registers = (rng.integers(-32768, 32768, (200, 7)) * (rng.random((200, 7)) < 0.6)).astype(np.int16)
+    coded = frames.encode_samples(np.arange(200), np.arange(200), registers)
+    decoder, got = Decoder(), []
+    for n in range(200):
+        noise = rng.bytes(int(rng.integers(0, 80)))
+        for byte in (*noise, 0, *coded[n].tobytes()):
+            if count := c_frames.frame_take(ctypes.byref(decoder), byte):
+                got.append(bytes(decoder.bytes[:count]))
+    assert got == [np.array(registers[n]).tobytes().join([bytes([1, n, 0, n, 0, 0, 0]), b""]) for n in range(200)]

@@ -11,6 +11,7 @@ from pathlib import Path
 from session.check_axes import check_axes
 from session.check_samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
 from session.check_stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
+from session.check_truth import check_truth
 from session.config import Config, read_config
 from session.errors import CalibrationError
 from session.findings import Finding, worst
@@ -32,8 +33,11 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_stamps(log, noise, config.protocol.segment_s),
         *check_registers(log, config.sensor, good),
         *check_temperature(log, good),
-        *check_stills(where, stills),
     ]
+    if session.truths is not None and log in session.logs:
+        # Where something better than gravity is the reference, nothing has to be still.
+        return findings + check_truth(log, session.truths[session.logs.index(log)], config)
+    findings += check_stills(where, stills)
     if not good:
         return findings
     factor, _ = accel_unit_factor(good, config)
@@ -64,7 +68,7 @@ def check_session(session: Session) -> list[Finding]:
         findings += first_look(session, log, stills, noise)
         if log in session.logs:
             all_stills.append(stills)
-    if all_stills:
+    if all_stills and session.truths is None:
         findings += check_segment_count(session.name, all_stills)
     return findings
 

@@ -14,6 +14,7 @@ from session.errors import FormatError
 from session.units import STANDARD_GRAVITY_MPS2
 
 SCHEMA = "tinygc-session/1"
+REFERENCES = ("gravity", "table", "truth")
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class Protocol:
     still_s: float = 1.0
     segment_s: float = 5.0
     reference: str = "gravity"
+    truth_sigma_deg: float = 0.1  #: of each angle of a truth file's attitudes
 
 
 @dataclass(frozen=True)
@@ -103,9 +105,11 @@ def read_config(path: Path) -> Config:
         still_s=reader.number("protocol", "still_s", 1.0, low=0.1, high=600),
         segment_s=reader.number("protocol", "segment_s", 5.0, low=0.5, high=3600),
         reference=reader.text("protocol", "reference", "gravity"),
+        truth_sigma_deg=reader.number("protocol", "truth_sigma_deg", 0.1, low=1e-4, high=10),
     )
-    if protocol.reference not in ("gravity", "table"):
-        raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected "gravity" or "table"')
+    if protocol.reference not in REFERENCES:
+        expected = '"gravity", "table" or "truth"'
+        raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected {expected}')
     return Config(sensor, accelerometer, site, protocol, reader.unknown())
 
 

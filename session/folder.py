@@ -14,6 +14,7 @@ from session.config import Config, read_config
 from session.errors import FormatError
 from session.logfile import Log, read_log
 from session.samples import Samples
+from session.truth import Truth, read_truth, truth_path
 from session.units import DEG
 
 #: far beyond any recording, and small enough for a table with a row each
@@ -22,13 +23,18 @@ MOST_STILLS = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What a folder holds.  attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still."""
+    """What a folder holds.
+
+    attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still.  truths: of each log, where
+    the reference is a truth file, else None.
+    """
 
     folder: Path
     config: Config
     logs: tuple[Log, ...]
     closures: tuple[Log, ...]
     attitudes: np.ndarray | None = None
+    truths: tuple[Truth, ...] | None = None
 
     @property
     def name(self) -> str:
@@ -70,6 +76,7 @@ def read_session(folder: Path, progress: Callable[[str], None] = lambda what: No
         logs=tuple(map(read, paths)),
         closures=tuple(map(read, closures)),
         attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
+        truths=tuple(read_truth(truth_path(path)) for path in paths) if config.protocol.reference == "truth" else None,
     )
 
 

@@ -28,13 +28,14 @@ class Segment:
     """Samples ``start <= i < stop`` of one log between two stills (numbers into the log's list of stills).
 
     number counts from 0 over all logs; turn_start, turn_stop bound the movement; note says what is unusual; problem says why it is
-    not used, or is None; breaks_yaw: integrating it tells nothing of the attitude after it.
+    not used, or is None; breaks_yaw: integrating it tells nothing of the attitude after it.  first and last are None between moments of
+    a truth file (``session/truth.py``).
     """
 
     number: int
     log: int
-    first: Still
-    last: Still
+    first: Still | None
+    last: Still | None
     start: int
     stop: int
     start_s: float

@@ -121,7 +121,8 @@ def _fit(
     progress: Progress,
 ) -> tuple[Model, dict]:
     """``whole`` is the fit to all segments when this is one of the folds."""
-    start = bias_only(problem.still_rates.rate[0])
+    # A session with a truth file may never rest: then the bias that closes it stands for the first still's.
+    start = bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B)
     if name == "raw":
         return bias_only(), {}
     if name == "raw_bias_removed":

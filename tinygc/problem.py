@@ -61,7 +61,7 @@ class Problem:
     def earth(self) -> EarthRate:
         """Of the yaw group with the most stills."""
         groups = np.concatenate([log.group[[still.problem is None for still in log.stills]] for log in self.logs])
-        return self.earths[int(np.bincount(groups).argmax())]
+        return self.earths[int(np.bincount(groups, minlength=1).argmax())]
 
     @property
     def used(self) -> list[Segment]:
@@ -79,8 +79,9 @@ class Problem:
 
     @property
     def noise(self) -> Noise:
-        """Of all logs together, by how much stillness each has."""
+        """Of all logs together, by how much stillness each has, or all alike where there is none."""
         weights = [sum(still.duration_s for still in log.stills) for log in self.logs]
+        weights = weights if any(weights) else [1.0] * len(weights)
         power = (np.average([getattr(log.noise, name) ** 2 for log in self.logs], axis=0, weights=weights) for name in ("gyro", "accel"))
         return Noise(*map(np.sqrt, power))
 
@@ -98,6 +99,10 @@ def build_problem(
     exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none.
     Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
+    if session.truths is not None:
+        from tinygc.truth_problem import build_truth_problem
+
+        return build_truth_problem(session, use_earth=use_earth, exclude=exclude, progress=progress)
     logs, segments = _stills_and_segments(session, exclude, moving, progress)
     _require_enough(session, logs, segments)
     chain = _batch(session, logs, segments)

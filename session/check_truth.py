@@ -14,7 +14,7 @@ from session.units import DEG
 
 EXPLAINED = 0.5  #: of the truth's rotations, or they are not this gyro's
 MOST_SEGMENTS = 200
-SHORT_S = 2.0  #: over more, a bias of some dps turns so far that it is no longer a small correction
+SHORT_S = 10.0  #: over more, a bias of some dps turns so far that it is no longer a small correction
 LEAST_DEG = 1.0
 
 
@@ -31,7 +31,7 @@ def check_truth(log: Log, truth: Truth, config: Config) -> list[Finding]:
         return [Finding("error", where, "truth", f"{says}: {cut[0][0].problem}", "is the truth of this log?")]
     findings = [Finding("ok", where, "truth", says)]
     picked = good[:: -(-len(good) // MOST_SEGMENTS)]
-    if float(np.median([segment.duration_s for segment, _ in picked])) > SHORT_S + 0.5:
+    if float(np.median([segment.duration_s for segment, _ in picked])) > SHORT_S:
         return findings
     gyro = Rotation.from_quat(np.array([_integrated(log, segment) for segment, _ in picked]), scalar_first=True)
     start, end = (Rotation.from_quat(np.array([getattr(ends, name) for _, ends in picked]), scalar_first=True) for name in ("start", "end"))
@@ -45,7 +45,11 @@ def check_truth(log: Log, truth: Truth, config: Config) -> list[Finding]:
     if misfit <= 1 - EXPLAINED:
         return [*findings, Finding("ok", where, "gyro against truth", says)]
     inverse, _ = _misfit(gyro, start * end.inv(), duration)
-    hint = "the inverse explains it: write q_nb, body to navigation frame" if inverse < 0.5 * misfit else "are axes, units and clocks the same?"
+    hint = (
+        "the inverse explains it: write q_nb, body to navigation frame"
+        if inverse < 0.5 * misfit
+        else "are axes, units and clocks the same?"
+    )
     return [*findings, Finding("error", where, "gyro against truth", says, hint)]
 
 

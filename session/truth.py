@@ -117,6 +117,15 @@ def cut_at_truth(samples: Samples, truth: Truth, sensor, protocol, *, log: int =
     return segments
 
 
+def first_attitude(samples: Samples, truth: Truth) -> tuple[int, np.ndarray]:
+    """The first sample whose attitude the truth knows, and that ``q_nb`` (4,).  DataError where there is none."""
+    nearest = _nearest(samples, truth)
+    inside = np.flatnonzero(np.abs(samples.t_ns[nearest] - truth.t_ns) * 1e-9 < samples.period_s)
+    if not len(inside):
+        raise DataError(f"{truth.path.name}: none of its {len(truth)} moments lies within the log; are its times on the log's clock?")
+    return int(nearest[inside[0]]), _at_samples(samples, truth, nearest)[inside[0]]
+
+
 def _nearest(samples: Samples, truth: Truth) -> np.ndarray:
     """(K,) number of the sample nearest to each moment."""
     after = np.clip(np.searchsorted(samples.t_ns, truth.t_ns), 1, len(samples) - 1)
@@ -170,4 +179,3 @@ def _segment(samples: Samples, start: int, last: int, missing, sensor, protocol,
         problem=problem or (f"{duration_s:.0f} s between moments of truth: too long for a segment" if long else None),
         breaks_yaw=problem is not None,
     )
-

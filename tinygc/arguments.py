@@ -75,6 +75,17 @@ def positive(text: str) -> float:
 positive.__name__ = "number"  # argparse says "invalid number value"
 
 
+def three(text: str) -> list[float]:
+    """Three numbers, with commas."""
+    values = [float(word) for word in text.split(",")]
+    if len(values) != 3 or not all(abs(value) < float("inf") for value in values):
+        raise argparse.ArgumentTypeError(f"{text!r} is no triple of numbers such as 0.5,-0.3,0.6")
+    return values
+
+
+three.__name__ = "three numbers"
+
+
 def _version() -> str:
     from tinygc import __version__
 

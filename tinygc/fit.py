@@ -63,7 +63,7 @@ def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int,
     session = read_session(folder, lambda name: progress(f"reading {name}", 0, 1))
     progress("first look", 0, 1)
     findings = check_session(session)
-    _stop_at_errors(findings)
+    stop_at_errors(findings)
     problem = build_problem(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
     runs = read_closure_runs(problem)
     fits: dict[str, MethodFit] = {}
@@ -103,7 +103,7 @@ def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int,
     )
 
 
-def _stop_at_errors(findings: list[Finding]) -> None:
+def stop_at_errors(findings: list[Finding]) -> None:
     """A calibration fitted to wrong units or axes is worse than none."""
     for finding in findings:
         if finding.level == "error":

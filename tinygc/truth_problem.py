@@ -168,4 +168,3 @@ def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:
     q = np.array(q).reshape(-1, 4)
     turned = earth.in_body(q) if len(q) else np.zeros((0, 3))
     return StillRates(np.array(rate).reshape(-1, 3), turned, np.array(sigma).reshape(-1, 3), q, np.array(middle_s))
-

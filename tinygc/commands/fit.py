@@ -6,7 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from tinygc.arguments import METHODS, count, methods, positive, segment_numbers
+from session.errors import CalibrationError
+from tinygc.arguments import METHODS, count, methods, positive, segment_numbers, three
 from tinygc.commands._results import output, try_destinations, write_json
 
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
@@ -30,6 +31,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="samples it may come late (%(default)s)")
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
+    command.add_argument("--model", type=Path, metavar="FILE", help="a stored calibration, of which only the bias is taken anew (--bias)")
+    command.add_argument("--bias", choices=("start", "gravity", "given"), help="from: the first still, gravity over the run, --bias-dps")
+    command.add_argument("--bias-dps", type=three, metavar="X,Y,Z", help="what the sensor reads at rest, for --bias given")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
         "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
@@ -40,6 +44,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """From a session to models and closure figures."""
+    if args.bias or args.model or args.bias_dps:
+        return _rebias(args)
     from tinygc.console import progress_bar
     from tinygc.denoise_training import DenoiseOptions
     from tinygc.fit import fit_session, save_models, to_json
@@ -69,6 +75,35 @@ def run(args: argparse.Namespace) -> int:
     output(args).print(f"models: {folder}", soft_wrap=True)
     write_json(args.json, table)
     above = [] if args.limit is None else _above(table, args.limit)
+    if above:
+        print(f"calibrate: above --limit {args.limit:g} deg: {'; '.join(above)}", file=sys.stderr)
+    return 1 if above else 0
+
+
+def _rebias(args: argparse.Namespace) -> int:
+    """A stored calibration with the bias of the day."""
+    if args.model is None or args.bias is None or (args.bias == "given") != (args.bias_dps is not None):
+        raise CalibrationError(
+            "a bias of the day needs the stored calibration and its source: --model FILE --bias start, or --bias gravity, "
+            "or --bias given --bias-dps X,Y,Z"
+        )
+    from tinygc.console import progress_bar
+    from tinygc.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
+
+    try_destinations(args, "fit")
+    with progress_bar(args.quiet) as progress:
+        result = rebias_session(args.folder, args.model, args.bias, args.bias_dps, use_earth=not args.no_earth, progress=progress)
+    table = rebias_to_json(result)
+    folder = save_rebiased(result, args.out)
+    output(args).print(rebias_report(result))
+    output(args).print(f"model: {folder / 'model_rebiased.json'}", soft_wrap=True)
+    write_json(args.json, table)
+    chosen = f"stored_{args.bias}"
+    only = {
+        "methods": {chosen: table["methods"][chosen]},
+        "closure_runs": [{"file": run["file"], chosen: run[chosen]} for run in table["closure_runs"]],
+    }
+    above = [] if args.limit is None else _above(only, args.limit)
     if above:
         print(f"calibrate: above --limit {args.limit:g} deg: {'; '.join(above)}", file=sys.stderr)
     return 1 if above else 0

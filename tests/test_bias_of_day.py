@@ -1,0 +1,145 @@
+"""The bias of the day: from gravity over a run that never rests, from a still, from the user."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import DEG, GRAVITY, Table, write_session
+from scipy.spatial.transform import Rotation
+
+import calibrate
+from session.errors import FitError
+from session.rests import find_rests
+from session.samples import Samples
+from tinygc.bias_of_day import bias_from_gravity
+from tinygc.integrate import steps
+from tinygc.rotation import accumulate, conjugate, log, multiply
+
+RATE_HZ = 200
+STATED = np.array([0.08, -0.05, 0.06]) * DEG
+
+
+def flight(seconds=100.0, bias=STATED, seed=0, accel_bias=(0.03, -0.02, 0.05), rest_s=0.0):
+    """A vehicle that flies about in a room of some metres, tilting as it accelerates and turning slowly: samples and true q_nb (N, 4)."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0, seconds, 1 / RATE_HZ)
+    frequency, phase = rng.uniform(0.03, 0.25, (3, 6)), rng.uniform(0, 2 * np.pi, (3, 6))
+    size = rng.uniform(0.1, 0.4, (3, 6))
+    w = 2 * np.pi * frequency
+    flying = np.clip((t - rest_s) / 2, 0, 1) ** 2 if rest_s else np.ones_like(t)
+    acceleration = -(size * w**2 * np.sin(w * t[:, None, None] + phase)).sum(-1) * flying[:, None]
+    thrust = acceleration + [0, 0, -GRAVITY]
+    yaw = (1.5 * np.sin(2 * np.pi * 0.02 * t) + 0.5 * np.sin(2 * np.pi * 0.11 * t)) * flying
+    down = -thrust / np.linalg.norm(thrust, axis=1, keepdims=True)
+    x = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)])
+    y = np.cross(down, x)
+    y /= np.linalg.norm(y, axis=1, keepdims=True)
+    q = Rotation.from_matrix(np.stack([np.cross(y, down), y, down], axis=-1)).as_quat(scalar_first=True)
+    q *= np.sign(np.sum(q * np.roll(q, 1, axis=0), axis=1, keepdims=True)).cumprod(axis=0)
+    half = log(multiply(conjugate(q[:-1]), q[1:])) * RATE_HZ  # mean rate from sample to sample
+    rate = np.concatenate([half[:1], (half[1:] + half[:-1]) / 2, half[-1:]])
+    force = Rotation.from_quat(q, scalar_first=True).inv().apply(thrust)
+    noise = rng.normal(size=(2, len(t), 3))
+    gyro = rate + bias + noise[0] * 0.01 * DEG * np.sqrt(RATE_HZ / 2)
+    return Samples(np.rint(t * 1e9).astype(np.int64), gyro, force + accel_bias + noise[1] * 0.03), q
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_gravity_finds_the_two_that_it_sees_and_keeps_the_third_at_its_prior(seed):
+    samples, q = flight(seed=seed)
+    found = bias_from_gravity(samples, samples.gyro, q[0])
+    error = found.change + STATED
+    # About the two best directions, a 3-sigma bound that is itself sharp; about the vertical, the prior.
+    best = found.directions @ error
+    assert np.abs(best[:2] / found.direction_sigma[:2]).max() < 3
+    assert found.direction_sigma[1] < 0.02 * DEG
+    assert abs(found.directions[2, 2]) > 0.9  # the worst known is about the vertical
+    assert found.direction_sigma[2] > 3 * found.direction_sigma[1]
+    assert np.linalg.norm(best[:2]) < 0.3 * np.linalg.norm((found.directions @ STATED)[:2])
+
+
+def test_open_loop_attitude_is_better_by_far():
+    samples, q = flight(seed=1)
+    found = bias_from_gravity(samples, samples.gyro, q[0])
+
+    def tilt_at_end(change):
+        end = multiply(q[0], accumulate(steps(samples.gyro + change, samples.dt_s))[-1])
+        down = [Rotation.from_quat(each, scalar_first=True).as_matrix()[2] for each in (end, q[-1])]
+        return np.arccos(np.clip(down[0] @ down[1], -1, 1)) / DEG
+
+    assert tilt_at_end(np.zeros(3)) > 4
+    assert tilt_at_end(found.change) < 1.5
+
+
+def test_gaps_and_missing_forces_cost_little():
+    samples, q = flight(seed=2)
+    force = samples.accel.copy()
+    force[3000:4600] = 0
+    force[12000:13600] = 0
+    found = bias_from_gravity(samples.with_accel(force), samples.gyro, q[0])
+    best = found.directions @ (found.change + STATED)
+    assert np.abs(best[:2] / found.direction_sigma[:2]).max() < 3
+    with pytest.raises(FitError, match="specific force"):
+        bias_from_gravity(samples.with_accel(np.zeros_like(force)), samples.gyro, q[0])
+
+
+def test_a_rest_tells_the_turn_about_the_vertical():
+    samples, q = flight(seed=1, rest_s=5.0)
+    rests = find_rests(samples)
+    assert rests[0].start == 0
+    assert 3 < rests[0].stop / RATE_HZ < 8
+    without = bias_from_gravity(samples, samples.gyro, q[0])
+    found = bias_from_gravity(samples, samples.gyro, q[0], rest=-rests[0].gyro_mean, rest_sigma=0.005 * DEG)
+    assert abs(found.change[2] + STATED[2]) < 0.015 * DEG < abs(without.change[2] + STATED[2])
+
+
+def test_a_flight_holds_no_rest():
+    assert find_rests(flight(seed=4)[0]) == []
+
+
+@pytest.fixture(scope="module")
+def two_days(tmp_path_factory):
+    """The same sensor on two days: a session of 20 tumbles, and one of 8 with another bias."""
+    parent = tmp_path_factory.mktemp("days")
+    for name, turns, bias, seed in (("first", 20, (0.5, -0.3, 0.6), 1), ("second", 8, (0.62, -0.35, 0.51), 2)):
+        write_session(parent / name, Table().tumble(turns, seed=seed).samples(bias_dps=bias, seed=seed))
+    assert calibrate.main(["fit", str(parent / "first"), "--methods", "least_squares,tinygc", "--quiet"]) == 0
+    return parent
+
+
+@pytest.mark.parametrize("method", ["least_squares", "tinygc"])
+@pytest.mark.parametrize("source", ["start", "gravity", "given"])
+def test_a_stored_calibration_in_a_new_session(two_days, tmp_path, method, source):
+    arguments = ["fit", str(two_days / "second"), "--model", str(two_days / "first" / "fit" / f"model_{method}.json"), "--bias", source]
+    arguments += ["--bias-dps=0.62,-0.35,0.51"] if source == "given" else []
+    assert calibrate.main([*arguments, "--out", str(tmp_path), "--quiet"]) == 0
+    table = json.loads((tmp_path / "fit.json").read_text())
+    tilt = {name: fit["holdout"]["tilt_rms_deg"] for name, fit in table["methods"].items()}
+    assert tilt["stored"] > 0.3  # 0.16 dps over 5 s
+    assert tilt[f"stored_{source}"] < {"start": 0.04, "gravity": 0.06, "given": 0.03}[source]
+    model = json.loads((tmp_path / "model_rebiased.json").read_text())
+    assert model["kind"] == {"least_squares": "linear", "tinygc": "tinygc"}[method]
+    change = np.array(table["bias"]["change_dps"][source])
+    assert np.abs(change - [-0.12, 0.05, 0.09]).max() < 0.02
+
+
+def test_the_limit_looks_at_what_was_asked_for(two_days, tmp_path, capsys):
+    model = str(two_days / "first" / "fit" / "model_least_squares.json")
+    arguments = ["fit", str(two_days / "second"), "--model", model, "--out", str(tmp_path), "--limit", "0.06"]
+    assert calibrate.main([*arguments, "--bias", "start"]) == 0
+    assert calibrate.main([*arguments, "--bias", "given", "--bias-dps=0,0,0"]) == 1
+    assert "stored_given" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "more", [["--bias", "start"], ["--model", "x.json"], ["--model", "x.json", "--bias", "given"], ["--bias-dps=1,2,3"]]
+)
+def test_half_a_request_is_refused(two_days, more, capsys):
+    assert calibrate.main(["fit", str(two_days / "second"), *more]) == 2
+    assert "--model FILE --bias start" in capsys.readouterr().err
+
+
+def test_a_model_that_is_none_is_refused(two_days, tmp_path, capsys):
+    (tmp_path / "x.json").write_text("{}")
+    assert calibrate.main(["fit", str(two_days / "second"), "--model", str(tmp_path / "x.json"), "--bias", "start"]) == 2
+    assert capsys.readouterr().err.strip().split("\n")[-1].startswith("calibrate: ")

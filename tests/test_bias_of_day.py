@@ -28,7 +28,7 @@ def flight(seconds=100.0, bias=STATED, seed=0, accel_bias=(0.03, -0.02, 0.05), r
     w = 2 * np.pi * frequency
     flying = np.clip((t - rest_s) / 2, 0, 1) ** 2 if rest_s else np.ones_like(t)
     acceleration = -(size * w**2 * np.sin(w * t[:, None, None] + phase)).sum(-1) * flying[:, None]
-    thrust = acceleration + [0, 0, -GRAVITY]
+    thrust = acceleration - np.array([0, 0, GRAVITY])
     yaw = (1.5 * np.sin(2 * np.pi * 0.02 * t) + 0.5 * np.sin(2 * np.pi * 0.11 * t)) * flying
     down = -thrust / np.linalg.norm(thrust, axis=1, keepdims=True)
     x = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from session.errors import StorageError
-from session.stream.events import Chunk, Comment, Event, Info, Trouble
+from session.stream.events import Chunk, Comment, Event, Info
 from session.stream.text import HEADER, parse_info
 
 NEW_LOG = ("reset", "reconnect")
@@ -25,32 +26,37 @@ class LogWriter:
 
     def begin(self, stem: str) -> None:
         """The next sample begins a new file ``stem*.csv``."""
-        self._end()
+        self.close()
         self.stem = stem
 
     def write(self, events: Iterable[Event]) -> None:
         """Append; StorageError where that fails."""
-        try:
+        with self._storage():
             for event in events:
                 self._write(event)
-        except OSError as error:
-            raise StorageError(f"{self.folder}: {error.strerror or error}; the raw file can be replayed") from None
 
     def flush(self) -> None:
         """Hand what is buffered to the operating system."""
         if self._file:
-            try:
+            with self._storage():
                 self._file.flush()
-            except OSError as error:
-                raise StorageError(f"{self.folder}: {error.strerror or error}; the raw file can be replayed") from None
 
     def close(self) -> None:
-        self._end()
+        """End the present file."""
+        with self._storage():
+            self._end()
 
     def _end(self) -> None:
-        if self._file:
-            self._file.close()
-        self._file, self._info, self._waiting = None, None, []
+        file, self._file, self._info, self._waiting = self._file, None, None, []
+        if file:
+            file.close()
+
+    @contextlib.contextmanager
+    def _storage(self):
+        try:
+            yield
+        except OSError as error:
+            raise StorageError(f"{self.folder}: {error.strerror or error}; make room, then calibrate.py replay the raw file") from None
 
     def _write(self, event: Event) -> None:
         if isinstance(event, Chunk):
@@ -63,8 +69,10 @@ class LogWriter:
             if event != self._info:
                 self._info = event
                 self._comment(event.text)
-        elif isinstance(event, Trouble) and event.kind in NEW_LOG:
+        elif event.kind in NEW_LOG:
             self._end()
+        elif event.kind == "implausible":
+            self._comment(f"left out as implausible: {event.count} (t_us {'?' if event.t_us is None else event.t_us})")
 
     def _samples(self, chunk: Chunk) -> None:
         if self._file is None:

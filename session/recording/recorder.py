@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import queue
 import time
 from datetime import UTC, datetime
@@ -40,15 +42,12 @@ class Recorder:
 
     def poll(self, timeout_s: float = 0.1) -> list[Event]:
         """Events of all that has arrived, waiting for the first at most so long.  StorageError when the disk is full."""
-        events: list[Event] = []
-        try:
-            item = self.port.items.get(timeout=timeout_s)
+        items = []
+        with contextlib.suppress(queue.Empty):
+            items.append(self.port.items.get(timeout=timeout_s))
             while True:
-                events += self._take(item)
-                item = self.port.items.get_nowait()
-        except queue.Empty:
-            pass
-        self.logs.write(events)
+                items.append(self.port.items.get_nowait())
+        events = self._take(items)
         self.logs.flush()
         return events
 
@@ -61,16 +60,11 @@ class Recorder:
         """Stop reading, write what is left, close the files."""
         self.port.close()
         try:
-            self.logs.write([*self._rest(), *self.decoder.finish()])
+            self.poll(0)
+            self.logs.write(self.decoder.finish())
         finally:
-            self.logs.close()
             self.raw.close()
-
-    def _rest(self) -> list[Event]:
-        events: list[Event] = []
-        while not self.port.items.empty():
-            events += self._take(self.port.items.get())
-        return events
+            self.logs.close()
 
     def _keep(self, item: object) -> None:
         """In the reader thread: to disk first."""
@@ -81,14 +75,23 @@ class Recorder:
         elif isinstance(item, Closed):
             self.raw.mark(item.host_ns, f"close {item.why}")
 
-    def _take(self, item: object) -> list[Event]:
+    def _take(self, items: list) -> list[Event]:
+        """Decode and log; bytes that waited together go through together, which is faster."""
+        events: list[Event] = []
+        for kind, group in itertools.groupby(items, type):
+            if kind is Received:
+                data = b"".join(item.data for item in group)
+                self._decoded += len(data)
+                fresh = self.decoder.feed(data)
+            else:
+                fresh = [event for item in group for event in self._take_state(item)]
+            self.logs.write(fresh)
+            events += fresh
+        return events
+
+    def _take_state(self, item: Opened | Closed | Exception) -> list[Event]:
         if isinstance(item, Exception):
             raise item
-        if isinstance(item, Received):
-            self._decoded += len(item.data)
-            return self.decoder.feed(item.data)
-        if isinstance(item, Opened):
-            self.connected, self.why = True, ""
-            return new_connection(self.decoder)
-        self.connected, self.why = False, item.why
-        return []
+        self.connected = isinstance(item, Opened)
+        self.why = "" if self.connected else item.why
+        return new_connection(self.decoder) if self.connected else []

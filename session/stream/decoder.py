@@ -1,115 +1,313 @@
-"""Bytes in, events out."""
+"""Bytes in, events out.
+
+Three modes.  ``frames``: what stands between two zero bytes is a frame.  ``text``: what stands between two line ends is a line.
+Neither, at the start and whenever a mode has lost its footing: both are tried on the same bytes, and the first whole frame with a good
+check, or the first whole line, decides.  Every decision is made at a fixed place in the stream, so that it does not matter how the
+bytes were cut on their way.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from session.stream import frames
+from session.stream.continuity import Accepted, Continuity, Readings
 from session.stream.events import Chunk, Comment, Event, Trouble
-from session.stream.text import HEADER, parse_info, parse_line
+from session.stream.steps import StepFilter
+from session.stream.text import COLUMNS, LONGEST_LINE, parse_comment, parse_header, parse_info, parse_line, parse_lines
 
-WRAP_US = 2**32
+#: neither a frame nor a line is longer
+LONGEST = LONGEST_LINE
+#: lines of another width that must come one after the other before they are believed
+WIDTH_CHANGE = 3
 
 
 class StreamDecoder:
     """Tells text from frames by itself, finds its way back after garbage, counts what is missing.
 
     Counts so far: samples, lost (samples missing), crc_errors (frames), garbage (bytes), implausible (samples left out), resets.
+    info: the last ``Info``, or None.  mode: "text" or "frames", or None while it is not known.
     """
 
     def __init__(self):
         self.samples = self.lost = self.crc_errors = self.garbage = self.implausible = self.resets = 0
-        self.info = None  #: the last ``Info``
-        self.mode = None  #: "text" or "frames" once it is known
+        self.info = None
+        self._begin()
+
+    def _begin(self) -> None:
+        self.mode: str | None = None
         self._buffer = b""
-        self._sequence = self._last = None
-        self._t_us = 0
+        self._continuity, self._steps = Continuity(), StepFilter()
+        self._damaged = False  # something unreadable came since the last reading
+        self._width, self._order = 0, tuple(range(len(COLUMNS)))
+        self._other_width, self._other_count = 0, 0
+        self._last_us: int | None = None
+
+    @property
+    def measured_odr_hz(self) -> float | None:
+        """Samples per second of device time, as the stamps show it; None before the first samples."""
+        return 1e6 / self._continuity.period_us if self._continuity.period_us else None
 
     def feed(self, data: bytes) -> list[Event]:
         """Events of these bytes and of what was kept from before; never raises, whatever the bytes."""
         self._buffer += data
-        events: list[Event] = []
-        if self.mode != "text" and b"\0" in self._buffer:
-            self.mode = "frames"
-            *tokens, self._buffer = self._buffer.split(b"\0")
-            for token in tokens:
-                self._frame(token, events)
-        elif self.mode != "frames" and b"\n" in self._buffer:
-            *lines, self._buffer = self._buffer.split(b"\n")
-            for line in lines:
-                self._line(line.rstrip(b"\r"), events)
-        return _joined(events)
+        out = _Collector()
+        going = True
+        while going:
+            step = {"frames": self._frames, "text": self._text, None: self._search}[self.mode]
+            going = step(out)
+        return out.events()
 
     def finish(self) -> list[Event]:
         """The stream ends here, or the port was closed: what is incomplete is dropped, what follows begins anew."""
-        self._buffer, self.mode, self._sequence, self._last = b"", None, None, None
-        return []
+        out = _Collector()
+        self._garbage(len(self._buffer), out)
+        self._pass_on(self._continuity.finish(), out)
+        self._add(self._steps.finish(), out)
+        self._begin()
+        return out.events()
 
-    def _frame(self, token: bytes, events: list[Event]) -> None:
-        if len(token) not in (frames.SAMPLE_BYTES, frames.INFO_BYTES):
-            self.garbage += len(token)
-            if token:
-                events.append(Trouble("garbage", len(token), self._last))
-            return
-        body, good = frames.decode_blocks(np.frombuffer(token, np.uint8)[None])
-        if not good[0]:
-            self.crc_errors += 1
-            events.append(Trouble("crc", 1, self._last))
-        elif len(token) == frames.INFO_BYTES:
-            info = frames.decode_info(body.tobytes())
-            sequence = int.from_bytes(body[0, 1:3].tobytes(), "little")
-            if self._sequence is not None and sequence == (self._sequence + 1) & 0xFFFF:
-                self._sequence = sequence
-            if info:
-                self.info = info
-                events.append(info)
-        else:
-            row = np.ascontiguousarray(body).view(frames.SAMPLE)[0, 0]
-            sequence = int(row["sequence"])
-            if self._sequence is not None and (missing := (sequence - self._sequence - 1) & 0xFFFF) and missing < 0x8000:
-                self.lost += missing
-                events.append(Trouble("lost", missing, self._last))
-            self._sequence = sequence
-            self._sample(int(row["t_us"]), row["registers"].tolist(), events)
+    # Each of the three takes what it can from the buffer and returns True if another mode is to go on.
 
-    def _line(self, line: bytes, events: list[Event]) -> None:
-        if line.startswith(b"#"):
-            comment = line[1:].decode("utf-8", errors="replace").strip()
-            events.append(Comment(comment))
-            if info := parse_info(comment):
-                self.info = info
-                events.append(info)
-        elif values := parse_line(line):
-            self.mode = "text"
-            self._sample(values[0], values[1:8], events)
-        elif line and line.decode("latin-1") != HEADER:
-            self.garbage += len(line)
-            events.append(Trouble("garbage", len(line), self._last))
-
-    def _sample(self, raw_us: int, registers: list[int], events: list[Event]) -> None:
-        if self._last is None:
-            self._t_us = raw_us
-        else:
-            step = (raw_us - self._t_us) % WRAP_US
-            if step >= WRAP_US // 2:
-                self.resets += 1
-                events.append(Trouble("reset", 1, self._last))
-                self._t_us = raw_us
+    def _search(self, out: _Collector) -> bool:
+        """No mode yet: look at every delimiter for a frame or a line that ends there."""
+        data = self._buffer
+        codes = np.frombuffer(data, np.uint8)
+        zero = line = 0  # where a frame, where a line would begin
+        for place in np.flatnonzero((codes == 0) | (codes == 10)).tolist():
+            if data[place] == 0:
+                begin = max(zero, place - frames.SAMPLE_BYTES)
+                if place - zero == frames.INFO_BYTES or place - begin == frames.SAMPLE_BYTES:
+                    _, good = frames.decode_blocks(codes[None, begin:place])
+                    if good[0]:
+                        return self._found("frames", begin, out)
+                zero = line = place + 1
             else:
-                self._t_us += step
-        self._last = self._t_us
-        self.samples += 1
-        events.append(Chunk(np.array([self._t_us], np.int64), np.array([registers], np.int16)))
+                if place - line <= LONGEST and self._is_line(data[line:place].rstrip(b"\r")):
+                    return self._found("text", line, out)
+                line = place + 1
+        keep = max(min(zero, line), len(data) - LONGEST - 1)
+        self._garbage(keep, out)
+        self._buffer = data[keep:]
+        return False
+
+    def _found(self, mode: str, begin: int, out: _Collector) -> bool:
+        self._garbage(begin, out)
+        self._buffer, self.mode = self._buffer[begin:], mode
+        return True
+
+    def _is_line(self, line: bytes) -> bool:
+        return bool(parse_comment(line) is not None or parse_header(line) or parse_line(line))
+
+    def _frames(self, out: _Collector) -> bool:
+        data = self._buffer
+        codes = np.frombuffer(data, np.uint8)
+        ends = np.flatnonzero(codes == 0)
+        starts = np.concatenate([[0], ends + 1])
+        lengths = np.diff(np.concatenate([ends, [len(data)]]), prepend=-1) - 1  # the last is not complete
+        too_long = np.flatnonzero(lengths > LONGEST)
+        count = int(too_long[0]) if len(too_long) else len(ends)
+        self._buffer = data[starts[count] :]
+        if count:
+            self._blocks(codes, data, starts[:count], ends[:count], lengths[:count], out)
+        if len(too_long):
+            self.mode = None
+        return bool(len(too_long))
+
+    def _blocks(self, codes, data: bytes, starts, ends, lengths, out: _Collector) -> None:
+        """What stands between zero bytes, many at a time.  A whole frame at the end of something longer counts: what was torn off or
+        said before it took only its delimiter along."""
+        sample, info, bad = frames.SAMPLE_BYTES, frames.INFO_BYTES, lengths > 0
+        readings = None
+        if len(candidates := np.flatnonzero(lengths >= sample)):
+            bodies, good = frames.decode_blocks(codes[ends[candidates, None] + np.arange(-sample, 0)])
+            good_rows = candidates[good]
+            bad[good_rows] = False
+            table = np.ascontiguousarray(bodies[good]).view(frames.SAMPLE)[:, 0]
+            ours = table["type"] == frames.SAMPLE_TYPE
+            readings, good_rows = table[ours], good_rows[ours]
+        infos = {}
+        for row in np.flatnonzero(lengths == info).tolist():
+            body, good = frames.decode_blocks(codes[None, starts[row] : ends[row]])
+            if good[0]:
+                bad[row] = False
+                infos[row] = body[0]
+        wrong = bad & ((lengths == sample) | (lengths == info))
+        if crc_errors := int(np.count_nonzero(wrong)):
+            self.crc_errors += crc_errors
+            out.add(Trouble("crc", crc_errors, self._last_us))
+        left_over = np.where(bad & ~wrong, lengths, 0)
+        rows = np.zeros(0, np.int64) if readings is None else good_rows
+        left_over[rows] = lengths[rows] - sample
+        spoilt = np.cumsum(bad | (left_over > 0))
+        spoilt_rows = spoilt[rows]
+        damaged = np.diff(spoilt_rows, prepend=0) > 0
+        if len(damaged):
+            damaged[0] |= self._damaged
+        remarks = [row for row in np.flatnonzero(left_over) if b"#" in data[starts[row] : ends[row]]] if left_over.any() else []
+        self._garbage(int(left_over.sum()), out, damages=False)
+        begin = 0
+        for row in sorted({*infos, *remarks}):
+            stop = int(np.searchsorted(rows, row))
+            self._numbered(readings, damaged, begin, stop, out)
+            begin = stop
+            if row in infos:
+                self._info_frame(infos[row], out)
+            else:
+                self._remark(data[starts[row] : ends[row]], out)
+        self._numbered(readings, damaged, begin, len(rows), out)
+        after_last = int(spoilt[-1]) - (int(spoilt_rows[-1]) if len(rows) else 0)
+        self._damaged = after_last > 0 or (self._damaged and not len(rows))
+
+    def _numbered(self, table, damaged, begin: int, stop: int, out: _Collector) -> None:
+        if stop > begin:
+            part = table[begin:stop]
+            readings = Readings(
+                part["sequence"].astype(np.int64), part["t_us"].astype(np.int64), part["registers"].astype(np.int16), damaged[begin:stop]
+            )
+            self._pass_on(self._continuity.take(readings), out)
+
+    def _info_frame(self, body: np.ndarray, out: _Collector) -> None:
+        info = frames.decode_info(body.tobytes())
+        self._continuity.info(int(body[1]) | int(body[2]) << 8)
+        if info is not None:
+            self.info = info
+            out.add(info)
+
+    def _remark(self, block: bytes, out: _Collector) -> None:
+        """A board that starts up may say something in text before its first frame."""
+        for line in block.split(b"\n")[:-1]:
+            comment = parse_comment(line.rstrip(b"\r"))
+            if comment:
+                out.add(Comment(comment))
+
+    def _text(self, out: _Collector) -> bool:
+        data = self._buffer
+        zero = data.find(b"\0")
+        whole = data.rfind(b"\n", 0, len(data) if zero < 0 else zero) + 1
+        lost = zero >= 0 or len(data) - whole > LONGEST
+        block = data[:whole]
+        if whole > LONGEST:
+            ends = np.flatnonzero(np.frombuffer(block, np.uint8) == 10)
+            too_long = np.flatnonzero(np.diff(ends, prepend=-1) > LONGEST + 1)
+            if len(too_long):
+                whole = int(ends[too_long[0] - 1]) + 1 if too_long[0] else 0
+                block, lost = data[:whole], True
+        self._buffer = data[whole:]
+        if block:
+            self._lines(block.replace(b"\r\n", b"\n"), out)
+        if lost:
+            self.mode = None
+        return lost
+
+    def _lines(self, block: bytes, out: _Collector) -> None:
+        good = None
+        if self._width:
+            good, values = parse_lines(block, self._width, self._order)
+            if good.all():
+                self._stamped(values, out)
+                return
+        lines, done, rows = block.split(b"\n")[:-1], 0, []
+        for number, line in enumerate(lines):
+            if good is not None and good[number]:
+                rows.append(values[done])
+                done += 1
+                self._other_count = 0
+                continue
+            found = parse_line(line, self._order)
+            if found and self._has_width(found[0]):
+                rows.append(found[1])
+                continue
+            if rows:
+                self._stamped(np.array(rows, np.int64), out)
+                rows = []
+            if not line.strip():
+                continue
+            comment, header = parse_comment(line), parse_header(line)
+            if comment is not None:
+                out.add(Comment(comment))
+                if info := parse_info(comment):
+                    self.info = info
+                    out.add(info)
+            elif header:
+                self._width, self._order = header
+                # What follows is looked at line by line in this block, and all at once from the next on.
+                good = None
+            else:
+                self._garbage(len(line) + 1, out)
+        if rows:
+            self._stamped(np.array(rows, np.int64), out)
+
+    def _has_width(self, width: int) -> bool:
+        """Whether a line is as wide as the others: one of two halves may look whole, but hardly thrice running."""
+        if width == self._width or not self._width:
+            self._width, self._other_count = width, 0
+            return True
+        self._other_count = self._other_count + 1 if width == self._other_width else 1
+        self._other_width = width
+        if self._other_count >= WIDTH_CHANGE:
+            self._width, self._order = width, tuple(range(len(COLUMNS)))
+        return False
+
+    def _stamped(self, values: np.ndarray, out: _Collector) -> None:
+        damaged = np.zeros(len(values), bool)
+        damaged[0], self._damaged = self._damaged, False
+        self._pass_on(self._continuity.take(Readings(None, values[:, 0], values[:, 1:].astype(np.int16), damaged)), out)
+
+    def _garbage(self, count: int, out: _Collector, damages: bool = True) -> None:
+        if count:
+            self.garbage += count
+            self._damaged |= damages
+            out.add(Trouble("garbage", count, self._last_us))
+
+    def _pass_on(self, items: list[Accepted | Trouble], out: _Collector) -> None:
+        for item in items:
+            if isinstance(item, Accepted):
+                self._add(self._steps.take(item), out)
+                continue
+            if item.kind == "reset":
+                self._add(self._steps.finish(), out)
+            self._add([item], out)
+
+    def _add(self, events: list[Chunk | Trouble], out: _Collector) -> None:
+        for event in events:
+            if isinstance(event, Chunk):
+                self.samples += len(event)
+                self._last_us = int(event.t_us[-1])
+            else:
+                self.lost += event.count * (event.kind == "lost")
+                self.implausible += event.count * (event.kind == "implausible")
+                self.resets += event.kind == "reset"
+            out.add(event)
 
 
-def _joined(events: list[Event]) -> list[Event]:
-    """Neighbouring chunks as one."""
-    joined: list[Event] = []
-    for event in events:
-        if isinstance(event, Chunk) and joined and isinstance(joined[-1], list):
-            joined[-1].append(event)
+class _Collector:
+    """Events in order, with as few objects as possible: between two that have a place, one chunk, and one count of each trouble."""
+
+    _COUNTED = ("lost", "crc", "garbage")
+
+    def __init__(self):
+        self._done: list[Event] = []
+        self._chunks: list[Chunk] = []
+        self._counts: dict[str, Trouble] = {}
+
+    def add(self, event: Event) -> None:
+        if isinstance(event, Chunk):
+            self._chunks.append(event)
+        elif isinstance(event, Trouble) and event.kind in self._COUNTED:
+            before = self._counts.get(event.kind)
+            self._counts[event.kind] = event if before is None else Trouble(event.kind, before.count + event.count, before.t_us)
         else:
-            joined.append([event] if isinstance(event, Chunk) else event)
-    return [
-        Chunk(np.concatenate([c.t_us for c in e]), np.concatenate([c.registers for c in e])) if isinstance(e, list) else e for e in joined
-    ]
+            self._close()
+            self._done.append(event)
+
+    def events(self) -> list[Event]:
+        self._close()
+        return self._done
+
+    def _close(self) -> None:
+        if len(self._chunks) > 1:
+            t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in self._chunks]) for name in ("t_us", "registers"))
+            self._chunks = [Chunk(t_us, registers)]
+        self._done += [*self._chunks, *self._counts.values()]
+        self._chunks, self._counts = [], {}

@@ -1,24 +1,84 @@
-"""The text form of a stream: the log's own lines (FORMATS)."""
+"""The text form of a stream: the log's own lines (FORMATS).
+
+A line carries no check.  What protects it: it stands between two line ends, it has the columns that the others have, its numbers are
+written as a program writes them (no sign without a digit, no leading zero), registers fit 16 bits; and ``continuity`` looks at its stamp.
+"""
 
 from __future__ import annotations
 
 import re
 
+import numpy as np
+
 from session.stream.events import Info
 
 COLUMNS = ("t_us", "gx", "gy", "gz", "ax", "ay", "az", "temp")
 HEADER = ",".join(COLUMNS)
+LONGEST_LINE = 512
 _NUMBER = re.compile(rb"-?[1-9][0-9]{0,17}|0")
+_FURTHER = re.compile(rb"[-+.\w ]*")
 _PAIR = re.compile(r"(\w+)=(\S+)")
+_LONGEST_NUMBER = 19
+
+# What a byte may be in a line of whole numbers.
+_DIGIT, _ZERO, _MINUS, _COMMA, _END = 1, 2, 3, 4, 5
+_CLASS = np.zeros(256, np.uint8)
+_CLASS[list(b"123456789")] = _DIGIT
+_CLASS[ord("0")], _CLASS[ord("-")], _CLASS[ord(",")], _CLASS[ord("\n")] = _ZERO, _MINUS, _COMMA, _END
 
 
-def parse_line(line: bytes) -> list[int] | None:
-    """A line's whole numbers, eight or more of them; None where it is no such line, or a register holds more than 16 bits."""
+def parse_lines(block: bytes, columns: int, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Many lines at once: block ends with ``\\n``, a line has ``columns`` whole numbers, of which ``order`` are the log's eight.
+
+    Returns good (lines,) bool and values (good lines, 8) int64.  A line that is not good may still be one for ``parse_line``.
+    """
+    text = np.frombuffer(block, np.uint8)
+    kind = _CLASS[text]
+    ends = np.flatnonzero(kind == _END)
+    before, after = np.empty_like(kind), np.empty_like(kind)
+    before[0], before[1:] = _END, kind[:-1]
+    after[-1], after[:-1] = _END, kind[1:]
+    parts, parted, parts_next = kind >= _COMMA, before >= _COMMA, after >= _COMMA
+    wrong = (kind == 0) | ((kind == _MINUS) & ~parted) | (parts & (parted | (before == _MINUS)))
+    wrong |= (kind == _ZERO) & ((parted & ~parts_next) | (before == _MINUS))
+    cuts = np.flatnonzero(parts)
+    commas = np.diff(np.searchsorted(cuts, ends), prepend=-1) - 1
+    good = commas == columns - 1
+    good[np.searchsorted(ends, np.flatnonzero(wrong))] = False
+    good[np.searchsorted(ends, cuts[np.diff(cuts, prepend=-1) > _LONGEST_NUMBER])] = False
+    if not good.all():
+        text = text[np.repeat(good, np.diff(ends, prepend=-1))]
+    if not len(text):
+        return good, np.zeros((0, len(COLUMNS)), np.int64)
+    values = np.fromstring(text.tobytes().replace(b"\n", b",")[:-1], dtype=np.int64, sep=",").reshape(-1, columns)[:, order]
+    fits = ((values[:, 1:] >= -32768) & (values[:, 1:] <= 32767)).all(axis=1) & (values[:, 0] >= 0)
+    if not fits.all():
+        good[np.flatnonzero(good)[~fits]] = False
+        values = values[fits]
+    return good, values
+
+
+def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8))) -> tuple[int, list[int]] | None:
+    """One line, blanks allowed, further columns of any kind: how many columns, and the log's eight; None where it is no such line."""
     cells = [cell.strip(b" \t") for cell in line.split(b",")]
-    if len(cells) < len(COLUMNS) or not all(map(_NUMBER.fullmatch, cells)):
+    if len(cells) <= max(order) or not all(_NUMBER.fullmatch(cells[i]) for i in order) or not all(map(_FURTHER.fullmatch, cells)):
         return None
-    values = list(map(int, cells))
-    return values if values[0] >= 0 and all(-32768 <= value <= 32767 for value in values[1:8]) else None
+    values = [int(cells[i]) for i in order]
+    return (len(cells), values) if values[0] >= 0 and all(-32768 <= value <= 32767 for value in values[1:]) else None
+
+
+def parse_header(line: bytes) -> tuple[int, tuple[int, ...]] | None:
+    """A header line: how many columns it announces, and where the log's eight are; None where it is none."""
+    names = [name.strip() for name in line.decode("latin-1").split(",")]
+    return (len(names), tuple(map(names.index, COLUMNS))) if set(COLUMNS) <= set(names) else None
+
+
+def parse_comment(line: bytes) -> str | None:
+    """What stands behind the ``#`` of a comment; None where the line is none, or holds what no person wrote."""
+    if not line.startswith(b"#"):
+        return None
+    comment = line[1:].decode("utf-8", errors="replace").strip()
+    return comment if "\ufffd" not in comment and comment.replace("\t", " ").isprintable() else None
 
 
 def parse_info(comment: str) -> Info | None:

@@ -10,9 +10,10 @@ from conftest import DEG, Table, config
 from session.folder import Session
 from session.logfile import Log
 from session.samples import Samples
-from tinygc.explain import registers
+from tinygc.explain import false_readings, registers
+from tinygc.explain.false_readings import find_glitches, without_glitches
 from tinygc.explain.mending import mend
-from tinygc.explain.registers import find_ceiling, find_glitches, find_jumps, find_losses, with_lost, without_glitches
+from tinygc.explain.registers import find_ceiling, find_jumps, find_losses, with_lost
 from tinygc.problem import build_problem
 
 RATES = (104.0, 208.0, 416.0, 833.0)
@@ -76,7 +77,7 @@ def test_a_clean_movement_has_no_jumps_and_no_ceiling(odr_hz):
         samples, _ = clean(odr_hz, seed, turns=3)
         jumps = find_jumps(samples)
         assert len(jumps.rows) == 0, (seed, jumps.rows, jumps.size)
-        assert find_glitches(jumps, samples.duration_s) is None
+        assert find_glitches(samples) is None
         assert len(find_losses(jumps, samples.duration_s)) == 0
         assert find_ceiling(samples, FS) is None
 
@@ -98,7 +99,7 @@ def test_a_turn_that_starts_at_once_is_no_jump():
 def test_a_short_recording_has_no_jumps():
     samples = Table().rest(0.5).samples(odr_hz=104)
     assert len(find_jumps(samples).rows) == 0
-    assert find_glitches(find_jumps(samples), samples.duration_s) is None
+    assert find_glitches(samples) is None
 
 
 # False readings
@@ -110,7 +111,7 @@ def test_false_readings_are_found_with_their_rows_and_lengths(odr_hz, length):
     for seed in range(3):
         samples, table = clean(odr_hz, seed)
         rows = rows_in_turns(table, samples, 2, seed)
-        glitches = find_glitches(find_jumps(with_glitches(samples, rows, np.full(len(rows), length), seed)), samples.duration_s)
+        glitches = find_glitches(with_glitches(samples, rows, np.full(len(rows), length), seed))
         np.testing.assert_array_equal(glitches.rows, rows)
         np.testing.assert_array_equal(glitches.samples, length)
 
@@ -118,7 +119,7 @@ def test_false_readings_are_found_with_their_rows_and_lengths(odr_hz, length):
 def test_false_readings_in_a_still_are_found_too():
     samples = Table().rest(8).turn(90, (1, 0, 0)).rest(8).samples(odr_hz=208)
     rows = np.array([300, 800, 1400, 2500])
-    glitches = find_glitches(find_jumps(with_glitches(samples, rows, np.array([1, 3, 5, 2]), 0)), samples.duration_s)
+    glitches = find_glitches(with_glitches(samples, rows, np.array([1, 3, 5, 2]), 0))
     np.testing.assert_array_equal(glitches.rows, rows)
     np.testing.assert_array_equal(glitches.samples, [1, 3, 5, 2])
 
@@ -129,7 +130,7 @@ def test_repaired_readings_are_within_noise_and_bending_of_the_true_ones(odr_hz)
     samples, table = clean(odr_hz, 1)
     rows, length = rows_in_turns(table, samples, 2, 1), 4
     spoilt = with_glitches(samples, rows, np.full(len(rows), length), 1)
-    repaired = without_glitches(spoilt, find_glitches(find_jumps(spoilt), samples.duration_s))
+    repaired = without_glitches(spoilt, find_glitches(spoilt))
     true, _ = table.truth(samples.t_s)
     second = np.abs(np.gradient(np.gradient(true, axis=0), axis=0)).max() * odr_hz**2
     bias = np.array([0.5, -0.3, 0.6]) * DEG
@@ -148,16 +149,16 @@ def test_a_knock_that_the_accelerometer_feels_is_no_false_reading():
     gyro, accel = samples.gyro.copy(), samples.accel.copy()
     gyro[1000:1003] += 20 * DEG
     accel[1000:1003] += 30.0
-    jumps = find_jumps(replace(samples, gyro=gyro, accel=accel))
-    assert len(jumps.rows) == 2
-    assert find_glitches(jumps, samples.duration_s) is None
+    knocked = replace(samples, gyro=gyro, accel=accel)
+    assert len(find_jumps(knocked).rows) == 2
+    assert find_glitches(knocked) is None
 
 
 def test_more_than_one_a_second_is_another_thing():
     samples = Table().rest(20).samples(odr_hz=208)
     rows = np.arange(100, 4000, 120)
     spoilt = with_glitches(samples, rows, np.full(len(rows), 2), 0)
-    assert find_glitches(find_jumps(spoilt), samples.duration_s) is None
+    assert find_glitches(spoilt) is None
 
 
 # Losses
@@ -241,7 +242,7 @@ def test_corners_of_a_clipped_rate_are_no_losses(odr_hz):
     jumps = find_jumps(clipped)
     assert len(jumps.rows) >= 4
     assert len(find_losses(jumps, clipped.duration_s)) == 0
-    assert find_glitches(jumps, clipped.duration_s) is None
+    assert find_glitches(clipped) is None
 
 
 # Ceilings
@@ -323,6 +324,6 @@ def test_a_ceiling_in_one_log_leaves_the_other_logs_segments_alone(two):
 def test_bars_are_said_once():
     """A glitch of the longest kind that is bridged, and one sample more, which is not taken for one."""
     samples = Table().rest(8).turn(90, (1, 0, 0)).rest(8).samples(odr_hz=208)
-    for length, known in ((registers.LONGEST_GLITCH, True), (registers.LONGEST_GLITCH + 1, False)):
+    for length, known in ((false_readings.LONGEST, True), (false_readings.LONGEST + 1, False)):
         spoilt = with_glitches(samples, np.array([900]), np.array([length]), 0)
-        assert (find_glitches(find_jumps(spoilt), samples.duration_s) is not None) == known
+        assert (find_glitches(spoilt) is not None) == known

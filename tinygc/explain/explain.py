@@ -19,10 +19,11 @@ from tinygc.explain.mending import Mended, mend
 from tinygc.explain.naming import Naming, candidates, name_effects
 from tinygc.explain.parameters import readable
 from tinygc.explain.proof import Proof, prove
+from tinygc.explain.rivals import better_rival
 from tinygc.explain.selection import FAMILY_WISE, SHAPE_SHARE
 from tinygc.explain.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explain.twin import Twin
-from tinygc.explain.unknown import unknown_candidates
+from tinygc.explain.unknown import slow_candidates, unknown_candidates
 from tinygc.explain.whitening import Whitener
 from tinygc.methods import closure_angles
 from tinygc.problem import Problem, build_problem
@@ -131,13 +132,12 @@ def bonferroni(p: dict[str, float]) -> float:
 
 def _refuse(twin, whiten, naming: Naming, mended_from: float, detected: float, left: dict[str, float], seed: int, progress):
     """Keep the names only if they leave what noise allows, or next to nothing; else say what is there without a name."""
-    nothing_left = bonferroni(left) > LEFT_P
-    share = _share(twin, whiten, naming, mended_from)
-    if nothing_left or (not naming.named and detected > FAMILY_WISE):
-        return naming, [], left
-    if share >= RIGHT_SHARE:
+    if not naming.named and detected > FAMILY_WISE:
         return naming, [], left
     progress("beyond the catalogue")
+    enough = bonferroni(left) > LEFT_P or _share(twin, whiten, naming, mended_from) >= RIGHT_SHARE
+    if enough and not (naming.named and better_rival(twin, whiten, naming, slow_candidates(twin), seed)):
+        return naming, [], left
     bare = Naming(naming.first, naming.first_p, naming.first)
     beyond = name_effects(twin, whiten, unknown_candidates(twin), seed, most=MOST_FINDINGS, stand_ins=False)
     findings = _named_claims(twin, beyond)
@@ -180,7 +180,6 @@ def _offset_claim(gravity: TurnGravity) -> list[Claimed]:
 
 
 def _named_claims(twin: Twin, naming: Naming) -> list[Claimed]:
-
     claims = []
     numbers = {claim.effect.id: i for i, claim in enumerate(naming.fit.state.claims)}
     freedom = max(len(naming.fit.r) - naming.fit.J.shape[1], 1)

@@ -13,6 +13,7 @@ from session.logfile import Log
 from session.units import DEG
 from tinygc import closure, rotation
 from tinygc.explain import registers
+from tinygc.explain.false_readings import find_glitches, without_glitches
 from tinygc.explain.refit import refit
 from tinygc.explain.twin import Twin
 from tinygc.explain.whitening import Whitener
@@ -76,12 +77,11 @@ def _without_clipped(problem: Problem, found: dict) -> Problem:
 def _without_glitches(problem: Problem, found: dict) -> Problem:
     rows, lengths, logs, before = [], [], [], 0
     for log in problem.session.logs:
-        samples = problem.session.calibrated(log)
-        glitches = registers.find_glitches(registers.find_jumps(samples), samples.duration_s)
+        glitches = find_glitches(log.samples)
         if glitches is not None:
             rows += (glitches.rows + before).tolist()
             lengths += glitches.samples.tolist()
-            log = replace(log, samples=registers.without_glitches(log.samples, glitches))
+            log = replace(log, samples=without_glitches(log.samples, glitches))
         before += len(log.samples)
         logs.append(log)
     if not rows:

@@ -88,7 +88,7 @@ def name_effects(
         progress(f"naming, round {len(effects) + 1}")
         ids = {effect.id for effect in effects}
         rest = [effect for effect in tried if effect.id not in ids]
-        selection = _selection(twin, whiten, fit, rest, seed)
+        selection = selection_of(twin, whiten, fit, rest, seed)
         if not selection.groups:
             break
         log_p = selection.log_p(fit.r)
@@ -113,7 +113,8 @@ def name_effects(
     return Naming(first, first_p, fit, sorted(result, key=lambda n: -n.gain))
 
 
-def _selection(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int) -> Selection:
+def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int) -> Selection:
+    """The candidates' columns, whitened, against what the fit already has."""
     columns = {
         number: whiten(twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked()) for number, effect in enumerate(rest)
     }
@@ -149,7 +150,7 @@ def _sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effe
     for _ in range(3):
         (at,) = effect.shape.values()
         trials = catalogue()[effect.id].variants(np.linspace(at - reach, at + reach, 15))
-        gains = _selection(twin, whiten, fit, trials, 0).gains(fit.r)
+        gains = selection_of(twin, whiten, fit, trials, 0).gains(fit.r)
         effect = trials[max(gains, key=gains.get)]
         reach /= 6
     return effect
@@ -173,7 +174,7 @@ def _stand_ins(twin, whiten, effects, effect: Effect, fit: Refit, tried: list[Ef
     ids = {other.id for other in effects}
     base = refit(twin, whiten, others, fit.state)
     rest = [candidate for candidate in tried if candidate.id not in ids]
-    selection = _selection(twin, whiten, base, rest, seed)
+    selection = selection_of(twin, whiten, base, rest, seed)
     gains = selection.gains(base.r)
     bar = 0.9 * (base.chi_square - fit.chi_square) - STAND_IN
     found = []

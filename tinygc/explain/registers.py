@@ -1,13 +1,13 @@
-"""The registers themselves: isolated false readings, samples that were lost while the stamps closed up, levels that are not left.
+"""The registers themselves: samples that were lost while the stamps closed up, levels that are not left.
 
 A hand moves smoothly, and the sensor's filter smooths it further: the third difference of the readings holds noise and little else.
-A jump stands out there by its own size.  A false reading jumps away and back, in the gyro alone.  A loss jumps once, for good, in gyro
-and accelerometer together.  What is found can be repaired, so that the rest of the recording is still worth explaining.
+A jump stands out there by its own size.  A loss jumps once, for good, in gyro and accelerometer together (a false reading jumps away
+and back: ``false_readings``).  What is found can be repaired, so that the rest of the recording is still worth explaining.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -24,20 +24,12 @@ SPIKE, FLANK = 0.75, 0.2
 CORNER = 3 * 9 * 2
 #: s: where that scatter is taken, and what a sensor's filter takes to start
 NEIGHBOURHOOD_S, START_S = 0.2, 0.1
-LONGEST_GLITCH = 8  #: samples
+ALONE = 8  #: samples on either side of a loss without another jump
 SIDE = 4  #: samples on either side from which what was lost is bridged
 #: a loss shows in the accelerometer, too: most of them by at least this (noise alone: 0.9); where a rate clips it does not
 LOSS_IN_ACCEL = 3.0
 #: losses and false readings are rare: more than one a second is another thing
 PER_SECOND = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class Glitches:
-    """False readings: rows where each begins, and samples, how many each lasts."""
-
-    rows: np.ndarray
-    samples: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +50,22 @@ class Ceiling:
 
 def find_jumps(samples: Samples) -> Jumps:
     """All steps that a smooth movement does not make."""
-    values = np.concatenate([samples.gyro, samples.accel], axis=1)
-    third = np.diff(values, 3, axis=0)
-    size = third / _neighbourhood(np.abs(third), samples.period_s)
+    size, _ = third_differences(samples)
     total = np.sqrt(np.sum(size**2, axis=1))
-    total[: round(START_S / samples.period_s)] = 0
     high = np.flatnonzero(total > JUMP)
     # A step between rows k and k+1 is in the third differences k-2, k-1, k as 1, -2, 1.
     peaks = [i for i in high if total[i] >= total[max(i - 2, 0) : i + 3].max()]
     steps = dict(step for i in peaks for step in _steps_at(i, size, total))
     return Jumps(np.array(sorted(steps), dtype=int), np.array([steps[row] for row in sorted(steps)]).reshape(-1, 6))
+
+
+def third_differences(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Third differences (N - 3, 6) of gyro and accelerometer in their neighbourhood's own scatter, and that scatter (N - 3, 6)."""
+    third = np.diff(np.concatenate([samples.gyro, samples.accel], axis=1), 3, axis=0)
+    scatter = _neighbourhood(np.abs(third), samples.period_s)
+    size = third / scatter
+    size[: round(START_S / samples.period_s)] = 0
+    return size, scatter
 
 
 def _steps_at(i: int, size: np.ndarray, total: np.ndarray) -> list[tuple[int, np.ndarray]]:
@@ -90,33 +88,15 @@ def _neighbourhood(absolute: np.ndarray, period_s: float) -> np.ndarray:
     step = max(round(NEIGHBOURHOOD_S / period_s), 4)
     count = len(absolute) // step
     if count < 5:
-        return np.maximum(np.median(absolute, axis=0) / 0.6745, 1e-12)
+        return np.broadcast_to(np.maximum(np.median(absolute, axis=0) / 0.6745, 1e-12), absolute.shape)
     coarse = np.median(absolute[: count * step].reshape(count, step, -1), axis=1) / 0.6745
     coarse = np.maximum(maximum_filter1d(coarse, 3, axis=0), np.median(coarse, axis=0))
     return np.maximum(coarse, 1e-12)[np.minimum(np.arange(len(absolute)) // step, count - 1)]
 
 
-def find_glitches(jumps: Jumps, duration_s: float) -> Glitches | None:
-    """Pairs of steps in the gyro alone, the second undoing the first within some samples."""
-    rows, lengths, i = [], [], 0
-    while i + 1 < len(jumps.rows):
-        length = int(jumps.rows[i + 1] - jumps.rows[i])
-        away, back = jumps.size[i], jumps.size[i + 1]
-        gyro, accel = np.linalg.norm(away[:3] - back[:3]), np.linalg.norm(away[3:]) + np.linalg.norm(back[3:])
-        undone = np.linalg.norm(away[:3] + back[:3]) < 0.5 * gyro
-        if length <= LONGEST_GLITCH and undone and accel < gyro:
-            rows.append(int(jumps.rows[i]) + 1)
-            lengths.append(length)
-            i += 1
-        i += 1
-    if not rows or len(rows) > PER_SECOND * duration_s:
-        return None
-    return Glitches(np.array(rows), np.array(lengths))
-
-
 def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
     """Rows (L,) after which samples may be missing: steps that stay, in gyro and accelerometer alike."""
-    alone = np.array([np.sum(np.abs(jumps.rows - row) <= LONGEST_GLITCH) == 1 for row in jumps.rows], dtype=bool)
+    alone = np.array([np.sum(np.abs(jumps.rows - row) <= ALONE) == 1 for row in jumps.rows], dtype=bool)
     rows, accel = jumps.rows[alone], np.linalg.norm(jumps.size[alone, 3:], axis=1)
     if not len(rows) or np.median(accel) < LOSS_IN_ACCEL or len(rows) > PER_SECOND * duration_s:
         return rows[:0]
@@ -131,19 +111,20 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> Ceiling | None:
             values = sign * samples.gyro[:, axis]
             top = values.max()
             if top > 0.05 * full_scale_rps:
-                at = values >= top - _lsb(samples.gyro[:, axis])
+                at = values >= top - lsb(samples.gyro[:, axis])
                 quiet = np.diff(samples.gyro[:, axis])
-                bar = run_bar(float(np.median(np.abs(quiet))) / 0.6745 / np.sqrt(2), 2 * _lsb(samples.gyro[:, axis]))
+                bar = run_bar(float(np.median(np.abs(quiet))) / 0.6745 / np.sqrt(2), 2 * lsb(samples.gyro[:, axis]))
                 start, stop = _longest_run(at)
                 if stop - start >= bar:
-                    found.append((top, at, _has_corners(values, start, stop, _lsb(samples.gyro[:, axis]))))
+                    found.append((top, at, _has_corners(values, start, stop, lsb(samples.gyro[:, axis]))))
     if not any(corners for _, _, corners in found):
         return None
     level = float(np.median([top for top, _, _ in found]))
     return Ceiling(level, np.any([at for _, at, _ in found], axis=0))
 
 
-def _lsb(values: np.ndarray) -> float:
+def lsb(values: np.ndarray) -> float:
+    """The smallest step between readings (N,); 0 where there is none."""
     distinct = np.unique(np.abs(np.diff(values[:20000])))
     return float(distinct[distinct > 1e-9][0]) if (distinct > 1e-9).any() else 0.0
 
@@ -158,15 +139,6 @@ def _longest_run(mask: np.ndarray) -> tuple[int, int]:
 def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
     beyond = values[[max(start - (stop - start), 0), min(stop + (stop - start), len(values)) - 1]]
     return bool(values[start] - beyond.max() > CORNER * lsb)
-
-
-def without_glitches(samples: Samples, glitches: Glitches) -> Samples:
-    """False readings replaced by a straight line between their neighbours."""
-    gyro = samples.gyro.copy()
-    for row, count in zip(glitches.rows, glitches.samples, strict=True):
-        share = np.arange(1, count + 1)[:, None] / (count + 1)
-        gyro[row : row + count] = (1 - share) * gyro[row - 1] + share * gyro[row + count]
-    return replace(samples, gyro=gyro)
 
 
 def with_lost(samples: Samples, rows: np.ndarray, count: int) -> Samples:

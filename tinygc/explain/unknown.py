@@ -12,28 +12,41 @@ import numpy as np
 
 from session.units import DEG
 from tinygc.effects._effect import Effect, Movement, Parameter, diagonal
+from tinygc.explain.movement import without_vibration
 from tinygc.explain.twin import Twin
 
 #: orders of the smooth curves
 ORDERS = (2, 3, 4, 5)
+#: powers of the rate, each whether it changes sign with the rate
+RATE_POWERS = ((1.5, True), (2, False), (2, True), (5, True))
 PLAUSIBLE_RPS = 5 * DEG
 
 
 def unknown_candidates(twin: Twin) -> list[Effect]:
     """Shapes to try on this recording."""
     duration = twin.movements[0].duration_s
-    interval = duration / max(len(twin.stills), 2)
-    found = [_periodic(1 / period) for period in np.geomspace(2.2 * interval, duration, 40)]
     # Within the sampling of the stills a line above their rate shows folded; the segments still see it.
-    found += [_periodic(frequency) for frequency in np.arange(0.5 / interval, 3.0, 1 / duration)]
+    fast = [_periodic(frequency) for frequency in np.arange(0.5 / _interval(twin), 3.0, 1 / duration)]
+    return slow_candidates(twin) + fast
+
+
+def slow_candidates(twin: Twin) -> list[Effect]:
+    """Those that follow a slow variable or the movement: all but the lines above the stills' rate, of which there are hundreds."""
+    duration = twin.movements[0].duration_s
+    found = [_periodic(1 / period) for period in np.geomspace(2.2 * _interval(twin), duration, 40)]
     found += [_curve("time", "s", lambda m: 2 * m.t_s / m.duration_s - 1, order) for order in ORDERS]
     if np.isfinite(twin.movements[0].temp_c).all():
         low, high = (f([f(movement.temp_c) for movement in twin.movements]) for f in (np.min, np.max))
         if high - low > 0.5:
             found += [_curve("temperature", "°C", lambda m: 2 * (m.temp_c - low) / (high - low) - 1, order) for order in ORDERS]
     found += [_attitude(order) for order in (2, 3)]
-    found += [_world(), _rate_curve(2), _rate_curve(5), _products()]
-    return found
+    found += [_world(), _products()]
+    return found + [_rate_curve(power, odd) for power, odd in RATE_POWERS]
+
+
+def _interval(twin: Twin) -> float:
+    """s between stills"""
+    return twin.movements[0].duration_s / max(len(twin.stills), 2)
 
 
 def _finding(name: str, equation: str, size: int, columns, says: str, regime: tuple[str, str]) -> Effect:
@@ -77,7 +90,7 @@ def _attitude(order: int) -> Effect:
     powers = [p for n in range(1, order + 1) for p in _powers(n)]
 
     def columns(movement: Movement) -> np.ndarray:
-        down = movement.force_g
+        down = without_vibration(movement.force_g, movement.dt_s)  # whose square is a matter of vibration, not of attitude
         return np.concatenate([diagonal(np.prod(down ** np.array(p), axis=1)) for p in powers], axis=-1)
 
     return _finding(
@@ -108,16 +121,18 @@ def _world() -> Effect:
     )
 
 
-def _rate_curve(order: int) -> Effect:
+def _rate_curve(power: float, odd: bool) -> Effect:
     def columns(movement: Movement) -> np.ndarray:
-        return diagonal(movement.fs_rps * (movement.rate / movement.fs_rps) ** order)
+        u = movement.rate / movement.fs_rps
+        return diagonal(movement.fs_rps * (np.sign(u) if odd else 1.0) * np.abs(u) ** power)
 
+    shape = f"sign(ω_i) |ω_i / FS|^{power:g}" if odd else f"|ω_i / FS|^{power:g}"
     return _finding(
         "curve_over_rate",
-        f"ω_i += c_i FS (ω_i / FS)^{order}",
+        f"ω_i += c_i FS {shape}",
         3,
         columns,
-        f"the scale bends with the rate like its power {order}",
+        f"the {'scale' if odd else 'zero'} bends with the rate, like {shape}",
         ("rate", "dps"),
     )
 

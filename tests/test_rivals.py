@@ -1,0 +1,45 @@
+"""A curve without a name that does better than every name: then no name is given."""
+
+import numpy as np
+import pytest
+
+from session.folder import read_session
+from session.units import DEG
+from tinygc.explain.explain import explain_session
+from tinygc.explain.movement import conditions, movement_of
+from tinygc.problem import build_problem
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
+
+OPTIONS = SimulationOptions(segments=30, closure_s=0.0, warm_up_c=12.0, seed=5)
+MIDDLE_C = OPTIONS.temperature_start_c + 6.0
+CURVE = np.array([0.002, -0.003, 0.0025]) * DEG  # rad/s per K^2
+
+
+def explained(folder, distort):
+    return explain_session(write_session(OPTIONS, folder / "session", distort=distort))
+
+
+def test_a_zero_with_a_turning_point_in_temperature_is_given_no_name(tmp_path):
+    """Steps, drifts and lines can be put together so that they take up 98 % of it: a smooth curve takes up all, with half the numbers."""
+    result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer((temp - MIDDLE_C) ** 2, CURVE))
+    assert result.verdict == "unexplained"
+    assert result.claimed == []
+    assert [finding.effect.id for finding in result.findings] == ["unknown.curve_over_temperature"]
+
+
+def test_a_straight_line_in_temperature_keeps_its_name(tmp_path):
+    result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer(temp - MIDDLE_C, 2 * CURVE))
+    assert [claim.effect.id for claim in result.claimed] == ["gyro.thermal_bias"]
+    assert result.findings == []
+
+
+def test_the_energy_of_a_broad_vibration_is_whole(tmp_path):
+    """0.2 g rms on each axis is 0.04 g^2, however many samples the hand's own movement is averaged over."""
+    session = read_session(write_session(OPTIONS, tmp_path / "session"))
+    samples = session.logs[0].samples
+    known = conditions(build_problem(session))
+    quiet = movement_of(samples, samples.gyro, known).vibration_g2
+    shaken = samples.accel + 0.2 * 9.80665 * np.random.default_rng(1).standard_normal(samples.accel.shape)
+    energy = movement_of(type(samples)(samples.t_ns, samples.gyro, shaken, samples.temp_c), samples.gyro, known).vibration_g2
+    assert energy.mean() - quiet.mean() == pytest.approx(0.04, rel=0.01)

@@ -14,11 +14,12 @@ from session.check import Finding, check_session
 from session.errors import DataError
 from session.folder import Session, read_session
 from session.units import DEG, G
-from tinygc import models
+from tinygc import models, saved_fit
 from tinygc.closure_run import ClosureRun, read_closure_runs
 from tinygc.files import write_whole
 from tinygc.methods import FitOptions, MethodFit, closure_angles, run_method
 from tinygc.problem import Problem, build_problem
+from tinygc.provenance import input_hashes
 from tinygc.uncertainty import GoodnessOfFit, goodness, parameter_covariance
 
 if TYPE_CHECKING:
@@ -33,7 +34,8 @@ class FitResult:
 
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
     ``goodness.excess``; other_choice: least squares with the opposite choice of still rates; first_order_rad: the largest error of
-    the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None.
+    the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
+    were not fitted again, but taken from what had been saved.
     """
 
     problem: Problem
@@ -48,14 +50,21 @@ class FitResult:
     first_order_rad: float
     warnings: list[Finding]
     physics: PhysicsFit | None = None
+    reused: tuple[str, ...] = ()
 
     @property
     def session(self) -> Session:
         return self.problem.session
 
 
-def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int, int], None] = lambda what, done, of: None) -> FitResult:
-    """Run the main job.  ``progress`` is told what is being done, and how far it is.
+def fit_session(
+    folder: Path,
+    options: FitOptions,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    saved: Path | None = None,
+) -> FitResult:
+    """Run the main job.  ``progress`` is told what is being done, and how far it is; saved: a folder of ``save_models`` whose methods are
+    taken as they are where they were made from the same files with the same options.
 
     Raises DataError for the first error of the first look, and the errors of ``read_session``, ``build_problem``,
     ``read_closure_runs`` and of the methods.
@@ -66,9 +75,11 @@ def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int,
     stop_at_errors(findings)
     problem = build_problem(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
     runs = read_closure_runs(problem)
+    known = {} if saved is None else saved_fit.saved_methods(saved, problem, options, input_hashes(session))
     fits: dict[str, MethodFit] = {}
     for name in options.methods:
-        fits[name] = run_method(name, problem, options, lambda done, of, name=name: progress(name.replace("_", " "), done, of), fits)
+        told = lambda done, of, name=name: progress(name.replace("_", " "), done, of)  # noqa: E731
+        fits[name] = known.get(name) or run_method(name, problem, options, told, fits)
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or run_method("least_squares", problem, options)
     physics = None
@@ -99,6 +110,7 @@ def fit_session(folder: Path, options: FitOptions, progress: Callable[[str, int,
         covariance=covariance,
         other_choice=other,
         warnings=[finding for finding in findings if finding.level == "warning"],
+        reused=tuple(name for name in options.methods if name in known),
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
     )
 
@@ -161,6 +173,7 @@ def to_json(result: FitResult) -> dict:
                 "train": closure_figures(fit.angles),
                 "holdout": closure_figures(fit.held_out),
                 **({"denoiser": fit.notes["denoiser"]} if "denoiser" in fit.notes else {}),
+                **saved_fit.figures(fit),
             }
             for name, fit in result.methods.items()
         },
@@ -181,6 +194,7 @@ def to_json(result: FitResult) -> dict:
             "integrator": result.options.integrator,
             "optimizer": result.options.optimizer,
         },
+        "made_from": saved_fit.key(result.options, input_hashes(result.session)),
         "version": tinygc.__version__,
     }
 

@@ -58,7 +58,7 @@ def _headline(result: FitResult) -> Text:
     text = Text(f"{result.session.name}: ", "bold")
     text.append(
         f"{len(problem.stills)} stills, {len(problem.segments)} segments, {len(problem.used)} used; "
-        f"gyro noise {noise[0]:.1f} {noise[1]:.1f} {noise[2]:.1f} mdps/√Hz; {_earth_words(result)}\n",
+        f"gyro noise {noise[0]:.1f} {noise[1]:.1f} {noise[2]:.1f} mdps/√Hz; {earth_words(result)}\n",
         "not bold",
     )
     for segment in rejected:
@@ -69,7 +69,7 @@ def _headline(result: FitResult) -> Text:
     return text
 
 
-def _earth_words(result: FitResult) -> str:
+def earth_words(result: FitResult) -> str:
     groups, asked = len(result.problem.earths), result.session.config.site.heading_deg
     words = _heading_words(result)
     if asked is not None and result.problem.earth.source == "estimated":

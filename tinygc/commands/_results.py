@@ -23,7 +23,19 @@ def try_destinations(args: argparse.Namespace, default: str) -> None:
     """Refuse before the work, not after it, what cannot be written: make the folder, write there, and take both away again."""
     if args.out is None and not args.folder.is_dir():
         return  # the reading of the session has more to say
-    folder = args.out or args.folder / default
+    _try_folder(args.out or args.folder / default, args, "another folder")
+
+
+def try_file(args: argparse.Namespace, path: Path) -> None:
+    """The same where the result is one file."""
+    if args.out is None and not args.folder.is_dir():
+        return
+    if path.is_dir():
+        raise CalibrationError(f"{path}: that is a folder; give --out a file")
+    _try_folder(path.parent, args, "another file")
+
+
+def _try_folder(folder: Path, args: argparse.Namespace, instead: str) -> None:
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -31,7 +43,7 @@ def try_destinations(args: argparse.Namespace, default: str) -> None:
         if args.json is not None and str(args.json) != "-":
             _try_json(args.json)
     except OSError as error:
-        raise CalibrationError(f"{error.filename or folder}: {error.strerror or error}; give --out another folder") from None
+        raise CalibrationError(f"{error.filename or folder}: {error.strerror or error}; give --out {instead}") from None
     finally:
         for path in missing:
             with contextlib.suppress(OSError):

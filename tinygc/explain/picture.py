@@ -9,10 +9,10 @@ import numpy as np
 
 from session.errors import CalibrationError
 from session.units import DEG
+from tinygc.explain.drawn import added_in_stills, rates_per_still, segment_peak, still_variable, told
 from tinygc.explain.explain import Claimed, Explanation
 from tinygc.explain.pages import VERDICTS
 from tinygc.explain.proof import tilt_rms
-from tinygc.explain.twin import Twin
 
 COLOURS = {"x": "#c0392b", "y": "#27804a", "z": "#2c5fa8"}
 BEFORE, AFTER, FLOOR = "#c0392b", "#2c5fa8", "#777777"
@@ -26,7 +26,7 @@ def draw(e: Explanation, path: Path) -> None:
         raise CalibrationError("pictures need matplotlib: python -m pip install 'tinygc[plot]', or use --no-pictures") from None
     figure = Figure(figsize=(13, 8), layout="constrained")
     top, bottom = figure.subplots(2, 2, gridspec_kw={"height_ratios": [1.15, 1]})
-    claim = _told(e)
+    claim = told(e)
     _along_variable(e, claim, top[0])
     _recorded_against_modelled(e, claim, top[1])
     _closure(e, bottom[0])
@@ -38,33 +38,12 @@ def draw(e: Explanation, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _told(e: Explanation) -> Claimed | None:
-    """The strongest effect that adds to the rates, which is what can be drawn against a variable."""
-    return next((claim for claim in [*e.claimed, *e.findings] if claim.effect.kind == "rate"), None)
-
-
-def _per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
-    """Residual rates (Q, 3) dps in the stills, before and after."""
-    twin = e.twin
-    before = twin.residuals(e.naming.first.state, e.naming.first.rates).still / DEG
-    after = twin.residuals(e.naming.fit.state, e.naming.fit.rates).still / DEG
-    return before, after
-
-
-def _added_in_stills(twin: Twin, claim: Claimed, rates: list[np.ndarray]) -> np.ndarray:
-    """(Q, 3) dps that the effect adds to each still's mean rate."""
-    name, parameter = claim.effect.parameter.name, claim.effect.parameter
-    theta = np.ravel(claim.parameters[name]) * parameter.si
-    by_log = [claim.effect.columns(m.with_rate(rate)) @ theta for m, rate in zip(twin.movements, rates, strict=True)]
-    return np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in twin.stills]) / DEG
-
-
 def _along_variable(e: Explanation, claim: Claimed | None, axes) -> None:
     """Closure, or rate in the stills, along the variable that the effect follows."""
     twin = e.twin
     variable, units = claim.effect.regime if claim else ("time", "s")
     if claim is not None and "still" not in claim.effect.seen_in:
-        x = _segment_peak(twin, variable, [segment for segment in twin.segments])
+        x = segment_peak(twin, variable)
         numbers = [segment.number for segment in twin.segments]
         index = {number: i for i, number in enumerate(e.proof.before_numbers)}
         before = np.array([np.linalg.norm(e.proof.before[index[n]][:2]) if n in index else np.nan for n in numbers]) / DEG
@@ -77,8 +56,8 @@ def _along_variable(e: Explanation, claim: Claimed | None, axes) -> None:
         )
         axes.legend()
         return
-    before, after = _per_still(e)
-    x = _still_variable(twin, variable)
+    before, after = rates_per_still(e)
+    x = still_variable(twin, variable)
     for i, axis in enumerate("xyz"):
         axes.plot(x, before[:, i] * 1e3, "o", color=COLOURS[axis], label=f"{axis} before")
         axes.plot(x, after[:, i] * 1e3, "o", mfc="none", color=COLOURS[axis], label=f"{axis} after")
@@ -88,30 +67,11 @@ def _along_variable(e: Explanation, claim: Claimed | None, axes) -> None:
     axes.legend(ncols=3, fontsize=8)
 
 
-def _still_variable(twin: Twin, variable: str) -> np.ndarray:
-    pick = {
-        "temperature": lambda m, s: m.temp_c[s.start : s.stop].mean(),
-        "attitude": lambda m, s: -s.accel_mean[2] / s.gravity_mps2,
-    }.get(variable, lambda m, s: m.t_s[s.start])
-    return np.array([pick(twin.movements[log], still) for log, still in twin.stills])
-
-
-def _segment_peak(twin: Twin, variable: str, segments) -> np.ndarray:
-    read = {
-        "rate": lambda m: np.abs(m.rate).max(axis=1) / DEG,
-        "angular acceleration": lambda m: np.abs(m.acceleration).max(axis=1),
-        "vibration": lambda m: m.vibration_g2,
-        "temperature": lambda m: m.temp_c,
-    }.get(variable, lambda m: m.t_s)
-    values = [read(movement) for movement in twin.movements]
-    return np.array([values[s.log][s.start : s.stop].max() for s in segments])
-
-
 def _recorded_against_modelled(e: Explanation, claim: Claimed | None, axes) -> None:
     """Each still's rate and what the effect says it should be; or the two channels' sigmas where no rate effect is told."""
     if claim is not None and "still" in claim.effect.seen_in and claim in e.claimed:
-        modelled = _added_in_stills(e.twin, claim, e.naming.fit.rates) * 1e3
-        _, after = _per_still(e)
+        modelled = added_in_stills(e.twin, claim, e.naming.fit.rates) * 1e3
+        _, after = rates_per_still(e)
         recorded = modelled + after * 1e3
         for i, axis in enumerate("xyz"):
             axes.plot(modelled[:, i], recorded[:, i], "o", color=COLOURS[axis], label=axis, ms=4)
@@ -149,8 +109,8 @@ def _closure(e: Explanation, axes) -> None:
 
 def _stills_in_time(e: Explanation, axes) -> None:
     """Rate in each still over the session: where drifts, steps and stills that are none show."""
-    before, after = _per_still(e)
-    t = _still_variable(e.twin, "time")
+    before, after = rates_per_still(e)
+    t = still_variable(e.twin, "time")
     for i, axis in enumerate("xyz"):
         axes.plot(t, before[:, i] * 1e3, "-", color=COLOURS[axis], lw=0.8, alpha=0.6)
         axes.plot(t, after[:, i] * 1e3, "o", mfc="none", color=COLOURS[axis], ms=4, label=axis)

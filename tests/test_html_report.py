@@ -1,0 +1,273 @@
+"""``calibrate.py report``: one file that needs nothing else, says what fit says, and lets nothing through from a file's text."""
+
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from conftest import Table, write_session
+
+import calibrate
+from session.units import DEG
+from tinygc.html_report import numbers
+from tinygc.html_report.chart import Axis, Chart, log_axis
+from tinygc.html_report.sphere import coverage
+from tinygc.html_report.style import COLOURS, PAGE
+
+QUICK = ("--methods", "raw,least_squares", "--no-explain", "--quiet")
+WHOLE = ("--methods", "raw,raw_bias_removed,least_squares", "--quiet")
+VOID = {"meta", "link", "br"}
+
+
+def report_of(folder, out, *arguments):
+    assert calibrate.main(["report", str(folder), "--out", str(out), *arguments]) in (0, 1)
+    return out
+
+
+@pytest.fixture(scope="module")
+def text(simulated, tmp_path_factory):
+    return report_of(simulated(), tmp_path_factory.mktemp("report") / "report.html", *WHOLE).read_text(encoding="utf-8")
+
+
+class Strict(HTMLParser):
+    """Every element is closed in its order; ids are unique; nothing runs, nothing is fetched."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.ids, self.tags, self.words = [], [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        for name, value in attributes:
+            assert not name.startswith("on"), (tag, name)
+            if name == "id":
+                self.ids.append(value)
+            if name in ("src", "href", "xlink:href"):
+                assert value.startswith(("#", "data:")), (tag, value)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def parsed(text):
+    parser = Strict()
+    parser.feed(text)
+    parser.close()
+    assert parser.open == []
+    assert len(parser.ids) == len(set(parser.ids))
+    return parser
+
+
+def test_it_is_one_well_formed_file_without_a_script(text):
+    parser = parsed(text)
+    assert {"script", "img", "iframe", "object", "form"}.isdisjoint(parser.tags)
+    assert "default-src 'none'" in text
+    assert len(text) < 1_500_000
+    assert not re.search(r"\b(nan|inf|None)\b", " ".join(parser.words))
+
+
+def test_it_has_every_part(text):
+    for part in (
+        "answer",
+        "session",
+        "methods",
+        "closure",
+        "runs",
+        "parameters",
+        "correlations",
+        "noise",
+        "explain",
+        "apply",
+        "provenance",
+    ):
+        assert f'id="{part}"' in text
+    assert "Calibration report" in text
+    assert "no certificate" in text
+    assert "not observable here" in text  # of 2 s stills no bias instability can be had
+
+
+def test_its_figures_are_those_of_fit(simulated, tmp_path):
+    out, table, fitted = tmp_path / "r.html", tmp_path / "r.json", tmp_path / "f.json"
+    report_of(simulated(), out, *QUICK, "--json", str(table))
+    calibrate.main(["fit", str(simulated()), "--methods", "raw,least_squares", "--out", str(tmp_path), "--json", str(fitted), "--quiet"])
+    report, fit = json.loads(table.read_text()), json.loads(fitted.read_text())
+    assert report["closure"]["holdout_tilt_rms_deg"] == fit["methods"]["least_squares"]["holdout"]["tilt_rms_deg"]
+    assert report["closure"]["runs"][0]["rmse_deg"] == pytest.approx(fit["closure_runs"][0]["least_squares"]["rmse_deg"])
+    page = out.read_text(encoding="utf-8")
+    assert numbers.degrees(report["closure"]["holdout_tilt_rms_deg"] * DEG) in page
+    for entry in report["parameters"]:
+        if entry["value"] is not None:
+            value, expanded = numbers.with_uncertainty(entry["value"], entry["expanded_uncertainty"])
+            assert f"{value} <small>± {expanded}</small>" in page
+    for digest in report["inputs"].values():
+        assert digest in page
+
+
+def test_its_code_calibrates_as_the_model_does(simulated, text):
+    """The Python of the page, run as it stands, against the numbers of its own table."""
+    from html import unescape
+
+    program = next(unescape(found) for found in re.findall(r"<code>(.*?)</code>", text, re.S) if found.startswith("import numpy"))
+    names = {"registers": np.array([[100.0, -2000.0, 300.0]])}
+    exec(program, names)
+    assert names["omega"][0] == pytest.approx(names["E"] @ (names["registers"][0] * 17.5e-3 * DEG) + names["B"])
+    offered = re.search(r"data:application/json;base64,([^\"]+)", text).group(1)
+    from base64 import b64decode
+
+    from tinygc.models import from_dict
+
+    model = from_dict(json.loads(b64decode(offered)))
+    assert names["E"] == pytest.approx(model.E, rel=1e-9)
+
+
+@pytest.mark.parametrize(("limit", "code", "word"), [("5", 0, "Pass"), ("0.0001", 1, "Fail")])
+def test_the_limit_decides(simulated, tmp_path, capfd, limit, code, word):
+    out = tmp_path / "r.html"
+    assert calibrate.main(["report", str(simulated()), "--out", str(out), *QUICK, "--limit", limit]) == code
+    assert f"</svg>{word}</span>" in out.read_text(encoding="utf-8")
+    assert ("above --limit" in capfd.readouterr().err) == bool(code)
+
+
+def test_what_fit_saved_is_taken_again_and_only_if_it_is_the_same(simulated, tmp_path):
+    folder = tmp_path / "s"
+    shutil.copytree(simulated(), folder)
+    methods = ("--methods", "raw,least_squares,tinygc")
+    calibrate.main(["fit", str(folder), *methods, "--quiet"])
+    tables = {}
+    for name, arguments in {"same": (), "other": ("--folds", "4")}.items():
+        out = tmp_path / f"{name}.html"
+        report_of(folder, out, *methods, "--no-explain", "--quiet", "--json", str(tmp_path / name), *arguments)
+        tables[name] = "Taken from the session" in out.read_text(encoding="utf-8")
+    assert tables == {"same": True, "other": False}
+    with (folder / "session.toml").open("a") as file:
+        file.write("\n# a word\n")
+    out = report_of(folder, tmp_path / "changed.html", *methods, "--no-explain", "--quiet")
+    assert "Taken from the session" not in out.read_text(encoding="utf-8")
+
+
+def test_a_broken_saved_fit_is_not_believed(simulated, tmp_path):
+    folder = tmp_path / "s"
+    shutil.copytree(simulated(), folder)
+    calibrate.main(["fit", str(folder), "--methods", "raw,least_squares", "--quiet"])
+    (folder / "fit" / "model_least_squares.json").write_text('{"schema": "tinygc-model/1"')
+    out = report_of(folder, tmp_path / "r.html", *QUICK)
+    assert "Taken from the session" not in out.read_text(encoding="utf-8")
+
+
+def test_text_from_files_stays_text(simulated, tmp_path):
+    evil = "</style><script>alert(1)</script><img src=x onerror=alert(1)>\"'&"
+    folder = tmp_path / "<b>s&amp;"
+    shutil.copytree(simulated(), folder)
+    config = folder / "session.toml"
+    config.write_text(re.sub(r"^(model|serial) = .*$", lambda found: f"{found[1]} = {json.dumps(evil)}", config.read_text(), flags=re.M))
+    (folder / "closure0001.csv.gz").rename(folder / "closure<i>1.csv.gz")
+    page = report_of(folder, tmp_path / "r.html", *QUICK).read_text(encoding="utf-8")
+    parser = parsed(page)
+    assert {"script", "img", "i>1.csv.gz"}.isdisjoint(parser.tags)
+    assert evil in "".join(parser.words)
+    assert "closure<i>1.csv.gz" in "".join(parser.words)
+
+
+def test_what_a_session_lacks_is_said(tmp_path):
+    """No temperature, no latitude, no closure run, turns about two axes only, a log in physical units."""
+    samples = Table()
+    for k in range(12):
+        samples.rest(2).turn(90 if k % 2 else -70, (1, 0, 0) if k % 3 else (0, 1, 0), 2)
+    samples.rest(2)
+    folder = write_session(tmp_path / "s", samples.samples(odr_hz=208, seed=3))
+    page = report_of(folder, tmp_path / "r.html", *QUICK).read_text(encoding="utf-8")
+    parsed(page)
+    assert "Not observable here:" in page
+    assert 'id="runs"' not in page
+
+
+def test_bad_destinations_are_refused_before_the_work(simulated, tmp_path, capfd):
+    assert calibrate.main(["report", str(simulated()), "--out", str(tmp_path), *QUICK]) == 2
+    assert "give --out a file" in capfd.readouterr().err
+    (tmp_path / "file").write_text("")
+    assert calibrate.main(["report", str(simulated()), "--out", str(tmp_path / "file" / "r.html"), *QUICK]) == 2
+    assert "--out another file" in capfd.readouterr().err
+    assert calibrate.main(["report", str(tmp_path / "none"), *QUICK]) == 2
+    assert "not found" in capfd.readouterr().err
+
+
+def test_the_same_twice_is_the_same_bytes(simulated, tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    pages = [report_of(simulated(), tmp_path / f"{k}.html", *QUICK).read_text(encoding="utf-8") for k in range(2)]
+    without_seconds = [re.sub(r"<td[^>]*>\d+\.\d\d</td></tr>", "", page) for page in pages]
+    assert without_seconds[0] == without_seconds[1]
+    assert "2023-11-14 22:13 UTC" in pages[0]
+
+
+@pytest.mark.parametrize("shade", [0, 1], ids=["light", "dark"])
+def test_colours_stand_out_from_the_page(shade):
+    """WCAG 2: 4.5 for letters, 3 for shapes."""
+
+    def luminance(colour):
+        channels = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+        return np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+    def contrast(a, b):
+        light, dark = sorted((luminance(a), luminance(b)), reverse=True)
+        return (light + 0.05) / (dark + 0.05)
+
+    for page in ("page", "panel"):
+        background = PAGE[page][shade]
+        assert contrast(PAGE["ink"][shade], background) > 7
+        assert contrast(PAGE["soft"][shade], background) > 4.5
+        for kind, colours in COLOURS.items():
+            assert contrast(colours[shade], background) > (3 if kind == "quiet" else 4.4), kind
+
+
+@pytest.mark.parametrize(
+    ("value", "expanded", "said"),
+    [
+        (-10782.54, 45.06, ("−10\u202f783", "45")),
+        (0.630723, 0.0023046, ("0.6307", "0.0023")),
+        (1.5, 0, ("2", "0")),
+        (-0.0001, 0.02, ("0.000", "0.020")),
+        (float("nan"), 1.0, ("–", "1.0")),
+    ],
+)
+def test_numbers_have_the_digits_that_are_known(value, expanded, said):
+    assert numbers.with_uncertainty(value, expanded) == said
+
+
+def test_a_chart_places_what_it_is_given():
+    chart = Chart(400, 200, Axis(0, 10, "x"), log_axis([0.01, 1.0]), "about <it>")
+    x, y = chart.at([0, 10], [chart.y.lo, chart.y.hi])
+    assert x == pytest.approx([chart.left, chart.left + chart.inner_width])
+    assert y == pytest.approx([chart.top + chart.inner_height, chart.top])
+    svg = chart.line(np.linspace(0, 10, 100_000), np.full(100_000, 0.5), "x").dots([1, 2], [np.nan, 0.5], "y").svg()
+    assert len(svg) < 40_000
+    assert svg.count("<circle") == 1
+    assert "about &lt;it&gt;" in svg
+
+
+def test_a_thinned_line_keeps_its_highest_point_and_its_gap():
+    y = np.zeros(50_000)
+    y[31_234], y[40_000:40_100] = 1.0, np.nan
+    chart = Chart(300, 200, Axis(0, 50_000), Axis(0, 1), "spike")
+    path = re.search(r'class="line k-x" d="([^"]+)"', chart.line(np.arange(50_000), y, "x").svg()).group(1)
+    heights = [float(pair.split()[1]) for pair in re.split("[ML]", path)[1:]]
+    assert min(heights) == pytest.approx(chart.top, abs=0.1)
+    assert path.count("M") == 2
+
+
+def test_coverage_counts_what_is_near():
+    assert coverage(np.zeros((0, 3))) == 0
+    assert coverage(np.array([[0, 0, 9.8]])) == pytest.approx((1 - np.cos(np.pi / 6)) / 2, abs=1e-3)
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    assert coverage(axes) == pytest.approx(6 * (1 - np.cos(np.pi / 6)) / 2, abs=2e-3)

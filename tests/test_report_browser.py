@@ -1,0 +1,74 @@
+"""The report in a real browser: nothing is fetched, nothing fails, every picture is drawn and can be read, wide and narrow."""
+
+from itertools import pairwise
+
+import pytest
+from browser import Browser, browser_path
+from test_html_report import WHOLE, report_of
+
+pytestmark = pytest.mark.skipif(browser_path() is None, reason="no Chromium here: the report is not looked at in a browser")
+
+#: what is seen of each picture: its size on the page, its own letters' size, and whether they stay inside it
+PICTURES = """[...document.querySelectorAll('figure svg')].filter(s => s.getClientRects().length).map(s => {
+  const box = s.getBoundingClientRect(), scale = box.width / s.viewBox.baseVal.width, texts = [...s.querySelectorAll('text')];
+  return {about: s.getAttribute('aria-label'), width: box.width, height: box.height,
+    shapes: s.querySelectorAll('path, circle, rect').length,
+    letters: Math.min(99, ...texts.map(t => parseFloat(getComputedStyle(t).fontSize) * scale)),
+    outside: texts.filter(t => { const b = t.getBoundingClientRect();
+      return b.left < box.left - 3 || b.right > box.right + 3 || b.top < box.top - 3 || b.bottom > box.bottom + 3;
+    }).map(t => t.textContent)}})"""
+#: elements that reach beyond the page's right edge, but for those that scroll by themselves
+SPILLED = """[...document.querySelectorAll('main *')].filter(e => !e.closest('.scroll, pre, svg')
+  && e.getBoundingClientRect().right > innerWidth + 1).map(e => e.tagName + ' ' + e.className)"""
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Browser(browser_path(), tmp_path_factory.mktemp("profile")) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def page(simulated, tmp_path_factory):
+    return report_of(simulated(), tmp_path_factory.mktemp("report") / "report.html", *WHOLE)
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 390])
+def test_every_picture_is_drawn_and_can_be_read(browser, page, width, dark):
+    browser.open(page, width, dark=dark)
+    assert browser.complaints() == []
+    assert browser.evaluate("document.documentElement.scrollWidth") <= width
+    assert browser.evaluate(SPILLED) == []
+    pictures = browser.evaluate(PICTURES)
+    assert len(pictures) >= 10
+    for picture in pictures:
+        assert picture["width"] > 250, picture
+        assert picture["height"] > 80, picture
+        assert picture["shapes"] > 5, picture
+        assert picture["letters"] >= 10, picture
+        assert picture["outside"] == [], picture
+    background = browser.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert (background == "rgb(255, 255, 255)") is not dark
+
+
+def test_headings_go_down_one_level_at_a_time_and_every_link_leads_somewhere(browser, page):
+    browser.open(page, 1280)
+    levels = browser.evaluate("[...document.querySelectorAll('h1,h2,h3')].map(h => +h.tagName[1])")
+    assert levels[0] == 1
+    assert levels.count(1) == 1
+    assert all(after <= before + 1 for before, after in pairwise(levels))
+    links = browser.evaluate("[...document.querySelectorAll('a[href^=\"#\"]')].map(a => !!document.getElementById(a.hash.slice(1)))")
+    assert links
+    assert all(links)
+
+
+def test_it_prints_on_white_and_in_full(browser, page):
+    browser.open(page, 1280, dark=True)
+    features = [{"name": "prefers-color-scheme", "value": "dark"}]
+    browser.ask("Emulation.setEmulatedMedia", {"media": "print", "features": features})
+    assert browser.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--page')") == "#ffffff"
+    assert browser.evaluate("getComputedStyle(document.querySelector('nav')).display") == "none"
+    printed = browser.ask("Page.printToPDF")["data"]
+    assert len(printed) > 50_000
+    browser.ask("Emulation.setEmulatedMedia", {"media": "", "features": []})

@@ -1,0 +1,35 @@
+"""The parts of a report, a file each, in their order.  Each is ``section(evidence)`` and gives a ``Section``, or None where the session
+has nothing to show for it."""
+
+from tinygc.html_report.sections import (
+    answer,
+    application,
+    attitudes_over_run,
+    closure_per_segment,
+    correlations,
+    denoising,
+    explanation,
+    methods,
+    noise,
+    parameters,
+    provenance,
+    recording,
+)
+
+SECTIONS = tuple(
+    module.section
+    for module in (
+        answer,
+        recording,
+        methods,
+        closure_per_segment,
+        attitudes_over_run,
+        parameters,
+        correlations,
+        noise,
+        denoising,
+        explanation,
+        application,
+        provenance,
+    )
+)

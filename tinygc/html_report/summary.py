@@ -1,0 +1,51 @@
+"""The report for other programs: ``tinygc-report/1``."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from session.units import DEG
+from tinygc.fit import run_figures
+from tinygc.html_report.evidence import Evidence
+from tinygc.html_report.numbers import tilt_rms
+
+SCHEMA = "tinygc-report/1"
+
+
+def summary(evidence: Evidence) -> dict:
+    """JSON-ready: decision, closure, every number of the parameter tables with its expanded uncertainty (k = 2), hashes, versions."""
+    adopted, decision = evidence.adopted, evidence.decision
+    return {
+        "schema": SCHEMA,
+        "session": evidence.fit.session.name,
+        "passed": decision.passed,
+        "rule": decision.rule,
+        "limit_deg": evidence.limit_deg,
+        "calibration": adopted.name,
+        "effects": [claim.effect.id for claim in adopted.claims],
+        "closure": {
+            "holdout_tilt_rms_deg": tilt_rms(adopted.angles) / DEG,
+            "floor_rms_deg": evidence.problem.floor.tilt_rms / DEG,
+            "p_value": adopted.closure_p,
+            "runs": [
+                {"file": run.file, **run_figures(error), "p_value": p}
+                for run, error, p in zip(evidence.fit.runs, adopted.run_errors, adopted.run_p, strict=True)
+            ],
+        },
+        "verdict": None if evidence.explanation is None else evidence.explanation.verdict,
+        "parameters": [
+            {
+                "parameter": q.word,
+                "component": q.component,
+                "unit": q.unit,
+                "value": q.value if q.observed else None,
+                "expanded_uncertainty": q.expanded if q.observed else None,
+                "coverage_factor": 2,
+                "at_most": q.at_most if isfinite(q.at_most) else None,
+            }
+            for q in evidence.quantities
+        ],
+        "inputs": evidence.hashes,
+        "versions": evidence.versions,
+        "made": evidence.made,
+    }

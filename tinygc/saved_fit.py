@@ -1,0 +1,52 @@
+"""What ``fit`` has saved, taken again where it was made from the same files, with the same options, by the same version."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+import tinygc
+from session.errors import CalibrationError
+from tinygc import models
+from tinygc.methods import FitOptions, MethodFit
+from tinygc.problem import Problem
+
+#: what decides the numbers of a method; which methods were asked for does not
+IRRELEVANT = ("methods", "physics")
+
+
+def key(options: FitOptions, hashes: dict[str, str]) -> dict:
+    """What must be the same, JSON-ready."""
+    chosen = {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(options).items() if name not in IRRELEVANT}
+    return {"options": chosen, "inputs": hashes, "version": tinygc.__version__}
+
+
+def figures(fit: MethodFit) -> dict:
+    """Beside the four closure figures: the error angles of each segment, rad, and what the method noted; with them nothing has to be
+    fitted again to draw it."""
+    return {"fitted_rad": fit.angles.tolist(), "held_out_rad": fit.held_out.tolist(), "notes": fit.notes}
+
+
+def saved_methods(folder: Path, problem: Problem, options: FitOptions, hashes: dict[str, str]) -> dict[str, MethodFit]:
+    """The methods asked for that a folder of ``fit`` holds for this very problem; none where anything differs or cannot be read."""
+    try:
+        table = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
+        if table["made_from"] != key(options, hashes):
+            return {}
+        found = {name: _read(folder, name, table["methods"][name], problem) for name in options.methods if name in table["methods"]}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, CalibrationError):
+        return {}
+    if "tinygc_denoised" in options.methods and "tinygc_denoised" not in found:
+        found.pop("tinygc", None)  # the denoiser is trained on the fits of the folds, which are not saved
+    return found
+
+
+def _read(folder: Path, name: str, entry: dict, problem: Problem) -> MethodFit:
+    angles, held_out = (np.asarray(entry[which], dtype=float) for which in ("fitted_rad", "held_out_rad"))
+    shape = (len(problem.batch), problem.batch.angles)
+    if angles.shape != shape or held_out.shape != shape or not (np.isfinite(angles).all() and np.isfinite(held_out).all()):
+        raise ValueError(f"{name}: not the angles of {shape[0]} segments")
+    return MethodFit(name, models.load(folder / f"model_{name}.json"), angles, held_out, float(entry["seconds"]), dict(entry["notes"]))

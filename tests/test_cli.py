@@ -289,7 +289,7 @@ def test_a_session_that_may_only_be_read_is_fitted_with_out(run, folder, monkeyp
     assert code == 0
     assert f"models: {out}" in said
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
-    assert sorted(path.name for path in out.iterdir()) == ["fit.json", "model_least_squares.json", "model_raw.json"]
+    assert sorted(path.name for path in out.iterdir()) == ["fit.json", "fitted.json", "model_least_squares.json", "model_raw.json"]
     assert set(json.loads((out / "fit.json").read_text())["methods"]) == {"raw", "least_squares"}
     assert models.load(out / "model_least_squares.json").vector.shape == (12,)
 
@@ -487,7 +487,7 @@ def test_json_has_the_keys_of_formats(run, folder, tmp_path):
         assert set(figures) == {"roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"}
         assert figures["rmse_deg"] == pytest.approx(np.sqrt(np.mean([figures[f"{a}_deg"] ** 2 for a in ("roll", "pitch", "yaw")])))
     assert sorted(p.name for p in (folder / "fit").iterdir()) == [
-        "fit.json", "model_least_squares.json", "model_raw.json", "model_tinygc.json",
+        "fit.json", "fitted.json", "model_least_squares.json", "model_raw.json", "model_tinygc.json",
     ]  # fmt: skip
     assert json.loads((folder / "fit" / "fit.json").read_text()) == table
 

@@ -157,6 +157,17 @@ def test_what_fit_saved_is_taken_again_and_only_if_it_is_the_same(simulated, tmp
     assert "Taken from the session" not in out.read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 1}', "[" * 100_000])
+def test_a_saved_fit_that_is_none_is_not_believed(simulated, tmp_path, text):
+    from session.folder import read_session
+    from tinygc.methods import FitOptions
+    from tinygc.problem import build_problem
+    from tinygc.saved_fit import NAME, saved_methods
+
+    (tmp_path / NAME).write_text(text)
+    assert saved_methods(tmp_path, build_problem(read_session(simulated())), FitOptions(), {}) == {}
+
+
 def test_a_broken_saved_fit_is_not_believed(simulated, tmp_path):
     folder = tmp_path / "s"
     shutil.copytree(simulated(), folder)

@@ -173,7 +173,6 @@ def to_json(result: FitResult) -> dict:
                 "train": closure_figures(fit.angles),
                 "holdout": closure_figures(fit.held_out),
                 **({"denoiser": fit.notes["denoiser"]} if "denoiser" in fit.notes else {}),
-                **saved_fit.figures(fit),
             }
             for name, fit in result.methods.items()
         },
@@ -194,7 +193,6 @@ def to_json(result: FitResult) -> dict:
             "integrator": result.options.integrator,
             "optimizer": result.options.optimizer,
         },
-        "made_from": saved_fit.key(result.options, input_hashes(result.session)),
         "version": tinygc.__version__,
     }
 
@@ -209,5 +207,7 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
             more["covariance"] = result.covariance.tolist()
             more["unobserved"] = fit.notes.get("unobserved", [])
         write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
+    made = saved_fit.made_from(result.options, input_hashes(result.session), result.methods)
     write_whole(folder / "fit.json", to_json(result))
+    write_whole(folder / saved_fit.NAME, made)
     return folder

@@ -14,6 +14,7 @@ from tinygc import models
 from tinygc.methods import FitOptions, MethodFit
 from tinygc.problem import Problem
 
+NAME, SCHEMA = "fitted.json", "tinygc-fitted/1"
 #: what decides the numbers of a method; which methods were asked for does not
 IRRELEVANT = ("methods", "physics")
 
@@ -24,17 +25,20 @@ def key(options: FitOptions, hashes: dict[str, str]) -> dict:
     return {"options": chosen, "inputs": hashes, "version": tinygc.__version__}
 
 
-def figures(fit: MethodFit) -> dict:
-    """Beside the four closure figures: the error angles of each segment, rad, and what the method noted; with them nothing has to be
-    fitted again to draw it."""
-    return {"fitted_rad": fit.angles.tolist(), "held_out_rad": fit.held_out.tolist(), "notes": fit.notes}
+def made_from(options: FitOptions, hashes: dict[str, str], methods: dict[str, MethodFit]) -> dict:
+    """From what a fit was made, and of each method the error angles of each segment, rad, its seconds and its notes; JSON-ready."""
+    return {"schema": SCHEMA, "key": key(options, hashes), "methods": {name: _entry(fit) for name, fit in methods.items()}}
+
+
+def _entry(fit: MethodFit) -> dict:
+    return {"fitted_rad": fit.angles.tolist(), "held_out_rad": fit.held_out.tolist(), "seconds": fit.seconds, "notes": fit.notes}
 
 
 def saved_methods(folder: Path, problem: Problem, options: FitOptions, hashes: dict[str, str]) -> dict[str, MethodFit]:
     """The methods asked for that a folder of ``fit`` holds for this very problem; none where anything differs or cannot be read."""
     try:
-        table = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
-        if table["made_from"] != key(options, hashes):
+        table = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        if table["key"] != key(options, hashes):
             return {}
         found = {name: _read(folder, name, table["methods"][name], problem) for name in options.methods if name in table["methods"]}
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, CalibrationError):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from session.errors import CalibrationError
-from tinygc.arguments import METHODS, count, methods, positive, segment_numbers, three
+from tinygc.arguments import positive, three
+from tinygc.commands._fitting import add_fit_arguments, fit_options
 from tinygc.commands._results import output, try_destinations, write_json
 
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
@@ -17,27 +19,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
     command.add_argument("folder", type=Path, help="session folder")
-    command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
-    command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
-    command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
-    command.add_argument("--integrator", choices=("exact", "first-order"), default="exact", help="first-order: the paper's")
-    command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
-    command.add_argument("--epochs", type=count(1), default=2000, help="of adamw (%(default)s)")
-    command.add_argument(
-        "--denoise-loss",
-        choices=("neighbours", "still", "endpoint"),
-        default="neighbours",
-        help="what tinygc_denoised learns; endpoint: the paper's",
-    )
-    command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="samples it may come late (%(default)s)")
+    add_fit_arguments(command)
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
     command.add_argument("--model", type=Path, metavar="FILE", help="a stored calibration, of which only the bias is taken anew (--bias)")
     command.add_argument("--bias", choices=("start", "gravity", "given"), help="from: the first still, gravity over the run, --bias-dps")
     command.add_argument("--bias-dps", type=three, metavar="X,Y,Z", help="what the sensor reads at rest, for --bias given")
-    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
-    command.add_argument(
-        "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
-    )
     command.add_argument("--out", type=Path, metavar="DIR", help="where the models go (fit/ in the session folder)")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
 
@@ -47,24 +33,11 @@ def run(args: argparse.Namespace) -> int:
     if args.bias or args.model or args.bias_dps:
         return _rebias(args)
     from tinygc.console import progress_bar
-    from tinygc.denoise_training import DenoiseOptions
     from tinygc.fit import fit_session, save_models, to_json
-    from tinygc.methods import FitOptions
     from tinygc.report import fit_report
 
-    options = FitOptions(
-        methods=tuple(args.methods),
-        folds=args.folds,
-        seed=args.seed,
-        still_rates=args.still_rates,
-        integrator=args.integrator,
-        optimizer=args.optimizer,
-        epochs=args.epochs,
-        earth=not args.no_earth,
-        exclude=tuple(dict.fromkeys(args.exclude)),
-        denoise=DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
-        physics=None if args.physics is None else tuple(name.strip() for name in args.physics.split(",")),
-    )
+    physics = None if args.physics is None else tuple(name.strip() for name in args.physics.split(","))
+    options = replace(fit_options(args), physics=physics)
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
         result = fit_session(args.folder, options, progress)

@@ -6,7 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from tinygc.arguments import METHODS, count, methods, positive, segment_numbers
+from tinygc.arguments import positive
+from tinygc.commands._fitting import add_fit_arguments, fit_options
 from tinygc.commands._results import output, try_file, write_json
 
 SUMMARY = "the calibration report: one HTML file that needs nothing else"
@@ -19,13 +20,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", type=Path, metavar="FILE", help="the report (report.html in the session folder)")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
     command.add_argument("--no-explain", action="store_true", help="do not ask why recording and simulation differ")
-    command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
-    command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
-    command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
-    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
-    command.add_argument(
-        "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
-    )
+    add_fit_arguments(command)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -34,20 +29,11 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.html_report.evidence import gather
     from tinygc.html_report.page import save
     from tinygc.html_report.summary import summary
-    from tinygc.methods import FitOptions
 
     path = args.out or args.folder / "report.html"
     try_file(args, path)
-    options = FitOptions(
-        methods=tuple(args.methods),
-        folds=args.folds,
-        seed=args.seed,
-        still_rates=args.still_rates,
-        earth=not args.no_earth,
-        exclude=tuple(dict.fromkeys(args.exclude)),
-    )
     with progress_bar(args.quiet) as progress:
-        evidence = gather(args.folder, options, explain=not args.no_explain, limit_deg=args.limit, progress=progress)
+        evidence = gather(args.folder, fit_options(args), explain=not args.no_explain, limit_deg=args.limit, progress=progress)
     save(evidence, path)
     decision = evidence.decision
     output(args).print(f"{'pass' if decision.passed else 'FAIL'}: {decision.rule}")

@@ -1,0 +1,51 @@
+"""The options of a fit, which ``fit`` and ``report`` share: a report can take again what fit has saved only if they are the same."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from tinygc.arguments import METHODS, count, methods, segment_numbers
+
+if TYPE_CHECKING:
+    from tinygc.methods import FitOptions
+
+
+def add_fit_arguments(command: argparse.ArgumentParser) -> None:
+    """What decides a fit's numbers."""
+    command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
+    command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
+    command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
+    command.add_argument("--integrator", choices=("exact", "first-order"), default="exact", help="first-order: the paper's")
+    command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
+    command.add_argument("--epochs", type=count(1), default=2000, help="of adamw (%(default)s)")
+    command.add_argument(
+        "--denoise-loss",
+        choices=("neighbours", "still", "endpoint"),
+        default="neighbours",
+        help="what tinygc_denoised learns; endpoint: the paper's",
+    )
+    command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="samples it may come late (%(default)s)")
+    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
+    command.add_argument(
+        "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
+    )
+
+
+def fit_options(args: argparse.Namespace) -> FitOptions:
+    """From the parsed arguments; without physics."""
+    from tinygc.denoise_training import DenoiseOptions
+    from tinygc.methods import FitOptions
+
+    return FitOptions(
+        methods=tuple(args.methods),
+        folds=args.folds,
+        seed=args.seed,
+        still_rates=args.still_rates,
+        integrator=args.integrator,
+        optimizer=args.optimizer,
+        epochs=args.epochs,
+        earth=not args.no_earth,
+        exclude=tuple(dict.fromkeys(args.exclude)),
+        denoise=DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
+    )

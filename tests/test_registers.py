@@ -10,7 +10,7 @@ from conftest import DEG, Table, config
 from session.folder import Session
 from session.logfile import Log
 from session.samples import Samples
-from tinygc.explain import false_readings, registers
+from tinygc.explain import bridge, false_readings, registers
 from tinygc.explain.false_readings import find_glitches, without_glitches
 from tinygc.explain.mending import mend
 from tinygc.explain.registers import find_ceiling, find_jumps, find_losses, with_lost
@@ -191,7 +191,7 @@ def test_what_was_lost_is_put_back(odr_hz):
     count = round(0.06 * odr_hz)
     samples, table = clean(odr_hz, 2)
     rows = rows_in_turns(table, samples, 1, 2)
-    back = with_lost(with_losses(samples, rows, count), closed_up(rows, count), count)
+    back = with_lost(with_losses(samples, rows, count), closed_up(rows, count), count, 3)
     assert len(back) == len(samples)
     np.testing.assert_allclose(back.t_ns, samples.t_ns, atol=500 * (count * len(rows) + 2))  # stamps are whole microseconds
     assert (np.diff(back.t_ns) > 0).all()
@@ -212,14 +212,14 @@ def test_a_log_without_temperature_is_put_back_too():
     samples, table = clean(208.0, 0)
     rows = rows_in_turns(table, samples, 1, 0)
     bare = replace(with_losses(samples, rows, 9), temp_c=None)
-    back = with_lost(bare, closed_up(rows, 9), 9)
+    back = with_lost(bare, closed_up(rows, 9), 9, 3)
     assert back.temp_c is None
     assert len(back) == len(samples)
 
 
 def test_putting_nothing_back_changes_nothing():
     samples, _ = clean(208.0, 0, turns=2)
-    back = with_lost(samples, np.zeros(0, dtype=int), 5)
+    back = with_lost(samples, np.zeros(0, dtype=int), 5, 3)
     for name in ("t_ns", "gyro", "accel", "temp_c"):
         np.testing.assert_array_equal(getattr(back, name), getattr(samples, name))
 
@@ -327,3 +327,26 @@ def test_bars_are_said_once():
     for length, known in ((false_readings.LONGEST, True), (false_readings.LONGEST + 1, False)):
         spoilt = with_glitches(samples, np.array([900]), np.array([length]), 0)
         assert (find_glitches(spoilt) is not None) == known
+
+
+def test_losses_in_every_turn_are_counted_without_a_whole_segment(two):
+    """No segment is left from which to learn a linear model: each count is judged with its own."""
+    (first, table), _ = two
+    rows = rows_in_turns(table, first, 1, 6)
+    mended = mend(build_problem(session_of_logs(with_losses(first, rows, 9))))
+    assert mended.found["timing.dropped_samples"][0]["length"] == 9
+
+
+def test_a_gap_is_crossed_as_well_as_this_movement_allows_and_the_floor_says_how_well(two):
+    """The error that intact places promise is the error at the places that were taken away."""
+    (first, table), _ = two
+    rows, count = rows_in_turns(table, first, 1, 6), 9
+    spoilt, at = with_losses(first, rows, count), closed_up(rows, count)
+    order, promised = bridge.best_order(spoilt, at, count)
+    back = registers.with_lost(spoilt, at, count, order)
+    missed = [(back.gyro - first.gyro)[row + 1 : row + 1 + count].sum(axis=0) * first.period_s for row in rows]
+    assert np.sqrt(np.mean(np.square(missed))) == pytest.approx(promised, rel=0.5)
+    for other in bridge.ORDERS:
+        crossed = registers.with_lost(spoilt, at, count, other)
+        worse = [(crossed.gyro - first.gyro)[row + 1 : row + 1 + count].sum(axis=0) * first.period_s for row in rows]
+        assert np.square(missed).sum() <= 1.2 * np.square(worse).sum()

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.samples import Samples
-from tinygc.explain import registers
+from tinygc.explain import bridge, registers
 
 LONGEST = 8  #: samples
 SIDE = 4  #: samples on either side that carry the cubic
@@ -124,10 +124,10 @@ def _cubic(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray, np.nd
 
 
 def without_glitches(samples: Samples, glitches: Glitches) -> Samples:
-    """False readings replaced by a straight line between their neighbours."""
+    """False readings replaced by what their neighbours say."""
     gyro, accel = samples.gyro.copy(), samples.accel.copy()
-    for row, count, both in zip(glitches.rows, glitches.samples, glitches.accel, strict=True):
-        share = np.arange(1, count + 1)[:, None] / (count + 1)
+    orders = {count: bridge.best_order(samples, glitches.rows, count)[0] for count in set(glitches.samples.tolist())}
+    for row, count, both in zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel, strict=True):
         for values in (gyro, accel) if both else (gyro,):
-            values[row : row + count] = (1 - share) * values[row - 1] + share * values[row + count]
+            values[row : row + count] = bridge.across(values, row - 1, row + count, count, orders[count])
     return replace(samples, gyro=gyro, accel=accel)

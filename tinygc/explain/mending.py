@@ -12,7 +12,7 @@ from session.folder import Session
 from session.logfile import Log
 from session.units import DEG
 from tinygc import closure, rotation
-from tinygc.explain import registers
+from tinygc.explain import bridge, registers
 from tinygc.explain.false_readings import find_glitches, without_glitches
 from tinygc.explain.refit import refit
 from tinygc.explain.twin import Twin
@@ -38,15 +38,24 @@ class Mended:
     found: dict[str, tuple[dict, dict]]
 
 
+@dataclass(frozen=True)
+class Gap:
+    """Where samples were put back: log, row of the first, and the rotation (rad per axis) that nobody can know."""
+
+    log: int
+    row: int
+    missed_rad: float
+
+
 def mend(problem: Problem, progress: Callable[[str], None] = lambda what: None) -> Mended:
     """Look at clipping, false readings, losses and creeping stills, in this order; each is mended before the next is looked for."""
     found: dict[str, tuple[dict, dict]] = {}
     progress("registers")
     problem = _without_clipped(problem, found)
     problem = _without_glitches(problem, found)
-    problem = _with_lost(problem, found)
+    problem, gaps = _with_lost(problem, found)
     progress("stills")
-    problem = _without_creeping(problem, found)
+    problem = _with_gaps(_without_creeping(problem, found), gaps)
     return Mended(problem, found)
 
 
@@ -95,25 +104,38 @@ def _again(problem: Problem, session: Session) -> Problem:
     return build_problem(session, use_earth=problem.earth.source != "none", exclude=excluded)
 
 
-def _with_lost(problem: Problem, found: dict) -> Problem:
+def _with_lost(problem: Problem, found: dict) -> tuple[Problem, list[Gap]]:
     """Put lost samples back where there is a step in all channels, if that closes the segments."""
     at = []
     for log in problem.session.logs:
         samples = problem.session.calibrated(log)
         at.append(registers.find_losses(registers.find_jumps(samples), samples.duration_s))
     if not sum(map(len, at)):
-        return problem
+        return problem, []
     count, gain = _lost_count(problem, at)
     if count < 1 or gain < SURE:
-        return problem
-    logs, times, began = [], [], 0.0
-    for log, rows in zip(problem.session.logs, at, strict=True):
+        return problem, []
+    logs, times, gaps, began = [], [], [], 0.0
+    for number, (log, rows) in enumerate(zip(problem.session.logs, at, strict=True)):
         period_s = log.samples.period_s
         times += [began + log.samples.t_s[row] + i * count * period_s for i, row in enumerate(rows)]
-        logs.append(replace(log, samples=registers.with_lost(log.samples, rows, count)))
+        if len(rows):
+            order, missed_rad = bridge.best_order(log.samples, rows, count)
+            gaps += [Gap(number, int(row) + 1 + i * count, missed_rad) for i, row in enumerate(rows)]
+            log = replace(log, samples=registers.with_lost(log.samples, rows, count, order))
+        logs.append(log)
         began += log.samples.duration_s
     found["timing.dropped_samples"] = ({"at_s": [round(float(time), 3) for time in times], "length": count}, {"length": 0.5})
-    return _again(problem, _with_logs(problem.session, logs))
+    return _again(problem, _with_logs(problem.session, logs)), gaps
+
+
+def _with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
+    """The floor of each segment, wider by what its gaps may hide."""
+    if not gaps:
+        return problem
+    added = [sum(gap.missed_rad**2 for gap in gaps if gap.log == s.log and s.start <= gap.row < s.stop) for s in problem.used]
+    own = problem.floor.own + np.array(added)[:, None, None] * np.eye(problem.batch.angles)
+    return replace(problem, floor=replace(problem.floor, own=own))
 
 
 def _lost_count(problem: Problem, at: list[np.ndarray]) -> tuple[int, float]:
@@ -126,20 +148,33 @@ def _lost_count(problem: Problem, at: list[np.ndarray]) -> tuple[int, float]:
     hit = np.array([bool(inside) for inside in steps])
     if not hit.any():
         return 0, 0.0
-    model = problem.first
-    if (~hit).sum() >= FEWEST_WHOLE:
-        model = fit_least_squares(batch.pick(~hit), sigma[~hit], problem.first).model
     period_s = float(np.median([log.samples.period_s for log in problem.session.logs]))
-    part, weight = batch.pick(hit), 1 / sigma[hit]
-    costs = []
-    for count in range(round(LONGEST_LOSS_S / period_s) + 1):
+    whole = (~hit).sum() >= FEWEST_WHOLE
+    tried = hit if whole else np.ones_like(hit)
+    model = fit_least_squares(batch.pick(~hit), sigma[~hit], problem.first).model if whole else None
+    part, weight = batch.pick(tried), 1 / sigma[tried]
+    inside_of = [inside for inside, look in zip(steps, tried, strict=True) if look]
+
+    def cost(count: int) -> float:
         dt = part.dt.copy()
-        for row, inside in zip(dt, [inside for inside in steps if inside], strict=True):
+        for row, inside in zip(dt, inside_of, strict=True):
             row[inside] += count * period_s
         trial = replace(part, dt=dt)
-        angles = closure.error_angles(closure.segment_residuals(trial, model(trial.rate)))
-        costs.append(float(np.sum((angles * weight) ** 2)))
-    best = int(np.argmin(costs))
+        # Where too few segments are whole, each count is given the model that suits it best.
+        fitted = model or fit_least_squares(trial, sigma, problem.first).model
+        angles = closure.error_angles(closure.segment_residuals(trial, fitted(trial.rate)))
+        return float(np.sum((angles * weight) ** 2))
+
+    return _lowest(cost, round(LONGEST_LOSS_S / period_s))
+
+
+def _lowest(cost: Callable[[int], float], most: int) -> tuple[int, float]:
+    """The count of 0 … most with the lowest cost, a valley, and what it saves against 0: coarse steps first, then all between."""
+    step = max(1, most // 16)
+    costs = {count: cost(count) for count in range(0, most + 1, step)}
+    best = min(costs, key=costs.get)
+    costs |= {count: cost(count) for count in range(max(best - step + 1, 0), min(best + step, most + 1)) if count not in costs}
+    best = min(costs, key=costs.get)
     return best, costs[0] - costs[best]
 
 

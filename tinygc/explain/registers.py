@@ -15,6 +15,7 @@ from scipy.ndimage import maximum_filter1d
 
 from session.clipping import run_bar
 from session.samples import Samples
+from tinygc.explain import bridge
 
 #: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump
 JUMP = 12.0
@@ -25,7 +26,6 @@ CORNER = 3 * 9 * 2
 #: s: where that scatter is taken, and what a sensor's filter takes to start
 NEIGHBOURHOOD_S, START_S = 0.2, 0.1
 ALONE = 8  #: samples on either side of a loss without another jump
-SIDE = 4  #: samples on either side from which what was lost is bridged
 #: a loss shows in the accelerometer, too: most of them by at least this (noise alone: 0.9); where a rate clips it does not
 LOSS_IN_ACCEL = 3.0
 #: losses and false readings are rare: more than one a second is another thing
@@ -141,8 +141,8 @@ def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
     return bool(values[start] - beyond.max() > CORNER * lsb)
 
 
-def with_lost(samples: Samples, rows: np.ndarray, count: int) -> Samples:
-    """``count`` samples put back after each of the rows, by a cubic through their neighbours, and the later stamps moved on."""
+def with_lost(samples: Samples, rows: np.ndarray, count: int, order: int) -> Samples:
+    """``count`` samples put back after each of the rows, by a polynomial through their neighbours, and the later stamps moved on."""
     period_ns = round(samples.period_s * 1e9)
     names = ["gyro", "accel"] + (["temp_c"] if samples.temp_c is not None else [])
     pieces: dict[str, list] = {name: [] for name in ["t_ns", *names]}
@@ -155,15 +155,8 @@ def with_lost(samples: Samples, rows: np.ndarray, count: int) -> Samples:
         if i < len(rows):
             pieces["t_ns"].append(samples.t_ns[stop - 1] + moved + period_ns * np.arange(1, count + 1))
             for name in names:
-                pieces[name].append(_bridge(getattr(samples, name), stop, count))
+                values = getattr(samples, name)
+                bridged = bridge.across(values.reshape(len(samples), -1), stop - 1, stop, count, order)
+                pieces[name].append(bridged.reshape(count, *values.shape[1:]))
     joined = {name: np.concatenate(parts) for name, parts in pieces.items()}
     return Samples(joined["t_ns"], joined["gyro"], joined["accel"], joined.get("temp_c"))
-
-
-def _bridge(values: np.ndarray, stop: int, count: int) -> np.ndarray:
-    """``count`` values between rows stop-1 and stop, by a least-squares cubic through ``SIDE`` neighbours on either side."""
-    before, after = np.arange(-SIDE, 0), np.arange(count, count + SIDE)
-    at = np.concatenate([before, after]).astype(float)
-    known = np.concatenate([values[max(stop - SIDE, 0) : stop], values[stop : stop + SIDE]])
-    fit = np.polynomial.polynomial.polyfit(at[-len(known) :], known, 3)
-    return np.polynomial.polynomial.polyval(np.arange(count, dtype=float), fit).T.reshape(count, *values.shape[1:])

@@ -1,18 +1,35 @@
 """What other programs read, read back by an independent reader, gives the same rates."""
 
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
+from conftest import DEG, config
 
 import tinygc
-from tinygc.exports import FORMATS, exporter
+from session.samples import Samples
+from session.units import G
+from tinygc import models
+from tinygc.calibration import Calibration
+from tinygc.denoiser import DenoisedNet, Denoiser
+from tinygc.effects import catalogue
+from tinygc.explain.movement import Conditions
+from tinygc.explain.twin import Claim
+from tinygc.exports import FORMATS, ExportError, exporter
+from tinygc.exports._context import Context
+from tinygc.linear import LinearModel
+from tinygc.network import CalibrationNet
+from tinygc.physics import PhysicsModel
+from tinygc.physics_methods import CarriedNet
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_exporter_has_its_name_and_one_line(name):
     module = exporter(name)
-    assert module.NAME == name
+    assert name == module.NAME
     assert "\n" not in module.SUMMARY
 
 
@@ -64,3 +81,223 @@ def test_json_holds_its_own_proof(exported):
     assert len(table["covariance_of"]) == 12
     assert all(len(digest) == 64 for digest in table["sha256"].values())
     assert {"log0001.csv.gz", "session.toml", "model_least_squares.json"} <= set(table["sha256"])
+
+
+# Read back: an independent reader and the other program's own formula, over 10 000 random samples
+
+RNG = np.random.default_rng(11)
+MEASURED, FORCE = RNG.uniform(-8, 8, (10_000, 3)), RNG.uniform(-20, 20, (10_000, 3))
+CELSIUS = RNG.uniform(22, 30, 10_000)
+LINEAR = LinearModel(np.eye(3) + 0.02 * RNG.normal(size=(3, 3)), 0.02 * RNG.normal(size=3))
+OFFSETS = LinearModel(np.eye(3), 0.02 * RNG.normal(size=3))
+SHAKEN = 1e-2 * np.r_[RNG.normal(size=12), 0, 0, 0, RNG.normal(size=12)]
+UNBENT = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + SHAKEN)
+KNOWN = Conditions(duration_s=200.0, fs_rps=500 * DEG, first_temp_c=25.5)
+
+
+def physics(linear, *ids):
+    effects = [catalogue()[name] for name in ids]
+    return PhysicsModel(linear, tuple(Claim(effect, 0.1 * DEG * RNG.normal(size=effect.parameter.size)) for effect in effects), KNOWN)
+
+
+def context(said=None, **changes):
+    noise = {"gyro_dps_rthz": [5e-3, 6e-3, 4e-3], "accel_g_rthz": [6e-5] * 3}
+    made = Context("s", "m", config(), {"covariance": np.eye(12).tolist()}, {"noise": noise}, {})
+    return replace(made, say=(said if said is not None else []).append, **changes)
+
+
+def rates(model):
+    """Of the model itself, for a log of independent samples."""
+    if not hasattr(model, "claims"):
+        return model(MEASURED)
+    stamps = np.arange(len(MEASURED)) * 10_000_000_000  # so far apart that nothing is averaged
+    return model.calibrate(Samples(stamps, MEASURED, FORCE, CELSIUS))
+
+
+def agree(there, model):
+    expected = rates(model)
+    assert np.abs(there - expected).max() <= 1e-6 * np.abs(expected).max()
+
+
+MODELS = {"linear": LINEAR, "net that does not bend": UNBENT, "g-sensitivity": physics(LINEAR, "gyro.g_sensitivity")}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_kalibr_by_its_own_formula(name):
+    files = exporter("kalibr").export(MODELS[name], context())
+    block = yaml.safe_load(files["imu-intrinsics.yaml"])["imu0"]
+    assert block["model"] == "scale-misalignment"
+    M, C, A = (np.array(block["gyroscopes"][key]) for key in ("M", "C_gyro_i", "A"))
+    assert np.array_equal(M, np.tril(M))
+    assert (np.diag(M) > 0).all()
+    np.testing.assert_allclose(C @ C.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(C) == pytest.approx(1)
+    # Forward, as Kalibr has it: the rates of ours must give back what was measured.
+    true = rates(MODELS[name])
+    forward = true @ (M @ C).T + FORCE @ (A @ C).T + block["gyroscopes"]["b"]
+    assert np.abs(forward - MEASURED).max() <= 1e-9 * np.abs(MEASURED).max()
+    np.testing.assert_array_equal(block["accelerometers"]["M"], np.eye(3))
+
+
+def test_kalibr_noise_is_two_sided_and_the_worst_axis():
+    said = []
+    table = yaml.safe_load(exporter("kalibr").export(LINEAR, context(said))["imu.yaml"])
+    assert table["gyroscope_noise_density"] == pytest.approx(6e-3 * DEG / np.sqrt(2))
+    assert table["accelerometer_noise_density"] == pytest.approx(6e-5 * G / np.sqrt(2))
+    assert table["update_rate"] == 208.0
+    assert all(isinstance(table[f"{sensor}_random_walk"], float) for sensor in ("gyroscope", "accelerometer"))
+    assert "guesses" in said[0]
+
+
+def test_the_two_sided_density_makes_the_noise_that_was_measured():
+    """Kalibr: sigma of a sample = density / sqrt(dt); ours: one-sided density sqrt(rate / 2)."""
+    table = yaml.safe_load(exporter("kalibr").export(LINEAR, context())["imu.yaml"])
+    assert table["gyroscope_noise_density"] * np.sqrt(208) == pytest.approx(6e-3 * DEG * np.sqrt(208 / 2))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_ros_parameters(name):
+    (text,) = exporter("ros").export(MODELS[name], context()).values()
+    table = yaml.safe_load(text)["/**"]["ros__parameters"]
+    gyro = table["gyroscope"]
+    matrix, K = (np.reshape(gyro[key], (3, 3)) for key in ("matrix", "g_sensitivity"))
+    agree(MEASURED @ matrix.T + gyro["offset"] - FORCE @ K.T, MODELS[name])
+    assert table["orientation_covariance"][0] == -1
+    noise = np.reshape(table["angular_velocity_covariance"], (3, 3))
+    assert np.sqrt(noise[0, 0]) == pytest.approx(5e-3 * DEG * np.sqrt(104), rel=0.1)
+    assert np.linalg.eigvalsh(noise).min() > 0
+    assert len(table["calibration_covariance"]) == 144
+
+
+def test_ros_without_a_covariance_says_so():
+    said = []
+    (text,) = exporter("ros").export(UNBENT, context(said, table={})).values()
+    assert "calibration_covariance" not in yaml.safe_load(text)["/**"]["ros__parameters"]
+    assert "no covariance" in said[0]
+
+
+@pytest.mark.parametrize("name", ["linear", "net that does not bend"])
+def test_xio_in_json_and_in_c(name):
+    files = exporter("xio").export(MODELS[name], context())
+    table = json.loads(files["ximu3_settings.json"])
+    header = files["fusion_calibration.h"]
+
+    def numbers(word):
+        text = header[header.index(f"{word} = ") :].split(";")[0]
+        return np.array([float(x) for x in re.findall(r"(-?[\d.]+(?:e[-+]?\d+)?)f", text)], dtype=np.float32)
+
+    for source in (lambda word: np.array(table[word]), numbers):
+        M, s, b = np.reshape(source("gyroscopeMisalignment"), (3, 3)), source("gyroscopeSensitivity"), source("gyroscopeOffset")
+        agree(((MEASURED / DEG - b) * s) @ M.T * DEG, MODELS[name])
+
+
+AUTOPILOTS = {"offsets": OFFSETS, "thermal bias": physics(OFFSETS, "gyro.thermal_bias")}
+
+
+def autopilot_rates(name, model, said):
+    made = context(said)
+    object.__setattr__(made, "temperature_c", lambda: (24.0, 28.0))
+    (text,) = exporter(name).export(model, made).values()
+    rows = [line.split("\t")[2:4] if name == "px4" else line.split(",") for line in text.splitlines() if not line.startswith("#")]
+    table = {key: np.float64(np.float32(value)) for key, value in rows}
+    axes = [[table.get(key.format(i=i, a="XYZ"[i]), 0.0) for i in range(3)] for key in ("CAL_GYRO0_{a}OFF", "INS_GYROFFS_{a}")]
+    offset = np.array(axes[0 if name == "px4" else 1])
+    if name == "px4":
+        if table.get("TC_G_ENABLE") != 1:
+            return MEASURED - offset
+        away = (np.clip(CELSIUS, table["TC_G0_TMIN"], table["TC_G0_TMAX"]) - table["TC_G0_TREF"])[:, None]
+        return MEASURED - offset - sum(np.array([table[f"TC_G0_X{n}_{i}"] for i in range(3)]) * away**n for n in range(4))
+    if table.get("INS_TCAL1_ENABLE") != 1:
+        return MEASURED - offset
+    clip = lambda celsius: np.clip(celsius, table["INS_TCAL1_TMIN"], table["INS_TCAL1_TMAX"]) - 35  # noqa: E731
+    coefficients = [np.array([table[f"INS_TCAL1_GYR{n}_{axis}"] for axis in "XYZ"]) for n in (1, 2, 3)]
+    polynomial = lambda away: 1e-6 * sum(c * np.reshape(away, (-1, 1)) ** (n + 1) for n, c in enumerate(coefficients))  # noqa: E731
+    return MEASURED - offset - polynomial(clip(CELSIUS)) + polynomial(clip(table["INS_GYR1_CALTEMP"]))
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+@pytest.mark.parametrize("which", AUTOPILOTS)
+def test_autopilots_hold_offsets_and_temperature(name, which):
+    agree(autopilot_rates(name, AUTOPILOTS[which], []), AUTOPILOTS[which])
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+def test_autopilots_say_that_they_hold_no_scale(name):
+    """At rest they are right; the error that they leave is the one that is said."""
+    said = []
+    (text,) = exporter(name).export(LINEAR, context(said)).values()
+    assert "SCALE CANNOT BE CARRIED" in text
+    assert "no scale" in said[0]
+    worst = float(re.search(r"up to ([\d.]+) %", said[0])[1]) / 100
+    at_rest = -np.linalg.solve(LINEAR.E, LINEAR.B)
+    left = autopilot_rates(name, LINEAR, []) - LINEAR(MEASURED)
+    assert np.abs(left).max() <= 1.001 * worst * np.abs(MEASURED - at_rest).max() + 1e-6
+    assert np.abs(left).max() > 0.5 * worst * np.abs(MEASURED).max()
+
+
+@pytest.mark.parametrize("name", ["kalibr", "ros", "xio", "px4", "ardupilot"])
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        (CalibrationNet.from_vector(UNBENT.vector + np.r_[np.zeros(12), 0.01, 0, 0, np.zeros(12)]), "bends"),
+        (physics(LINEAR, "gyro.g2_sensitivity"), "gyro.g2_sensitivity"),
+        (physics(LINEAR, "gyro.scale_asymmetry"), "gyro.scale_asymmetry"),
+        (CarriedNet(physics(LINEAR), UNBENT), "net behind physics"),
+        (DenoisedNet(LINEAR, Denoiser.identity(), 208.0), "denoises"),
+    ],
+    ids=["bend", "g2", "asymmetry", "carried net", "denoiser"],
+)
+def test_what_a_format_cannot_carry_is_refused_in_one_line(name, model, words):
+    with pytest.raises(ExportError) as caught:
+        exporter(name).export(model, context())
+    assert words in str(caught.value)
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_states_formula_and_frame(name):
+    for file, text in exporter(name).export(LINEAR, context()).items():
+        assert file
+        if name != "c":
+            assert "frame" in text.lower()
+            assert "=" in text
+
+
+def test_json_self_test_of_every_kind_of_model():
+    """The file read again gives the self-test's rates, models with a memory too."""
+    models_ = [*MODELS.values(), DenoisedNet(UNBENT, Denoiser.identity(), 208.0), physics(LINEAR, "gyro.thermal_bias", "gyro.bandwidth")]
+    for model in models_:
+        (text,) = exporter("json").export(model, context()).values()
+        table = json.loads(text)
+        test = table["self_test"]
+        again = Calibration(models.from_dict(table), test["rate_hz"])
+        omega = again(np.array(test["measured_rps"]), np.array(test["specific_force_mps2"]), np.array(test["temperature_c"]))
+        np.testing.assert_allclose(omega, test["omega_rps"], rtol=1e-12, atol=1e-14)
+
+
+# The command
+
+
+def test_command_refuses_what_is_not_there(fitted, tmp_path, capsys):
+    import calibrate
+
+    for arguments, words in (
+        ([str(tmp_path), "--to", "json"], "session.toml"),
+        ([str(fitted), "--to", "json", "--model", "pso"], "no model_pso.json"),
+        ([str(fitted), "--to", "json", "--model", str(tmp_path / "none.json")], "none.json"),
+    ):
+        assert calibrate.main(["export", *arguments]) == 2
+        said = capsys.readouterr().err.strip()
+        assert words in said
+        assert len(said.splitlines()) == 1
+    unfitted = tmp_path / "unfitted"
+    unfitted.mkdir()
+    (unfitted / "session.toml").write_text((fitted / "session.toml").read_text())
+    assert calibrate.main(["export", str(unfitted), "--to", "json"]) == 2
+    assert "calibrate.py fit" in capsys.readouterr().err
+    assert not (unfitted / "export").exists()
+
+
+def test_same_fit_same_bytes(exported):
+    assert exported("kalibr") == exported("kalibr")

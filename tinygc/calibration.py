@@ -52,12 +52,20 @@ class Calibration:
         if raw.ndim not in (1, 2) or raw.shape[-1] != 3:
             raise CalibrationError(f"raw has shape {raw.shape}, expected (N, 3) or (3,), rad/s")
         if raw.ndim == 2:
-            stream = Stream(self)
+            stream = self.stream()
             return np.concatenate([stream.push(raw, acc, temp), stream.flush()])
         if self._live is None:
             self._live = Stream(self, live=True)
         one = (None if value is None else np.asarray(value, dtype=float)[None] for value in (acc, temp))
         return self._live.push(raw[None], *one)[0]
+
+    @property
+    def needs_rate(self) -> bool:
+        return "rate_hz" in self.needs
+
+    def stream(self) -> Stream:
+        """A log by itself, piece by piece.  Raises CalibrationError where the model needs a rate and has none."""
+        return Stream(self)
 
     def reset(self) -> None:
         """Forget what a live stream has seen."""
@@ -78,18 +86,32 @@ class Stream:
             self._margin = MARGIN_SAMPLES * (1 + len(calibration.effects)) + round(MARGIN_S * (calibration.rate_hz or 0))
         if "rate_hz" in calibration.needs and calibration.rate_hz is None:
             raise CalibrationError(f"{', '.join(calibration.effects)}: time matters to this model; load it with rate_hz=")
+        self._denoiser = getattr(self._model, "denoiser", None)
+        self._tail: np.ndarray | None = None  # what the denoiser remembers: calibrated rates
         self._held = _Rows.none()
         self._before = 0  # of the held rows: how many are given out already
         self._first = 0  # number of the first held row in the log
 
     def push(self, raw: np.ndarray, acc=None, temp=None) -> np.ndarray:
         """The next rows (N, 3) rad/s, with force (N, 3) m/s^2 and temperature (N,) degC where needed; (M, 3), those now calibrated."""
+        if self._denoiser is not None:
+            return self._denoised(raw)
         if not self._whole:
             return self._model(raw)
         self._held = self._held.plus(_Rows.of(raw, acc, temp, self._calibration.needs))
         ready = len(self._held.raw) - self._margin
         # A piece at least as long as its margins, or the margins would be computed again and again.
         return self._give(ready) if ready - self._before >= self._margin else np.zeros((0, 3))
+
+    def _denoised(self, raw: np.ndarray) -> np.ndarray:
+        """Causal: each rate from its window, the log's first rate standing before it."""
+        if not len(raw):
+            return np.zeros((0, 3))
+        rate, reach = self._model.calibration(raw), self._denoiser.reach
+        before = np.repeat(rate[:1], reach, axis=0) if self._tail is None else self._tail
+        held = np.concatenate([before, rate])
+        self._tail = held[len(held) - reach :]
+        return self._denoiser.windowed(held)
 
     def flush(self) -> np.ndarray:
         """What was still waiting for its neighbours, at the end of the log."""

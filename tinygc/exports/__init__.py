@@ -17,7 +17,7 @@ import importlib
 
 from session.errors import CalibrationError
 
-FORMATS = ("json", "c")
+FORMATS = ("json", "kalibr", "ros", "xio", "px4", "ardupilot", "c")
 
 
 class ExportError(CalibrationError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Callable
@@ -14,9 +13,11 @@ import numpy as np
 from session.config import Config, read_config
 from session.errors import FormatError
 from session.folder import log_paths
+from session.logfile import read_log
 from session.units import DEG, G
 from tinygc import models
 from tinygc.exports import ExportError
+from tinygc.provenance import sha256_of
 
 #: the method that is taken unless another is asked for
 PREFERRED = "least_squares"
@@ -25,7 +26,8 @@ PREFERRED = "least_squares"
 @dataclass(frozen=True, eq=False)
 class Context:
     """session: its name; method: of the fit; config: ``session.toml``; table: the model file as JSON; fit: ``fit.json`` or empty;
-    hashes: SHA-256 of the model file, session.toml and every log, by file name; say: takes a line for the operator."""
+    hashes: SHA-256 of the model file, session.toml and every log, by file name; say: takes a line for the operator;
+    logs: paths of the calibration logs."""
 
     session: str
     method: str
@@ -34,6 +36,7 @@ class Context:
     fit: dict
     hashes: dict[str, str]
     say: Callable[[str], None] = field(default=lambda line: None)
+    logs: tuple[Path, ...] = ()
 
     @property
     def stem(self) -> str:
@@ -58,11 +61,18 @@ class Context:
         found = self.fit.get("noise", {}).get("accel_g_rthz")
         return None if found is None else np.multiply(found, G)
 
+    def temperature_c(self) -> tuple[float, float] | None:
+        """Coldest and warmest of the calibration logs, degC; None where they do not tell.  Reads them."""
+        seen = [read_log(path, self.config.sensor).samples.temp_c for path in self.logs]
+        seen = [values for values in seen if values is not None]
+        return (float(min(map(np.min, seen))), float(max(map(np.max, seen)))) if seen else None
+
 
 def read_context(folder: Path, method: str | None = None, say: Callable[[str], None] = lambda line: None):
     """``(model, Context)`` of a fitted session.
 
-    ``method`` names one of the fit's models, or is a model file; without it least squares is taken.  Raises ExportError where there is no fit, FormatError for files that cannot be read.
+    ``method`` names one of the fit's models, or is a model file; without it least squares is taken.
+    Raises ExportError where there is no fit, FormatError for files that cannot be read.
     """
     config = read_config(folder / "session.toml")
     path = _model_path(folder, method)
@@ -71,10 +81,10 @@ def read_context(folder: Path, method: str | None = None, say: Callable[[str], N
     beside = path.parent / "fit.json"
     fit = _read_json(beside) if beside.exists() else {}
     sources = [path, folder / "session.toml", *log_paths(folder, "log"), *log_paths(folder, "closure")]
-    hashes = {source.name: _sha256(source) for source in sources}
+    hashes = {source.name: sha256_of(source) for source in sources}
     name = table.get("session") if isinstance(table.get("session"), str) else folder.resolve().name
     named = table.get("method") if isinstance(table.get("method"), str) else path.stem.removeprefix("model_")
-    return model, Context(name, named, config, table, fit, hashes, say)
+    return model, Context(name, named, config, table, fit, hashes, say, tuple(log_paths(folder, "log")))
 
 
 def _model_path(folder: Path, method: str | None) -> Path:
@@ -95,11 +105,3 @@ def _read_json(path: Path) -> dict:
     except (OSError, ValueError) as error:
         raise FormatError(f"{path}: cannot be read: {error}") from None
     return table if isinstance(table, dict) else {}
-
-
-def _sha256(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 
-import tinygc
 from tinygc import linear, models
 from tinygc.exports._context import Context
 from tinygc.exports._self_test import self_test
+from tinygc.provenance import versions
 
 NAME = "json"
 SUMMARY = "documented JSON with covariance, units, hashes and a self-test"
@@ -17,7 +17,7 @@ def export(model, context: Context) -> dict[str, str]:
     """Every model can be carried."""
     sensor, accelerometer = context.config.sensor, context.config.accelerometer
     table = models.to_dict(model)
-    table |= {"method": context.method, "session": context.session, "version": tinygc.__version__}
+    table |= {"method": context.method, "session": context.session, "versions": versions()}
     if context.covariance is not None:
         table |= {
             "covariance": context.covariance.tolist(),

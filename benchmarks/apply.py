@@ -1,0 +1,110 @@
+"""``calibrate.py apply`` on a long log: samples per second and peak memory; the models alone, reading alone, writing alone."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+import tinygc  # noqa: E402
+from session.dialects.layout import Answers  # noqa: E402
+from session.dialects.reader import Reader  # noqa: E402
+from session.fixed_point import rows  # noqa: E402
+from tinygc import models  # noqa: E402
+from tinygc.denoiser import DenoisedNet, Denoiser  # noqa: E402
+from tinygc.linear import LinearModel  # noqa: E402
+from tinygc.network import CalibrationNet  # noqa: E402
+
+RATE_HZ = 208.0
+PIECE = 1 << 14
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--samples", type=int, default=3_000_000)
+    parser.add_argument("--repeat", type=int, default=3, help="the best of so many")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        report(Path(folder), args.samples, args.repeat)
+
+
+def report(folder: Path, samples: int, repeat: int) -> None:
+    """Print the table."""
+    rng = np.random.default_rng(0)
+    linear = LinearModel(np.eye(3) + 0.01 * rng.normal(size=(3, 3)), 0.01 * rng.normal(size=3))
+    net = CalibrationNet.from_vector(CalibrationNet.from_linear(linear).vector + 1e-3 * rng.normal(size=27))
+    made = {"linear": linear, "TinyGC-Net": net, "TinyGC-Net, denoised": DenoisedNet(net, Denoiser.identity(), RATE_HZ)}
+    for name, model in made.items():
+        (folder / f"{name}.json").write_text(json.dumps(models.to_dict(model)))
+    print("| step | samples/s | peak memory |\n| --- | ---: | ---: |")
+    rate = rng.normal(size=(samples, 3))
+    for name in made:
+        stream = tinygc.load(folder / f"{name}.json").stream()
+        pieces = [rate[i : i + PIECE] for i in range(0, samples, PIECE)]
+        seconds = best(lambda stream=stream, pieces=pieces: [stream.push(piece) for piece in pieces], repeat)
+        print(f"| {name}, arrays in pieces of {PIECE} | {in_millions(samples / seconds)} | |")
+    calibration, few = tinygc.load(folder / "linear.json"), rate[:20_000]
+    seconds = best(lambda: [calibration(sample) for sample in few], repeat)
+    print(f"| linear, one sample after another | {len(few) / seconds:,.0f} | |")
+    del rate, pieces
+    log = folder / "log.csv"
+    write_log(log, samples, rng)
+    seconds = best(lambda: sum(len(piece.gyro) for piece in Reader(log, Answers()).pieces()), repeat)
+    print(f"| reading {samples:,} rows of registers ({log.stat().st_size / 1e6:.0f} MB), alone | {in_millions(samples / seconds)} | |")
+    piece = next(Reader(log, Answers()).pieces())
+    columns, decimals = [piece.t_ns, *piece.gyro.T, *piece.accel.T, piece.temp], [0, 9, 9, 9, 6, 6, 6, 4]
+    seconds = best(lambda: rows(columns, decimals), repeat)
+    print(f"| writing as many, alone | {in_millions(len(piece.gyro) / seconds)} | |")
+    for name in made:
+        runs = [run(folder / f"{name}.json", log, folder / "out.csv") for _ in range(repeat)]
+        seconds, memory = min(run[0] for run in runs), max(run[1] for run in runs)
+        print(f"| `calibrate.py apply`, {name}, from start to end | {in_millions(samples / seconds)} | {memory / 1e6:.0f} MB |")
+
+
+def best(work, repeat: int) -> float:
+    """Seconds of the fastest of so many runs."""
+    times = []
+    for _ in range(repeat):
+        began = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - began)
+    return min(times)
+
+
+def run(model: Path, log: Path, out: Path) -> tuple[float, float]:
+    """Seconds and peak bytes of one command."""
+    command = [sys.executable, str(ROOT / "calibrate.py"), "apply", str(model), str(log), "-o", str(out)]
+    probe = "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True); "
+    probe += "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+    options = ["--gyro-fs", "500", "--accel-fs", "4", "--force", "--quiet"]
+    began = time.perf_counter()
+    said = subprocess.run([sys.executable, "-c", probe, *command, *options], capture_output=True, text=True, check=True)
+    return time.perf_counter() - began, int(said.stdout) * (1 if sys.platform == "darwin" else 1024)
+
+
+def write_log(path: Path, samples: int, rng: np.random.Generator) -> None:
+    """Registers at 208 Hz."""
+    with path.open("wb") as file:
+        file.write(b"t_us,gx,gy,gz,ax,ay,az,temp\n")
+        for start in range(0, samples, PIECE):
+            count = min(PIECE, samples - start)
+            t_us = ((start + np.arange(count)) * 1e6 / RATE_HZ).astype(np.int64)
+            registers = rng.integers(-20_000, 20_000, (7, count))
+            file.write(rows([t_us, *registers], [0] * 8))
+
+
+def in_millions(rate: float) -> str:
+    return f"{rate / 1e6:.2f} million"
+
+
+if __name__ == "__main__":
+    main()

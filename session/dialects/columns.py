@@ -1,0 +1,78 @@
+"""``--columns t_us=NAME,gx_dps=NAME,…``: any CSV at all, in the words of FORMATS' headers."""
+
+from __future__ import annotations
+
+import re
+
+from session.errors import FormatError
+
+EXPECTED = (
+    "expected t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME; NAME is the header's, or the column's number from 1, with - for a wrong sign"
+)
+KEY = re.compile(r"(t|g[xyz]|a[xyz]|temp)(?:_(\S+))?")
+#: None: any run of white space
+DELIMITERS = (",", ";", "\t", None)
+NEEDED = tuple(f"{letter}{axis}" for letter in "ga" for axis in "xyz")
+
+
+def from_columns(text: str, lines: list[str], name: str) -> tuple:
+    """``(delimiter, lines before the rows, names, {t, gx, …: (column, unit, sign)})``."""
+    wanted = _parse(text)
+    for number, line in enumerate(lines):
+        for delimiter in DELIMITERS:
+            names = split(line, delimiter)
+            places = {key: _place(what, names) for key, (what, _, _) in wanted.items()}
+            if None in places.values() or (all(what.isdigit() for what, _, _ in wanted.values()) and not _numeric(names, places)):
+                continue
+            headless = all(what.isdigit() for what, _, _ in wanted.values())
+            columns = {key: (places[key], unit, sign) for key, (_, unit, sign) in wanted.items()}
+            return delimiter, number if headless else number + 1, names, columns
+    missing = [what for what, _, _ in wanted.values() if not any(what in line for line in lines) and not what.isdigit()]
+    said = f"no column {missing[0]!r}" if missing else "no line with all of these columns"
+    first = next((line.strip()[:60] for line in lines if line.strip()), "")
+    raise FormatError(f"{name}: {said} (--columns); it begins {first!r}")
+
+
+def split(line: str, delimiter: str | None) -> tuple[str, ...]:
+    """A header's names, whatever stands around them."""
+    line = line.strip().lstrip("\ufeff#").strip()
+    if delimiter is None:
+        line = re.sub(r"\s+(?=[\[(])", "", line)
+    return tuple(part.strip().strip('"').strip() for part in line.split(delimiter))
+
+
+def _parse(text: str) -> dict[str, tuple[str, str, int]]:
+    """{gx: (name or number, unit, sign)}."""
+    wanted = {}
+    for entry in text.split(","):
+        key, equals, what = entry.strip().partition("=")
+        match = KEY.fullmatch(key.strip())
+        if not match or not equals or not what.strip().lstrip("-"):
+            raise FormatError(f"--columns: {entry.strip()!r} is no column; {EXPECTED}")
+        kind, unit = match[1], match[2] or ""
+        if kind in wanted:
+            raise FormatError(f"--columns: {kind} is given twice; {EXPECTED}")
+        what, sign = what.strip(), 1
+        if what.startswith("-"):
+            what, sign = what[1:].strip(), -1
+        if not unit and kind[0] in "ga":
+            unit = "lsb"
+        wanted[kind] = what, unit or ("lsb" if kind == "temp" else ""), sign
+    missing = [key for key in NEEDED if key not in wanted]
+    if missing:
+        raise FormatError(f"--columns: {', '.join(missing)} missing; {EXPECTED}")
+    return wanted
+
+
+def _place(what: str, names: tuple[str, ...]) -> int | None:
+    if what in names:
+        return names.index(what)
+    if what.isdigit() and 1 <= int(what) <= len(names):
+        return int(what) - 1
+    lower = [name.lower() for name in names]
+    return lower.index(what.lower()) if what.lower() in lower else None
+
+
+def _numeric(names: tuple[str, ...], places: dict[str, int]) -> bool:
+    """Whether a line is a row, not a header."""
+    return all(re.fullmatch(r"[-+]?[\d.,:eE+-]+", names[place]) for place in places.values())

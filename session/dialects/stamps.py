@@ -1,0 +1,76 @@
+"""Stamps as integers: decimal text, clocks, counters that wrap, and stamps that are coarser than the samples."""
+
+from __future__ import annotations
+
+from decimal import Decimal, InvalidOperation
+
+import numpy as np
+
+from session.errors import DataError
+
+#: a counter of 32 bits, or a clock, has come round if it falls by more than half of its span
+COUNTER = 2**32
+DAY_NS = 86_400 * 10**9
+#: share of rows that repeat the stamp before them, from which on stamps are coarse and not merely stuttering
+COARSE = 0.02
+#: of the stamps' own step: how far counted samples may lie from coarse stamps before samples must be missing
+OFF = 2.0
+
+
+def exact_ns(text: str, unit_ns: int) -> int:
+    """A decimal number or a clock (hh:mm:ss.ss) as integer nanoseconds.  Raises ValueError for anything else."""
+    text = text.strip().strip('"')
+    if ":" in text:
+        hours, minutes, seconds = text.split(" ")[-1].split("T")[-1].split(":")
+        return (int(hours) * 60 + int(minutes)) * 60 * 10**9 + exact_ns(seconds, 10**9)
+    try:
+        return int(text) * unit_ns
+    except ValueError:
+        pass
+    try:
+        scaled = Decimal(text) * unit_ns
+        return int(scaled.to_integral_value())
+    except (InvalidOperation, OverflowError):
+        raise ValueError(f"{text[:20]!r} is no time") from None
+
+
+class Unroll:
+    """Carries a wrapping counter or clock on, piece after piece."""
+
+    def __init__(self, span_ns: int):
+        self._span, self._last, self._offset = span_ns, None, 0
+        self.wraps = 0
+
+    def __call__(self, t_ns: np.ndarray) -> np.ndarray:
+        steps = np.diff(t_ns, prepend=t_ns[:1] if self._last is None else self._last)
+        wrapped = steps < -self._span // 2
+        self._last, offset = t_ns[-1:], self._offset + self._span * np.cumsum(wrapped)
+        self._offset, self.wraps = int(offset[-1]), self.wraps + int(wrapped.sum())
+        return t_ns + offset
+
+
+def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarray, str | None]:
+    """Stamps as they are, and None; or, where many samples share one, the samples counted along the stamps, and a note.
+
+    Raises DataError where samples must be missing, which coarse stamps cannot place.
+    """
+    steps = np.diff(t_ns)
+    shared = np.count_nonzero(steps == 0)
+    if len(steps) < 10 or shared <= COARSE * len(steps):
+        return t_ns, None
+    count = np.arange(len(t_ns))
+    step_ns = float(np.median(steps[steps > 0])) if shared < len(steps) else 0.0
+    said = f"{shared} of {len(t_ns)} samples share a stamp with the one before"
+    if step_ns:
+        slope, start = np.polyfit(count, (t_ns - t_ns[0]).astype(float), 1)
+        if np.abs(t_ns - t_ns[0] - start - slope * count).max() <= OFF * step_ns:
+            even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
+            return even, f"{said} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {1e9 / slope:.3f} Hz"
+    if odr_hz is None:
+        raise DataError(f"{name}: {said}, and counting along them misses them: samples are missing; log finer stamps, or give --odr HZ")
+    return counted(len(t_ns), odr_hz), f"{said}, and counting along them misses them: samples were counted at {odr_hz:g} Hz instead"
+
+
+def counted(rows: int, odr_hz: float) -> np.ndarray:
+    """Stamps (N,) ns of samples that are only counted."""
+    return np.rint(np.arange(rows) * (1e9 / odr_hz)).astype(np.int64)

@@ -1,0 +1,56 @@
+"""Units as people write them in headers and options, and what they are in SI."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from session.units import DEG, MDPS, MG, G
+
+#: words of each kind of quantity -> SI per unit (time: nanoseconds, exact)
+TIME = {"ns": 1, "us": 1_000, "µs": 1_000, "μs": 1_000, "ms": 1_000_000, "s": 1_000_000_000, "sec": 1_000_000_000}
+GYRO = {"mdps": MDPS, "dps": DEG, "deg/s": DEG, "°/s": DEG, "deg s^-1": DEG, "rps": 1.0, "rad/s": 1.0, "rad s^-1": 1.0}
+ACCEL = {"mg": MG, "g": G, "mps2": 1.0, "m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "m/s/s": 1.0, "m s^-2": 1.0}
+TEMPERATURE = {"c": 1.0, "degc": 1.0, "°c": 1.0, "℃": 1.0}
+WORDS = {"time": TIME, "gyro": GYRO, "accel": ACCEL, "temp": TEMPERATURE}
+#: what registers are called
+COUNTS = ("lsb", "raw", "counts")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """si per unit, or None for registers whose sensitivity the full scale decides; word as it was written."""
+
+    si: float | int | None
+    word: str
+
+
+def parse_unit(kind: str, text: str) -> Unit | None:
+    """``dps``, ``[mg]``'s inside, ``lsb``, or a number before or under a unit: ``25us``, ``0.061dps``, ``g/2048``; None if it is none.
+
+    kind: time, gyro, accel or temp.
+    """
+    word = re.sub(r"\s+", " ", text.strip().lower())
+    if word in COUNTS and kind != "time":
+        return Unit(None, word)
+    if word in WORDS[kind]:
+        return Unit(WORDS[kind][word], word)
+    if match := re.fullmatch(r"([0-9]*\.?[0-9]+(?:e[-+]?[0-9]+)?) ?(\D.*)", word):
+        return _scaled(kind, float(match[1]), match[2], word)
+    if match := re.fullmatch(r"(.*\D) ?/ ?([0-9]*\.?[0-9]+)", word):
+        return _scaled(kind, 1 / float(match[2]) if float(match[2]) else 0.0, match[1], word)
+    return None
+
+
+def _scaled(kind: str, factor: float, unit: str, word: str) -> Unit | None:
+    if unit.strip() not in WORDS[kind] or not factor > 0:
+        return None
+    si = factor * WORDS[kind][unit.strip()]
+    if kind == "time":
+        return Unit(round(si), word) if si >= 1 and abs(si - round(si)) < 1e-6 else None
+    return Unit(si, word)
+
+
+def known(kind: str) -> str:
+    """The words of a kind, for a complaint."""
+    return ", ".join([*(word for word in WORDS[kind] if word.isascii()), *(["lsb"] if kind != "time" else [])])

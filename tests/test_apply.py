@@ -1,0 +1,341 @@
+"""Models in use: whole logs, logs in pieces, sample by sample; and the command that writes a log anew."""
+
+import gzip
+import json
+
+import numpy as np
+import pytest
+from conftest import DEG, SESSION_TOML, Table, write_session
+
+import calibrate
+import tinygc
+from session import fixed_point
+from session.config import Sensor
+from session.errors import CalibrationError
+from session.logfile import read_log
+from session.samples import Samples
+from session.units import G
+from tinygc import models
+from tinygc.calibration import LOOK_AROUND, NEED_FORCE, NEED_TEMPERATURE, NEED_TIME, Calibration
+from tinygc.denoiser import DenoisedNet, Denoiser
+from tinygc.effects import catalogue
+from tinygc.explain.movement import Conditions, movement_of
+from tinygc.explain.twin import Claim
+from tinygc.linear import LinearModel
+from tinygc.network import CalibrationNet
+from tinygc.physics import PhysicsModel
+from tinygc.physics_methods import CarriedNet
+
+RATE_HZ = 104.0
+SAMPLES = Table().tumble(3, rest_s=1.5).samples(odr_hz=RATE_HZ)
+RNG = np.random.default_rng(5)
+LINEAR = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), 0.01 * RNG.normal(size=3))
+NET = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + 0.01 * RNG.normal(size=27))
+KNOWN = Conditions(duration_s=SAMPLES.duration_s, fs_rps=500 * DEG, first_temp_c=25.0)
+RATE_EFFECTS = [name for name, effect in catalogue().items() if effect.kind == "rate" and not effect.variants and "saturation" not in name]
+
+
+def smoothing() -> Denoiser:
+    return Denoiser.from_vector(Denoiser.identity().vector + 0.05 * RNG.normal(size=(3, 56))).normalised()
+
+
+def physics(*ids):
+    claims = []
+    for name in ids:
+        effect = catalogue()[name]
+        claims.append(Claim(effect, 0.02 * effect.parameter.plausible * (0.5 + RNG.random(effect.parameter.size))))
+    return PhysicsModel(LINEAR, tuple(claims), KNOWN)
+
+
+MANY = ("gyro.thermal_bias", "gyro.g_sensitivity", "gyro.bandwidth", "timing.axis_skew", "gyro.vibration_rectification")
+MODELS = {
+    "linear": LINEAR,
+    "net": NET,
+    "denoised": DenoisedNet(NET, smoothing(), RATE_HZ),
+    "physics": physics(*MANY),
+    "net behind physics": CarriedNet(physics("gyro.g_sensitivity", "gyro.bias_drift"), NET),
+}
+
+
+def whole(model):
+    """What the fit itself makes of the log."""
+    return model.calibrate(SAMPLES) if hasattr(model, "calibrate") else model(SAMPLES.gyro)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_log_is_calibrated_as_in_the_fit(name):
+    model = MODELS[name]
+    omega = Calibration(model, 1 / SAMPLES.period_s)(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
+    # The log's stamps are whole microseconds, the pieces' an even step: a microsecond of angular acceleration.
+    np.testing.assert_allclose(omega, whole(model), rtol=0, atol=1e-6 if hasattr(model, "calibrate") else 1e-12)
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("piece", [1, 7, 100, 5000])
+def test_pieces_join_without_a_seam(name, piece):
+    model = MODELS[name]
+    calibration = Calibration(model, 1 / SAMPLES.period_s)
+    stream, parts = calibration.stream(), []
+    for start in range(0, len(SAMPLES), piece):
+        part = SAMPLES.between(start, start + piece)
+        parts.append(stream.push(part.gyro, part.accel, part.temp_c))
+    parts.append(stream.flush())
+    expected = calibration(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
+    assert np.shape(np.concatenate(parts)) == np.shape(expected)
+    np.testing.assert_allclose(np.concatenate(parts), expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["linear", "net", "denoised", "net behind physics"])
+def test_sample_by_sample_gives_the_same(name):
+    calibration = Calibration(MODELS[name], 1 / SAMPLES.period_s)
+    expected = calibration(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
+    for _ in range(2):  # and again after a reset, whatever was remembered
+        one_by_one = [calibration(*sample) for sample in zip(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c, strict=True)]
+        np.testing.assert_allclose(one_by_one, expected, rtol=0, atol=1e-11)
+        calibration.reset()
+
+
+def test_whole_logs_do_not_disturb_a_live_stream():
+    calibration = Calibration(MODELS["denoised"])
+    expected = calibration(SAMPLES.gyro[:60])
+    live = []
+    for sample in SAMPLES.gyro[:60]:
+        live.append(calibration(sample))
+        calibration(SAMPLES.gyro[200:300])
+    np.testing.assert_allclose(live, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", RATE_EFFECTS)
+def test_the_lists_of_what_effects_look_at_are_true(name):
+    """Neighbours, force, temperature and time move a sample's rate just where the lists say so."""
+    model = physics(name)
+    middle = len(SAMPLES) // 2
+    base = model.calibrate(SAMPLES)[middle]
+
+    def moved(**changes):
+        parts = {"t_ns": SAMPLES.t_ns, "gyro": SAMPLES.gyro, "accel": SAMPLES.accel, "temp_c": SAMPLES.temp_c, **changes}
+        return np.abs(model.calibrate(Samples(**parts))[middle] - base).max() > 1e-12
+
+    others = np.arange(len(SAMPLES)) != middle
+    shaken = SAMPLES.gyro + 0.3 * RNG.normal(size=SAMPLES.gyro.shape) * others[:, None]
+    jolted = SAMPLES.accel + RNG.normal(size=SAMPLES.accel.shape) * others[:, None]
+    assert (moved(gyro=shaken) or moved(accel=jolted)) == (name in LOOK_AROUND)
+    assert moved(accel=SAMPLES.accel + RNG.normal(size=SAMPLES.accel.shape)) == (name in NEED_FORCE)
+    assert moved(temp_c=SAMPLES.temp_c + 3) == (name in NEED_TEMPERATURE)
+    later = np.abs(model.calibrate(SAMPLES, began_s=10.0)[middle] - base).max() > 1e-12
+    assert (later or name in LOOK_AROUND) == (name in NEED_TIME)
+
+
+def test_what_a_model_needs_is_asked_by_name(tmp_path):
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(models.to_dict(physics("gyro.g_sensitivity", "gyro.thermal_bias"))))
+    model = tinygc.load(path)
+    assert model.needs == ("acc", "temp")
+    with pytest.raises(CalibrationError, match="acc"):
+        model(SAMPLES.gyro)
+    with pytest.raises(CalibrationError, match="temp"):
+        model(SAMPLES.gyro, SAMPLES.accel)
+    with pytest.raises(CalibrationError, match="shape"):
+        model(SAMPLES.gyro, SAMPLES.accel[:-1], SAMPLES.temp_c)
+    with pytest.raises(CalibrationError, match=r"\(4,\)"):
+        model(np.zeros(4))
+    with pytest.raises(CalibrationError, match="rate_hz"):
+        Calibration(physics("gyro.bias_drift"))(SAMPLES.gyro)
+    with pytest.raises(CalibrationError, match="live"):
+        Calibration(physics("gyro.bandwidth"), 208.0)(SAMPLES.gyro[0])
+
+
+# Numbers as text
+
+
+def test_rows_are_the_decimals_of_the_numbers():
+    times = np.array([0, 7, 1234567890123456789, -5])
+    values = np.array([0.0, -0.125, 12.3456789, -1e-7])
+    text = fixed_point.rows([times, values], [0, 6]).decode()
+    assert text == "0,0.000000\n7,-0.125000\n1234567890123456789,12.345679\n-5,0.000000\n"
+    assert fixed_point.rows([times[:0]], [0]) == b""
+
+
+def test_rows_agree_with_python_for_any_number():
+    for decimals in (0, 1, 4, 9):
+        values = RNG.normal(size=20_000) * 10.0 ** RNG.integers(-8, 4, 20_000)
+        lines = fixed_point.rows([values, values[::-1]], [decimals, decimals]).decode().splitlines()
+        read = np.array([line.split(",") for line in lines], dtype=float)
+        assert np.abs(read[:, 0] - values).max() <= 0.51 * 10.0**-decimals
+        np.testing.assert_array_equal(read[::-1, 1], read[:, 0])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_what_is_no_decimal_is_refused(value):
+    with pytest.raises(ValueError, match="cannot be written"):
+        fixed_point.rows([np.array([1.0, value])], [3])
+
+
+# The command
+
+
+@pytest.fixture
+def folder(tmp_path):
+    made = write_session(tmp_path / "session", SAMPLES)
+    for name, model in MODELS.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(models.to_dict(model)))
+    return made
+
+
+def run(tmp_path, *arguments):
+    return calibrate.main(["apply", *map(str, arguments), "--quiet"])
+
+
+def read(path):
+    return read_log(path, Sensor("", "", RATE_HZ, 500, 4)).samples
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_apply_writes_the_calibrated_log(name, folder, tmp_path, monkeypatch):
+    from session.dialects import lines
+
+    monkeypatch.setattr(lines.Lines.take, "__defaults__", (4000,))
+    assert run(tmp_path, tmp_path / f"{name}.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 0
+    made, logged = read(tmp_path / "out.csv"), read(folder / "log0001.csv")
+    model = MODELS[name]
+    expected = model.calibrate(logged) if hasattr(model, "calibrate") else model(logged.gyro)
+    np.testing.assert_array_equal(made.t_ns, logged.t_ns)
+    np.testing.assert_allclose(made.gyro, expected, rtol=0, atol=1e-6 if hasattr(model, "calibrate") else 6e-10)
+    np.testing.assert_allclose(made.accel, logged.accel, rtol=0, atol=6e-7)
+    np.testing.assert_allclose(made.temp_c, logged.temp_c, atol=6e-5)
+
+
+def test_apply_takes_the_pre_calibration_beside_the_log(folder, tmp_path):
+    """The g-sensitivity acts on the force that the fit saw."""
+    path = tmp_path / "g.json"
+    model = physics("gyro.g_sensitivity")
+    path.write_text(json.dumps(models.to_dict(model)))
+    (folder / "session.toml").write_text(SESSION_TOML + "[accelerometer]\nbias_mps2 = [0.5, -0.4, 0.3]\n")
+    assert run(tmp_path, path, folder / "log0001.csv", "-o", tmp_path / "out.csv") == 0
+    logged = read(folder / "log0001.csv")
+    expected = model.calibrate(logged.with_accel(logged.accel - [0.5, -0.4, 0.3]))
+    np.testing.assert_allclose(read(tmp_path / "out.csv").gyro, expected, atol=6e-10)
+
+
+def test_apply_reads_foreign_logs_and_packed_ones_and_writes_dps(folder, tmp_path):
+    rows = [
+        f"{t},{','.join(repr(float(v)) for v in (*g, *a))}"
+        for t, g, a in zip(SAMPLES.t_ns // 1000, SAMPLES.gyro, SAMPLES.accel, strict=True)
+    ]
+    head = ",".join([f"gyro_rad[{i}]" for i in range(3)] + [f"accelerometer_m_s2[{i}]" for i in range(3)])
+    packed = tmp_path / "px4.csv.gz"
+    packed.write_bytes(gzip.compress(("timestamp," + head + "\n" + "\n".join(rows)).encode()))
+    assert run(tmp_path, tmp_path / "linear.json", packed, "-o", tmp_path / "out.csv.gz", "--unit", "dps") == 0
+    with gzip.open(tmp_path / "out.csv.gz", "rt") as file:
+        assert file.readline() == "t_ns,gx_dps,gy_dps,gz_dps,ax_mps2,ay_mps2,az_mps2\n"
+    np.testing.assert_allclose(read(tmp_path / "out.csv.gz").gyro, LINEAR(SAMPLES.gyro), atol=6e-8 * DEG)
+
+
+def test_apply_of_an_exported_file_needs_no_session(simulated, folder, tmp_path):
+    """The export knows full scales and pre-calibration: registers alone are enough."""
+    import shutil
+
+    fitted = tmp_path / "fitted"
+    shutil.copytree(simulated(), fitted)
+    assert calibrate.main(["fit", str(fitted), "--methods", "least_squares", "--folds", "2", "--quiet"]) == 0
+    assert calibrate.main(["export", str(fitted), "--to", "json", "--quiet"]) == 0
+    log = tmp_path / "alone.csv"
+    log.write_bytes((folder / "log0001.csv").read_bytes())
+    assert run(tmp_path, fitted / "export" / "fitted.json", log, "-o", tmp_path / "out.csv") == 0
+    model = models.load(fitted / "fit" / "model_least_squares.json")
+    np.testing.assert_allclose(read(tmp_path / "out.csv").gyro, model(read(log).gyro), atol=6e-10)
+    assert run(tmp_path, fitted / "fit" / "model_least_squares.json", log, "-o", tmp_path / "other.csv") == 2  # no full scale
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["none.json", "session/log0001.csv", "-o", "out.csv"], "none.json"),
+        (["linear.json", "none.csv", "-o", "out.csv"], "none.csv"),
+        (["linear.json", "session", "-o", "out.csv"], "session"),
+        (["session/log0001.csv", "session/log0001.csv", "-o", "out.csv"], "broken JSON"),
+        (["linear.json", "linear.json", "-o", "out.csv"], "no header"),
+        (["linear.json", "session/log0001.csv", "-o", "session/log0001.csv", "--force"], "is what is read"),
+        (["linear.json", "session/log0001.csv", "-o", "net.json"], "exists"),
+        (["linear.json", "session/log0001.csv", "-o", "."], "folder"),
+        (["linear.json", "session/log0001.csv", "-o", "no/such/out.csv"], "out.csv"),
+        (["physics.json", "rates.csv", "-o", "out.csv"], "lacks the accelerometer"),
+        (["linear.json", "torn.csv", "-o", "out.csv"], "line 300"),
+    ],
+)
+def test_bad_input_gets_one_line_and_leaves_no_output(arguments, words, folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    logged = (folder / "log0001.csv").read_text()
+    (tmp_path / "rates.csv").write_text("Time,G_x [mdps],G_y [mdps],G_z [mdps]\n" + "".join(f"{i / 100},1,2,3\n" for i in range(500)))
+    torn = logged.split("\n")
+    torn[299] = "1,2"
+    (tmp_path / "torn.csv").write_text("\n".join(torn))
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    more = ["--gyro-fs", "500", "--accel-fs", "4"] if "torn.csv" in arguments else []
+    assert calibrate.main(["apply", *arguments, *more]) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("applying")]
+    assert len(said) == 1
+    assert words in said[0]
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+
+
+def test_an_interruption_leaves_no_output(folder, tmp_path, monkeypatch):
+    import tinygc.apply as module
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "rows", interrupted)
+    assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 130
+    assert not [path.name for path in tmp_path.iterdir() if "out" in path.name]
+
+
+def test_a_full_disk_leaves_no_output(folder, tmp_path, capsys):
+    import os
+
+    if not os.path.exists("/dev/full"):
+        pytest.skip("no /dev/full here")
+    import tinygc.apply as module
+
+    opened = module._open
+    try:
+        module._open = lambda path, packed: open("/dev/full", "wb")  # noqa: SIM115
+        assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 2
+    finally:
+        module._open = opened
+    assert "No space left" in capsys.readouterr().err
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_another_rate_than_the_denoisers_is_said(folder, tmp_path, capsys):
+    (tmp_path / "fast.json").write_text(json.dumps(models.to_dict(DenoisedNet(LINEAR, smoothing(), 416.0))))
+    command = ["apply", str(tmp_path / "fast.json"), str(folder / "log0001.csv"), "-o", str(tmp_path / "out.csv")]
+    assert calibrate.main(command) == 0
+    said = capsys.readouterr().out
+    assert "made for 416" in said
+    assert "ms late" in said
+
+
+def test_memory_does_not_grow_with_the_log(tmp_path):
+    """Four times the rows, the same peak of Python's own allocations within a few pieces."""
+    import tracemalloc
+
+    from session.dialects.layout import Answers
+    from tinygc.apply import apply_model
+
+    (tmp_path / "model.json").write_text(json.dumps(models.to_dict(MODELS["denoised"])))
+    peaks = []
+    for rows in (40_000, 160_000):
+        t_us, registers = np.arange(rows) * 9600, RNG.integers(-20_000, 20_000, (7, rows))
+        log = tmp_path / f"{rows}.csv"
+        log.write_bytes(b"t_us,gx,gy,gz,ax,ay,az,temp\n" + fixed_point.rows([t_us, *registers], [0] * 8))
+        tracemalloc.start()
+        apply_model(tmp_path / "model.json", log, tmp_path / f"{rows}.out.csv", Answers(gyro_fs_dps=500, accel_fs_g=4))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0]
+
+
+def test_gravity_unit_is_the_fits():
+    """force_g in the effects is the specific force over standard gravity."""
+    assert movement_of(SAMPLES, SAMPLES.gyro, KNOWN).force_g[0] == pytest.approx(SAMPLES.accel[0] / G)

@@ -28,9 +28,14 @@ class Blocks:
         return len(self.gyro_mean)
 
 
-def block_moments(samples: Samples) -> Blocks:
-    """Cut samples into blocks of about ``BLOCK_S``; what is left at the end and fills no block is not looked at."""
-    size = max(MIN_BLOCK_SAMPLES, round(BLOCK_S / samples.period_s))
+def block_size(period_s: float) -> int:
+    """Samples in a block of about ``BLOCK_S``."""
+    return max(MIN_BLOCK_SAMPLES, round(BLOCK_S / period_s))
+
+
+def block_moments(samples: Samples, size: int | None = None) -> Blocks:
+    """Cut samples into blocks of ``size`` samples, or of about ``BLOCK_S``; what is left at the end and fills no block is not looked at."""
+    size = size or block_size(samples.period_s)
     gyro_mean, gyro_var = _moments(samples.gyro, size)
     accel_mean, accel_var = _moments(samples.accel, size)
     return Blocks(size, size * samples.period_s, gyro_mean, gyro_var, accel_mean, accel_var)

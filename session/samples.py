@@ -53,3 +53,9 @@ class Samples:
         """Samples start <= i < stop."""
         part = slice(start, stop)
         return Samples(self.t_ns[part], self.gyro[part], self.accel[part], None if self.temp_c is None else self.temp_c[part])
+
+
+def joined(parts: list[Samples]) -> Samples:
+    """Parts of one log, in their order, as one."""
+    temp_c = None if any(part.temp_c is None for part in parts) else np.concatenate([part.temp_c for part in parts])
+    return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("t_ns", "gyro", "accel")), temp_c)

@@ -106,15 +106,15 @@ def _quiet_blocks(blocks: Blocks) -> np.ndarray:
     """Blocks (B,) bool whose scatter is the noise's own."""
     quiet = np.ones(len(blocks), dtype=bool)
     for variance, ratio in ((blocks.gyro_var, QUIET_VARIANCE_RATIO), (blocks.accel_var, QUIET_ACCEL_RATIO)):
-        noise = _noise_variance(variance)
+        noise = noise_variance(variance)
         # The worst axis counts as well as the sum: a slow turn shows in one axis only.
         quiet &= (variance / noise).mean(axis=1) < ratio
         quiet &= (variance < 2 * ratio * noise).all(axis=1)
     return quiet
 
 
-def _noise_variance(variance: np.ndarray) -> np.ndarray:
-    """(3,) variance of the sensor's noise: the median of the quiet blocks, which are found from the quietest twentieth."""
+def noise_variance(variance: np.ndarray) -> np.ndarray:
+    """(3,) variance of the sensor's noise from that of blocks (B, 3): the median of the quiet ones, found from the quietest twentieth."""
     total = variance.sum(axis=1)
     # A register that stands still has no scatter at all; such blocks say nothing of the noise.
     alive = total > 0

@@ -52,7 +52,7 @@ def _asked(session: Session) -> str | None:
         return None
 
 
-def _words(name: str) -> str:
+def parameter_words(name: str) -> str:
     """``E_xy`` as a person says it."""
     kind, axes = name.split("_")
     if kind == "B":
@@ -74,7 +74,7 @@ def _greedy(problem: Problem, covariance: np.ndarray, count: int) -> list[Propos
         words, J = moves[int(np.argmin(gains))]
         information = information + weight * J.T @ J
         after = float(np.sqrt(np.linalg.inv(information)[worst, worst]) / TARGETS[worst])
-        proposals.append(Proposal(words, _words(linear.NAMES[worst]), float(sigma[worst]), after))
+        proposals.append(Proposal(words, parameter_words(linear.NAMES[worst]), float(sigma[worst]), after))
     return proposals
 
 

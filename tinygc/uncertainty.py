@@ -100,6 +100,18 @@ def parameter_covariance(
     return inverse @ meat @ inverse
 
 
+def covariance_from_columns(design: np.ndarray, floor: Floor, middle_s: np.ndarray) -> np.ndarray:
+    """(12, 12) from the segments' columns (S, d, 12) alone: ``parameter_covariance`` without still rates and heading."""
+    weight = 1 / floor.sigma[..., None] ** 2
+    hessian = np.einsum("sdp,sdq->pq", design * weight, design) + np.diag(1 / PRIOR_SIGMA**2)
+    meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
+    pull = np.einsum("sdp,sdi->spi", design * weight, design[..., 9:])
+    meat += np.einsum("spi,st,tqi->pq", pull, wander_covariance(middle_s), pull, optimize=True)
+    inverse = np.linalg.inv(hessian)
+    # The prior is no datum: what no segment has seen is as uncertain as it was.
+    return inverse @ (meat + np.diag(1 / PRIOR_SIGMA**2)) @ inverse
+
+
 def _turn(sensitivity: np.ndarray, batch: closure.Batch) -> np.ndarray:
     """Rotation matrices (S, T, 3, 3) out of a sensitivity, which is they times the sample's duration."""
     duration = sample_weights(batch.dt)[..., None, None]

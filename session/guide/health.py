@@ -1,0 +1,69 @@
+"""How the stream does: what was lost, the true data rate, the temperature and its slope."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+
+import numpy as np
+
+from session.samples import Samples
+from session.segments import GAP_PERIODS
+from session.units import NS
+
+SLOPE_OVER_S = 60.0
+LEAST_SLOPE_S = 10.0
+WARM_C_PER_MIN = 0.2  #: times a data sheet's 0.015 dps/°C: 1 mdps in the 20 s that three segments take
+TEMP_EVERY_S = 1.0
+
+
+class Health:
+    """Counts over a session.  troubles: by kind, as the stream's decoder names them."""
+
+    def __init__(self):
+        self.samples, self.gaps, self.troubles = 0, 0, Counter()
+        self.missing = 0  #: samples that the gaps in the stamps hold
+        self.temp_c: float | None = None
+        self._steps, self._steps_s = 0, 0.0
+        self._last_ns: int | None = None
+        self._temps: deque[tuple[float, float]] = deque(maxlen=round(SLOPE_OVER_S / TEMP_EVERY_S))
+
+    def feed(self, samples: Samples, period_s: float) -> None:
+        """Later samples of the log."""
+        t_ns = samples.t_ns if self._last_ns is None else np.concatenate([[self._last_ns], samples.t_ns])
+        steps = np.diff(t_ns) * NS
+        whole = (steps > 0) & (steps <= GAP_PERIODS * period_s)
+        self.gaps += int(np.sum(steps > GAP_PERIODS * period_s))
+        self.missing += int(np.sum(np.rint(steps[steps > GAP_PERIODS * period_s] / period_s) - 1))
+        self._steps, self._steps_s = self._steps + int(whole.sum()), self._steps_s + float(steps[whole].sum())
+        self.samples, self._last_ns = self.samples + len(samples), int(samples.t_ns[-1])
+        if samples.temp_c is not None:
+            self._feel(samples.t_ns[-1] * NS, float(np.mean(samples.temp_c[-200:])))
+
+    def new_log(self) -> None:
+        """The device's clock has begun anew."""
+        self._last_ns = None
+        self._temps.clear()
+
+    @property
+    def odr_hz(self) -> float | None:
+        """True data rate by the stamps, gaps left out."""
+        return self._steps / self._steps_s if self._steps else None
+
+    @property
+    def temp_slope(self) -> float | None:
+        """°C per minute over the last minute; None until there is enough of it."""
+        if len(self._temps) < 3 or self._temps[-1][0] - self._temps[0][0] < LEAST_SLOPE_S:
+            return None
+        t_s, temp_c = np.array(self._temps).T
+        centred = t_s - t_s.mean()
+        return float(60 * (centred @ temp_c) / (centred @ centred))
+
+    @property
+    def warming(self) -> bool:
+        slope = self.temp_slope
+        return slope is not None and abs(slope) > WARM_C_PER_MIN
+
+    def _feel(self, t_s: float, temp_c: float) -> None:
+        self.temp_c = temp_c if self.temp_c is None else 0.9 * self.temp_c + 0.1 * temp_c
+        if not self._temps or t_s - self._temps[-1][0] >= TEMP_EVERY_S:
+            self._temps.append((t_s, temp_c))

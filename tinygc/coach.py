@@ -1,0 +1,84 @@
+"""The coach: after each segment, what is still known worst, and the movement from here that would help most.
+
+It knows the segments only through the linear sensitivity (``closure.sensitivity``): each adds two angles, linear in the 12 parameters.
+A movement's worth is what its two angles would leave of the sigmas, beside their targets, if it were made from where the sensor lies
+now and followed by the best that can be made from where it ends.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.guide.words import Advice, Taken
+from tinygc import closure, linear, rotation
+from tinygc.closure import Batch
+from tinygc.floor import Floor, gyro_variance, still_tilt_variance
+from tinygc.plan import TARGETS, parameter_words
+from tinygc.turns import FAST_S, Turn, columns, turns_from
+from tinygc.uncertainty import covariance_from_columns
+
+SHARPNESS = 6  #: power of the sigmas in what is made small: 2 would look at all alike, a large one at the worst alone
+FEWEST = 3  #: segments before which no sigma means anything
+
+
+class Coach:
+    """Call it with each accepted segment, in order; it answers with ``Advice``."""
+
+    def __init__(self, targets: np.ndarray = TARGETS):
+        self._targets = targets
+        self._columns: list[np.ndarray] = []
+        self._own: list[np.ndarray] = []
+        self._middle_s: list[float] = []
+
+    def __call__(self, taken: Taken) -> Advice:
+        """Advice on all segments so far."""
+        self.add(taken)
+        if len(self._columns) < FEWEST:
+            return Advice("", f"the coach speaks after {FEWEST} segments")
+        sigma = self.sigma
+        worst = np.argsort(-sigma)
+        missing = tuple(f"{parameter_words(linear.NAMES[i])} {sigma[i]:.1f}" for i in worst if sigma[i] > 1)
+        if not missing:
+            return Advice("", "every parameter has reached its target", reached=True)
+        turn = self.best_turn(taken.segment.last.accel_mean)
+        reason = f"{parameter_words(linear.NAMES[worst[0]])} is known worst, {sigma[worst[0]]:.1f} times its target"
+        return Advice(turn.words, reason, missing=missing)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(12, 12) as ``uncertainty.parameter_covariance`` gives it, less what neighbours share and the Earth's heading."""
+        own = np.array(self._own)
+        floor = Floor(own, np.zeros((len(own) - 1, 2, 2)))
+        return covariance_from_columns(np.array(self._columns), floor, np.array(self._middle_s))
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(12,) one sigma of each parameter in units of its target."""
+        return np.sqrt(np.diag(self.covariance)) / self._targets
+
+    def best_turn(self, accel: np.ndarray) -> Turn:
+        """The turn to make where the accelerometer reads accel (3,)."""
+        information = np.linalg.inv(self.covariance / np.outer(self._targets, self._targets))
+        weight = self._targets / np.sqrt(np.mean([np.trace(own) / 2 for own in self._own]))
+        turns = turns_from(accel)
+        first = columns(np.broadcast_to(accel, (len(turns), 3)), turns) * weight
+        ends = [turn.carries(accel) for turn in turns]
+        pairs = [(i, turn) for i, end in enumerate(ends) for turn in turns_from(end) if turn.seconds == FAST_S]
+        then = columns(np.array([ends[i] for i, _ in pairs]), [turn for _, turn in pairs]) * weight
+        begun = information + first.swapaxes(-1, -2) @ first
+        left = np.linalg.inv(begun[[i for i, _ in pairs]] + then.swapaxes(-1, -2) @ then)
+        cost = (np.diagonal(left, axis1=-2, axis2=-1) ** (SHARPNESS / 2)).sum(-1)
+        return turns[pairs[int(np.argmin(cost))][0]]
+
+    def add(self, taken: Taken) -> None:
+        """Take a segment in: its two angles' columns and their noise."""
+        segment, measured = taken.segment, taken.samples.gyro[None]
+        bias = (segment.first.gyro_mean + segment.last.gyro_mean) / 2
+        start, end = (rotation.from_gravity(still.accel_mean)[None] for still in (segment.first, segment.last))
+        # The Earth's place is taken by the bias: what is left is the turn, as nearly as the sensor's own errors of 1 % matter here.
+        batch = Batch(measured, taken.samples.dt_s[None], np.broadcast_to(bias, measured.shape), start, end, yaw_known=False)
+        own = gyro_variance(batch, closure.attitudes(batch, measured), [taken.noise])[0, :2, :2]
+        tilt = sum(still_tilt_variance(still, taken.noise) for still in (segment.first, segment.last))
+        self._columns.append(linear.columns(closure.sensitivity(batch, measured), measured)[0, :2])
+        self._own.append(own + tilt * np.eye(2))
+        self._middle_s.append(taken.middle_s)

@@ -22,7 +22,7 @@ FEWEST = 3  #: segments before which no sigma means anything
 
 
 class Coach:
-    """Call it with each accepted segment, in order; it answers with ``Advice``."""
+    """Call it with accepted segments, in order; it answers with ``Advice``."""
 
     def __init__(self, targets: np.ndarray = TARGETS):
         self._targets = targets
@@ -30,19 +30,21 @@ class Coach:
         self._own: list[np.ndarray] = []
         self._middle_s: list[float] = []
 
-    def __call__(self, taken: Taken) -> Advice:
-        """Advice on all segments so far."""
-        self.add(taken)
+    def __call__(self, taken: list[Taken]) -> Advice:
+        """Advice on all segments so far, after further ones (at least one)."""
+        for segment in taken:
+            self.add(segment)
         if len(self._columns) < FEWEST:
             return Advice("", f"the coach speaks after {FEWEST} segments")
         sigma = self.sigma
         worst = np.argsort(-sigma)
-        missing = tuple(f"{parameter_words(linear.NAMES[i])} {sigma[i]:.1f}" for i in worst if sigma[i] > 1)
+        missing = tuple(f"{parameter_words(linear.NAMES[i])} ({_times(sigma[i])} its target)" for i in worst if sigma[i] > 1)
         if not missing:
-            return Advice("", "every parameter has reached its target", reached=True)
-        turn = self.best_turn(taken.segment.last.accel_mean)
-        reason = f"{parameter_words(linear.NAMES[worst[0]])} is known worst, {sigma[worst[0]]:.1f} times its target"
-        return Advice(turn.words, reason, missing=missing)
+            return Advice("", f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it", reached=True)
+        turn = self.best_turn(taken[-1].segment.last.accel_mean)
+        return Advice(
+            turn.words, f"{parameter_words(linear.NAMES[worst[0]])} is known worst, {_times(sigma[worst[0]])} its target", missing=missing
+        )
 
     @property
     def covariance(self) -> np.ndarray:
@@ -82,3 +84,7 @@ class Coach:
         self._columns.append(linear.columns(closure.sensitivity(batch, measured), measured)[0, :2])
         self._own.append(own + tilt * np.eye(2))
         self._middle_s.append(taken.middle_s)
+
+
+def _times(sigma: float) -> str:
+    return "hundreds of times" if sigma >= 100 else f"{sigma:.1f} times"

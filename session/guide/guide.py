@@ -25,6 +25,7 @@ EXAMINE_EVERY_S = 0.2
 LEAST_TURN_DEG = 30.0  #: what turns less is not counted: it tells next to nothing
 STIR_DEG = 2.0  #: what moves less was no turn
 PEAK_FULL_SCALE = 0.85
+COACH_S = 2.0  #: how long the coach is waited for before any turn will do
 ANY_TURN = "turn by 90° to 300° to another attitude, about any axis but the vertical alone, in about 3 s"
 
 
@@ -39,6 +40,7 @@ class Guide:
         self.sensor: Sensor | None = None
         self.stage, self.health, self.coverage = Stage.FIND_PORT, Health(), Coverage()
         self.advice: Advice | None = None
+        self.coached = False  #: whether advice is to be expected after each accepted segment
         self.accepted, self.rejected, self.log = 0, 0, 0
         self._before_s = 0.0  # in earlier logs
         self._waits = ""  # what the port or the stream lacks
@@ -86,10 +88,15 @@ class Guide:
 
     def advise(self, advice: Advice | None) -> list[Change]:
         """The coach's word on the segments so far; it may come later than the segment it speaks of."""
-        self._changes, self.advice = [], advice
+        self._changes, self.advice, self._asked_s = [], advice, None
         if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE:
             self._finish("every parameter has reached its target")
         return self._changes
+
+    @property
+    def turning(self) -> bool:
+        """Whether the table moves in its turn now."""
+        return self.stage is Stage.TURN and self._movement.moving
 
     @property
     def hold_s(self) -> float:
@@ -118,6 +125,8 @@ class Guide:
         )
 
     def _turn_instruction(self) -> Instruction:
+        if self._asked_s is not None and self._now_s - self._asked_s < COACH_S and not self._movement.moving:
+            return Instruction(self.stage, "one moment: the coach looks at the last turn", f"for up to {COACH_S:g} s")
         do = self.advice.words if self.advice and self.advice.words else ANY_TURN
         if not self._movement.moving:
             why = self.advice.reason if self.advice and self.advice.reason else f"segment {self.accepted + 1} of {self.segments}"
@@ -130,6 +139,7 @@ class Guide:
 
     def _new_log(self) -> None:
         self._pending: list[Samples] = []
+        self._asked_s: float | None = None
         self._began_ns, self._now_ns = None, 0
         self._period_s = 0.0
         self._window: Window | None = None
@@ -225,6 +235,7 @@ class Guide:
         self.coverage.add(taken)
         note = f"; {segment.note}" if segment.note else ""
         said = f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}"
+        self._asked_s = self._now_s if self.coached else None
         self._say(Kind.ACCEPTED, said, taken)
         if self.accepted >= self.segments:
             self._finish(f"{self.accepted} segments")

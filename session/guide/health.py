@@ -23,6 +23,7 @@ class Health:
         self.samples, self.gaps, self.troubles = 0, 0, Counter()
         self.missing = 0  #: samples that the gaps in the stamps hold
         self.temp_c: float | None = None
+        self.info_odr_hz: float | None = None  #: what the board says
         self._steps, self._steps_s = 0, 0.0
         self._last_ns: int | None = None
         self._temps: deque[tuple[float, float]] = deque(maxlen=round(SLOPE_OVER_S / TEMP_EVERY_S))

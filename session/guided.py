@@ -1,0 +1,162 @@
+"""A guided recording: what the port gives goes to the guide, what the guide accepts goes to the coach, what both say to the screen.
+
+The reader thread stores the bytes (``session.recording``); this loop only reads events, so nothing that it does can lose any.  The coach
+works in a thread of its own: a segment's advice may come while the next still is being held.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Protocol as Interface
+
+from session.config import Config
+from session.errors import CalibrationError
+from session.guide.guide import Guide
+from session.guide.words import Advice, Change, Kind, Stage, Taken
+from session.recording.logwriter import NEW_LOG
+from session.recording.recorder import Recorder
+from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.samples import Samples
+from session.stream.events import Chunk, Event, Info, Trouble
+
+SILENT_S = 1.5
+UNKNOWN_S = 10.0  #: of samples without a word of their ranges
+LAST_WORD_S = 5.0  #: that the coach may take at the end
+SHOW_EVERY_S = 0.1
+
+Coach = Callable[[list[Taken]], Advice]
+Configure = Callable[[Info | None, float], Config | None]
+
+
+class View(Interface):
+    """A screen, or lines."""
+
+    def change(self, change: Change) -> None: ...
+
+    def show(self, guide: Guide) -> None: ...
+
+
+class GuidedRecording:
+    """``lead`` until the guide is done.
+
+    configure(info or None, seconds of samples without one) gives the session's configuration, or None while that is not enough; it raises
+    CalibrationError where the board contradicts what is known.
+    """
+
+    def __init__(self, guide: Guide, recorder: Recorder, configure: Configure, coach: Coach | None, view: View):
+        self.guide, self.recorder, self._configure, self._coach, self._view = guide, recorder, configure, coach, view
+        self.config: Config | None = None
+        guide.coached = coach is not None
+        self._early: list[Chunk] = []  # samples whose ranges nobody has told yet
+        self._to_coach: list[Taken] = []
+        self._coaching: Future | None = None
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="coach")
+        self._heard_s = self._shown_s = time.monotonic()
+
+    def lead(self) -> None:
+        """Take in what an earlier recording left, then follow the port until done.  Errors and Ctrl-C pass through."""
+        self._view.show(self.guide)
+        try:
+            self._take(self.recorder.resumed)
+            if self.recorder.resumed and self.guide.stage is not Stage.DONE:
+                self.guide.new_log()
+                self._view.change(Change(Kind.STAGE, f"resumed: {self.guide.accepted} segments so far"))
+            while self.guide.stage is not Stage.DONE:
+                self._take(self.recorder.poll())
+                self._look_at_port()
+                self._hear_coach()
+                if time.monotonic() - self._shown_s > SHOW_EVERY_S:
+                    self._shown_s = time.monotonic()
+                    self._view.show(self.guide)
+            self._last_word()
+        finally:
+            self._thread.shutdown(wait=False, cancel_futures=True)
+            self._view.show(self.guide)
+
+    def _take(self, events: Iterable[Event]) -> None:
+        for event in events:
+            if isinstance(event, Chunk):
+                self._heard_s = time.monotonic()
+                self._samples(event)
+            elif isinstance(event, Info):
+                self.guide.health.info_odr_hz = event.odr_hz
+                self._know(event)
+            elif isinstance(event, Trouble):
+                self.guide.health.troubles[event.kind] += event.count
+                if event.kind in NEW_LOG:
+                    self._early = []
+                    self.guide.new_log()
+                    self._view.change(Change(Kind.WARNING, f"{_NEW_LOG_SAYS[event.kind]}: a new log begins"))
+
+    def _samples(self, chunk: Chunk) -> None:
+        if self.config is None:
+            self._early.append(chunk)
+            waited_s = float(chunk.t_us[-1] - self._early[0].t_us[0]) * 1e-6
+            if self._know(None, waited_s):
+                return
+            if waited_s > UNKNOWN_S:
+                raise CalibrationError(
+                    f"{UNKNOWN_S:g} s of samples without a word of their ranges: give --gyro-fs-dps, --accel-fs-g, --odr, or a session.toml"
+                )
+            self.guide.waits(Stage.CHECK_STREAM, "the board has not yet said its ranges (an info frame, or a # line)")
+            return
+        for change in self.guide.feed(samples_of(chunk, self.config)):
+            self._view.change(change)
+            if change.taken is not None and self._coach is not None:
+                self._to_coach.append(change.taken)
+
+    def _know(self, info: Info | None, waited_s: float = 0.0) -> bool:
+        """What the samples mean; asked again at each info, which may contradict it.  Whether that is known only now."""
+        config = self._configure(info, waited_s)
+        if config is None or self.config is not None:
+            return False
+        self.config = config
+        self.guide.begin(config.sensor)
+        early, self._early = self._early, []
+        for chunk in early:
+            self._samples(chunk)
+        return True
+
+    def _look_at_port(self) -> None:
+        silent_s = time.monotonic() - self._heard_s
+        if not self.recorder.connected:
+            self.guide.waits(Stage.FIND_PORT, f"{self.recorder.port.name}: {self.recorder.why or 'opening'}; it is tried again and again")
+        elif silent_s > SILENT_S:
+            counts = self.recorder.decoder
+            what = "nothing comes: is the board sending?"
+            if counts.garbage or counts.crc_errors:
+                what = f"{counts.garbage} bytes and {counts.crc_errors} frames that are none: is the baud rate right?"
+            self.guide.waits(Stage.CHECK_STREAM, f"no samples for {silent_s:.0f} s; {what}")
+
+    def _hear_coach(self) -> None:
+        """Take the coach's last word, and give it what has come since."""
+        if self._coaching is not None and self._coaching.done():
+            advice, self._coaching = self._coaching.result(), None
+            for change in self.guide.advise(advice):
+                self._view.change(change)
+        if self._coaching is None and self._to_coach:
+            self._coaching = self._thread.submit(self._coach, self._to_coach)
+            self._to_coach = []
+
+    def _last_word(self) -> None:
+        """Of the coach, on all segments; it has had all but the last one before."""
+        until_s = time.monotonic() + LAST_WORD_S
+        while (self._coaching is not None or self._to_coach) and time.monotonic() < until_s:
+            self._hear_coach()
+            time.sleep(0.01)
+
+
+_NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was opened again"}
+
+
+def samples_of(chunk: Chunk, config: Config) -> Samples:
+    """Registers as SI, with the accelerometer's pre-calibration."""
+    registers = chunk.registers.astype(float)
+    return Samples(
+        chunk.t_us * 1000,
+        registers[:, 0:3] * gyro_rps_per_lsb(config.sensor.gyro_fs_dps),
+        config.accelerometer.correct(registers[:, 3:6] * accel_mps2_per_lsb(config.sensor.accel_fs_g)),
+        temperature_c(registers[:, 6]),
+    )

@@ -1,0 +1,152 @@
+"""The screen of a guided recording: one live view in a terminal, plain lines elsewhere; a bell."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from session.guide.guide import Guide
+from session.guide.words import Change, Kind, Stage
+
+BELLS = {Kind.READY: 1, Kind.ACCEPTED: 1, Kind.REJECTED: 2, Kind.WARNING: 2, Kind.DONE: 3}
+STYLES = {Kind.READY: "green", Kind.ACCEPTED: "green", Kind.REJECTED: "red", Kind.WARNING: "yellow", Kind.DONE: "bold green"}
+REMEMBERED = 4  #: changes that stay on the screen
+REMIND_S = 5.0  #: between two lines that say the same, where there is no terminal
+
+
+class LiveScreen:
+    """A context: the live view between enter and exit."""
+
+    def __init__(self, title: str, mute: bool = False, console: Console | None = None):
+        self.console = console or Console(stderr=True, highlight=False, markup=False, emoji=False)
+        self._title, self._mute = title, mute
+        self._changes: deque[Change] = deque(maxlen=REMEMBERED)
+        self._live = Live(console=self.console, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
+
+    def __enter__(self) -> LiveScreen:
+        self._live.__enter__()
+        return self
+
+    def __exit__(self, *error) -> None:
+        self._live.__exit__(*error)
+
+    def change(self, change: Change) -> None:
+        """Remember it on the screen, and ring."""
+        if change.kind is not Kind.STAGE:
+            self._changes.append(change)
+        if not self._mute:
+            for _ in range(BELLS.get(change.kind, 0)):
+                self.console.bell()
+
+    def show(self, guide: Guide) -> None:
+        """Draw the present state."""
+        self._live.update(view(guide, self._title, self._changes), refresh=True)
+
+
+class PlainLines:
+    """A line for each change, and for what it waits for."""
+
+    def __init__(self, console: Console | None = None):
+        self.console = console or Console(stderr=True, highlight=False, markup=False, emoji=False)
+        self._said, self._said_s = "", 0.0
+
+    def __enter__(self) -> PlainLines:
+        return self
+
+    def __exit__(self, *error) -> None:
+        pass
+
+    def change(self, change: Change) -> None:
+        self.console.print(f"[{change.at_s:7.1f} s] {change.text}", soft_wrap=True)
+
+    def show(self, guide: Guide) -> None:
+        """Say a new instruction, and every few seconds why it waits."""
+        now, wall_s = guide.instruction, time.monotonic()
+        if now.do == self._said and (now.good or wall_s - self._said_s < REMIND_S):
+            return
+        why = now.why if not now.good or (now.stage is Stage.TURN and not guide.turning) else ""
+        self._said, self._said_s = now.do, wall_s
+        self.console.print(f"{'':12}{now.do}{f' ({why})' if why else ''}", soft_wrap=True)
+
+
+def view(guide: Guide, title: str, changes) -> Group:
+    """The whole screen, at most 22 lines of 80 columns."""
+    said = [
+        Text(f"{change.at_s:6.1f} s  {change.text}", style=STYLES.get(change.kind, ""), overflow="ellipsis", no_wrap=True)
+        for change in changes
+    ]
+    return Group(_instruction(guide, title), _state(guide), *said)
+
+
+def _instruction(guide: Guide, title: str) -> Panel:
+    now = guide.instruction
+    bar = Table.grid(padding=(0, 1), expand=True)
+    bar.add_column(ratio=1)
+    bar.add_column(justify="right", width=12)
+    if now.part is not None:
+        bar.add_row(ProgressBar(total=1.0, completed=now.part, complete_style="green"), Text(f"{now.remaining_s:.1f} s left"))
+    else:
+        bar.add_row(Text(""), Text(""))
+    colour = {Stage.HOLD_STILL: "cyan", Stage.TURN: "magenta", Stage.DONE: "green"}.get(now.stage, "yellow")
+    why = Text(now.why, style="" if now.good else "bold yellow")
+    return Panel(Group(Text(now.do, style=f"bold {colour}"), bar, why), title=Text(title), title_align="left", border_style=colour)
+
+
+def _state(guide: Guide) -> Table:
+    health, table = guide.health, Table.grid(padding=(0, 2))
+    table.add_column(style="dim")
+    table.add_column(overflow="fold")
+    table.add_row("segments", _segments(guide))
+    table.add_row("coach", guide.advice.reason if guide.advice else "–")
+    table.add_row("stream", _stream(guide))
+    table.add_row("warmth", _warmth(health))
+    stills = guide.coverage.stills
+    table.add_row("up in stills", Text.assemble(*(_count(f"{face} {count}", count) for face, count in stills.items())))
+    turned = guide.coverage.turned_deg.items()
+    table.add_row("turned about", Text.assemble(*(_count(f"{axis} {degrees:.0f}°", degrees) for axis, degrees in turned)))
+    return table
+
+
+def _count(text: str, count: float) -> tuple[str, str]:
+    """What has not been covered yet stands out."""
+    return f"{text}  ", "" if count else "yellow"
+
+
+def _segments(guide: Guide) -> Table:
+    row = Table.grid(padding=(0, 1))
+    rejected = f", {guide.rejected} rejected" if guide.rejected else ""
+    row.add_row(
+        ProgressBar(total=guide.segments, completed=guide.accepted, width=24, complete_style="green"),
+        f"{guide.accepted} of {guide.segments} accepted{rejected}",
+    )
+    return row
+
+
+def _stream(guide: Guide) -> Text:
+    health, troubles = guide.health, guide.health.troubles
+    odr = "– Hz" if health.odr_hz is None else f"{health.odr_hz:.2f} Hz"
+    said = f" (board: {health.info_odr_hz:.2f})" if health.info_odr_hz else ""
+    counts = {"lost": troubles["lost"], "CRC": troubles["crc"], "garbage": troubles["garbage"], "gaps": health.gaps}
+    text = Text(f"{odr}{said}, {health.samples} samples")
+    for name, count in counts.items():
+        text.append(f", {count} {name}", style="bold yellow" if count else "")
+    return text
+
+
+def _warmth(health) -> Text:
+    if health.temp_c is None:
+        return Text("–")
+    slope = health.temp_slope
+    text = Text(f"{health.temp_c:.1f} °C")
+    if slope is not None:
+        text.append(f", {slope:+.2f} °C/min")
+    if health.warming:
+        text.append(": not settled, its bias moves; better wait", style="yellow")
+    return text

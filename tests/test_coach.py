@@ -1,0 +1,109 @@
+"""The coach: its sigmas are those of the fit, its words say the turn that it means, its advice helps."""
+
+import numpy as np
+import pytest
+from conftest import DEG, config, session_of
+from test_guide import guide_of, play, simulated
+
+from tinygc import linear, rotation
+from tinygc.coach import Coach
+from tinygc.plan import TARGETS
+from tinygc.problem import build_problem
+from tinygc.turns import TOWARDS, columns, turns_from
+from tinygc.uncertainty import parameter_covariance
+
+
+@pytest.fixture(scope="module")
+def taken():
+    """A simulated session's samples, and its segments as the guide hands them over."""
+    samples = simulated(16, seed=3)
+    return samples, [change.taken for change in play(guide_of(), samples) if change.taken]
+
+
+def test_its_sigmas_are_those_of_the_fit(taken):
+    """Within 10 %: it has the ends of the stills a little earlier, and knows nothing of the Earth's heading."""
+    samples, segments = taken
+    coach = Coach()
+    coach(segments)
+    problem = build_problem(session_of(samples, still_s=config().protocol.still_s))
+    covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, middle_s=problem.middle_s)
+    np.testing.assert_allclose(coach.sigma, np.sqrt(np.diag(covariance)) / TARGETS, rtol=0.10)
+
+
+def test_all_at_once_or_one_by_one_it_says_the_same(taken):
+    _, segments = taken
+    one_by_one, at_once = Coach(), Coach()
+    for segment in segments[:8]:
+        last = one_by_one([segment])
+    assert at_once(segments[:8]) == last
+    assert last.words
+    assert "times its target" in last.reason
+    assert last.missing[0].split(" (")[0] == last.reason.split(" is known worst")[0]
+    assert not last.reached
+
+
+def test_it_keeps_silent_at_first_and_stops_when_all_is_reached(taken):
+    _, segments = taken
+    assert Coach()(segments[:2]).words == ""
+    content = Coach(TARGETS * 10)(segments)
+    assert content.reached
+    assert content.words == ""
+    assert content.missing == ()
+
+
+def test_unobserved_parameters_are_not_taken_for_known(taken):
+    """Two segments leave most of twelve parameters where the prior had them: 20 % and 20 dps, thousands of times the target."""
+    coach = Coach()
+    coach(taken[1][:2])
+    assert np.sum(coach.sigma > 100) >= 6
+
+
+def test_the_words_name_the_turn():
+    """z towards x: the turn takes the sensor's z arrow to where its x arrow was; left about the vertical is against the clock from above."""
+    down_x = np.array([9.8, 0.0, 0.0])  # x up
+    for turn in turns_from(down_x):
+        R = rotation.matrix(rotation.exp(turn.axis * turn.angle_rad))
+        assert f"by {turn.angle_rad / DEG:.0f}°" in turn.words
+        quarter = rotation.matrix(rotation.exp(turn.axis * 90 * DEG))
+        if "vertical" in turn.words:
+            assert "with the x axis up" in turn.words
+            assert ("left" in turn.words) == (turn.axis[0] > 0)
+            np.testing.assert_allclose(turn.carries(down_x), down_x, atol=1e-12)
+        else:
+            before, after = turn.words.split("axis, ")[1].split(", by")[0].split(" towards ")
+            np.testing.assert_allclose(quarter @ np.eye(3)["xyz".index(before)], np.eye(3)["xyz".index(after)], atol=1e-12)
+        np.testing.assert_allclose(turn.carries(down_x), R.T @ down_x)
+    assert {turn.words.split("'s ")[1][0] for turn in turns_from(down_x) if "'s " in turn.words} == {"y", "z"}
+    assert TOWARDS == ("yz", "zx", "xy")
+
+
+def test_what_a_turn_tells_is_what_mechanics_says():
+    """A full turn about the level x axis shows its scale by 2 pi; half a turn about the vertical z axis shows E_xz and E_yz by 2."""
+    turns = {turn.words: turn for turn in turns_from(np.array([0.0, 0.0, 9.8]))}
+    full = next(turn for words, turn in turns.items() if words.startswith("turn about the sensor's x axis, y towards z, by 360°, fast"))
+    half = next(turn for words, turn in turns.items() if words.startswith("turn left about the vertical with the z axis up, by 180°, fast"))
+    J = columns(np.array([[0.0, 0.0, 9.8]] * 2), [full, half])
+    at = {name: i for i, name in enumerate(linear.NAMES)}
+    assert np.linalg.norm(J[0][:, at["E_xx"]]) == pytest.approx(2 * np.pi, rel=1e-3)
+    assert np.linalg.norm(J[0][:, at["E_yx"]]) < 1e-2
+    for name in ("E_xz", "E_yz"):
+        assert np.linalg.norm(J[1][:, at[name]]) == pytest.approx(2.0, rel=1e-2)
+    assert np.linalg.norm(J[1][:, at["E_zz"]]) < 1e-2  # gravity does not see a turn about itself
+
+
+def test_its_turn_helps_more_than_most(taken):
+    """What it proposes lowers the worst sigma at least as much as 90 % of all turns it could have proposed."""
+    _, segments = taken
+    coach = Coach()
+    coach(segments[:7])
+    accel = segments[6].segment.last.accel_mean
+    weight = 1 / np.sqrt(np.mean([np.trace(own) / 2 for own in coach._own]))
+    information = np.linalg.inv(coach.covariance)
+
+    def worst_after(turn):
+        J = columns(accel[None], [turn])[0] * weight
+        return np.max(np.sqrt(np.diag(np.linalg.inv(information + J.T @ J))) / TARGETS)
+
+    proposed = worst_after(coach.best_turn(accel))
+    others = [worst_after(turn) for turn in turns_from(accel)]
+    assert proposed <= np.quantile(others, 0.10)

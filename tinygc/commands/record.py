@@ -1,0 +1,158 @@
+"""``record``: lead one person at the table through a session, and lose nothing of it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from tinygc.arguments import count, positive
+from tinygc.commands._results import output, write_json
+
+SUMMARY = "record a guided session from a serial port"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("--port", metavar="PORT", help="such as /dev/ttyACM0 (the only one there is, if it can be the board)")
+    command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
+    command.add_argument("--out", type=Path, metavar="DIR", help="session folder to write (the next free data/sessionN)")
+    command.add_argument("--resume", action="store_true", help="go on with the recording in --out")
+    command.add_argument("--segments", type=count(1), default=40, help="to be accepted (%(default)s)")
+    command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
+    command.add_argument("--like", type=Path, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
+    command.add_argument("--odr", type=positive, metavar="HZ", help="data rate, where the board does not say")
+    command.add_argument("--gyro-fs-dps", type=positive, metavar="DPS", help="full scale, where the board does not say")
+    command.add_argument("--accel-fs-g", type=positive, metavar="G", help="full scale, where the board does not say")
+    command.add_argument("--no-coach", action="store_true", help="any turn will do")
+    command.add_argument("--mute", action="store_true", help="no bell")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Lead one person at the table through a session, and lose nothing of it."""
+    from session.errors import CalibrationError
+    from session.guide.guide import Guide
+    from session.guided import GuidedRecording
+    from session.recording.recorder import Recorder
+    from session.session_file import SessionFile
+
+    folder = args.out or _next_folder()
+    port = _port(args.port)
+    _require_place(folder, args.resume)
+    session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g)
+    recorder = Recorder(folder, port, args.baud)
+    guide = Guide(session_file.protocol, args.segments, args.stop_at_target)
+    interrupted = False
+    try:
+        with _view(args, f"{folder} · {port}") as view:
+            GuidedRecording(guide, recorder, session_file.configure, None if args.no_coach else _coach(), view).lead()
+    except KeyboardInterrupt:
+        interrupted = True
+    except CalibrationError as error:
+        raise type(error)(f"{error}; kept in {folder}: {_so_far(guide, recorder)}") from None
+    finally:
+        recorder.close()
+    console = output(args)
+    console.print(f"{folder}: {_so_far(guide, recorder)}", soft_wrap=True)
+    if missing := _missing(guide):
+        console.print(missing, soft_wrap=True)
+    again = f"calibrate.py record --resume --out {folder} --port {port}"
+    if interrupted:
+        print(f"calibrate: interrupted; everything received is kept. To go on: {again}", file=sys.stderr)
+    else:
+        console.print(f"next: calibrate.py check {folder}, then calibrate.py fit {folder}", soft_wrap=True)
+    write_json(args.json, _table(guide, folder, recorder))
+    return 130 if interrupted else 0
+
+
+def _next_folder() -> Path:
+    """The first ``data/sessionN`` that is not there yet."""
+    return next(path for number in range(1, 1_000_000) if not (path := Path("data") / f"session{number}").exists())
+
+
+def _port(name: str | None) -> str:
+    """The port that was named, else the only one there is."""
+    from serial.tools.list_ports import comports
+
+    from session.errors import DeviceError
+
+    if name is not None:
+        return name
+    found = sorted(comports(), key=lambda port: port.device)
+    if len(found) == 1:
+        return found[0].device
+    listed = "; ".join(f"{port.device} ({port.description})" for port in found) or "there is none: is the board plugged in?"
+    raise DeviceError(f"--port: which one? {listed}")
+
+
+def _require_place(folder: Path, resume: bool) -> None:
+    """A recording is never overwritten; one is resumed only where there is one."""
+    from session.errors import FormatError
+    from session.folder import log_paths
+    from session.recording.rawfile import RAW
+
+    raw = folder / RAW
+    if resume and not raw.exists():
+        raise FormatError(f"{folder}: no recording to resume ({RAW} is not there); give its folder with --out, or leave --resume out")
+    if not resume and raw.exists():
+        raise FormatError(f"{folder}: holds a recording; --resume goes on with it, or give another --out")
+    if not resume and folder.is_dir() and (logs := log_paths(folder, "log")):
+        raise FormatError(f"{folder}: holds {logs[0].name}; give another --out")
+
+
+def _view(args: argparse.Namespace, title: str):
+    """The live screen in a terminal, lines elsewhere, nothing where quiet."""
+    from rich.console import Console
+
+    from session.screen import LiveScreen, PlainLines
+
+    console = Console(stderr=True, highlight=False, markup=False, emoji=False, quiet=args.quiet)
+    return LiveScreen(title, args.mute, console) if console.is_terminal and not args.quiet else PlainLines(console)
+
+
+def _coach():
+    """The coach; its modules are loaded in its own thread, not before the recording starts."""
+    coach = None
+
+    def advise(taken):
+        nonlocal coach
+        if coach is None:
+            from tinygc.coach import Coach
+
+            coach = Coach()
+        return coach(taken)
+
+    return advise
+
+
+def _so_far(guide, recorder) -> str:
+    """What there is: segments and files."""
+    logs = ", ".join(path.name for path in recorder.logs.paths) or "no log yet"
+    return f"{guide.accepted} of {guide.segments} segments, {recorder.decoder.samples} samples ({recorder.raw.path.name}, {logs})"
+
+
+def _missing(guide) -> str:
+    """What the coach would still ask for."""
+    if guide.advice is None or not guide.advice.missing:
+        return ""
+    return f"not yet at their target sigma: {', '.join(guide.advice.missing[:4])}{', …' if len(guide.advice.missing) > 4 else ''}"
+
+
+def _table(guide, folder: Path, recorder) -> dict:
+    """The result as JSON."""
+    counts, health = recorder.decoder, guide.health
+    return {
+        "schema": "tinygc-record/1",
+        "session": str(folder),
+        "done": guide.stage.value == "done",
+        "segments": {"wanted": guide.segments, "accepted": guide.accepted, "rejected": guide.rejected},
+        "samples": counts.samples,
+        "lost": counts.lost,
+        "crc_errors": counts.crc_errors,
+        "garbage_bytes": counts.garbage,
+        "implausible": counts.implausible,
+        "resets": counts.resets,
+        "odr_hz": health.odr_hz,
+        "logs": [path.name for path in recorder.logs.paths],
+        "missing": list(guide.advice.missing) if guide.advice else None,
+    }

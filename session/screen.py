@@ -13,10 +13,12 @@ from rich.table import Table
 from rich.text import Text
 
 from session.guide.guide import Guide
+from session.guide.health import WARM_C_PER_MIN, Health
 from session.guide.words import Change, Kind, Stage
 
 BELLS = {Kind.READY: 1, Kind.ACCEPTED: 1, Kind.REJECTED: 2, Kind.WARNING: 2, Kind.DONE: 3}
 STYLES = {Kind.READY: "green", Kind.ACCEPTED: "green", Kind.REJECTED: "red", Kind.WARNING: "yellow", Kind.DONE: "bold green"}
+FAULTS = (("lost", "lost"), ("crc", "CRC"), ("garbage", "garbage"), ("implausible", "implausible"), ("reset", "resets"))
 REMEMBERED = 4  #: changes that stay on the screen
 REMIND_S = 5.0  #: between two lines that say the same, where there is no terminal
 
@@ -96,7 +98,9 @@ def _instruction(guide: Guide, title: str) -> Panel:
         bar.add_row(Text(""), Text(""))
     colour = {Stage.HOLD_STILL: "cyan", Stage.TURN: "magenta", Stage.DONE: "green"}.get(now.stage, "yellow")
     why = Text(now.why, style="" if now.good else "bold yellow")
-    return Panel(Group(Text(now.do, style=f"bold {colour}"), bar, why), title=Text(title), title_align="left", border_style=colour)
+    return Panel(
+        Group(Text(now.do, style=f"bold {colour}"), bar, why), title=Text(title), title_align="left", border_style=colour, height=7
+    )
 
 
 def _state(guide: Guide) -> Table:
@@ -105,7 +109,8 @@ def _state(guide: Guide) -> Table:
     table.add_column(overflow="fold")
     table.add_row("segments", _segments(guide))
     table.add_row("coach", guide.advice.reason if guide.advice else "–")
-    table.add_row("stream", _stream(guide))
+    table.add_row("stream", _stream(health))
+    table.add_row("faults", _faults(health))
     table.add_row("warmth", _warmth(health))
     stills = guide.coverage.stills
     table.add_row("up in stills", Text.assemble(*(_count(f"{face} {count}", count) for face, count in stills.items())))
@@ -129,18 +134,20 @@ def _segments(guide: Guide) -> Table:
     return row
 
 
-def _stream(guide: Guide) -> Text:
-    health, troubles = guide.health, guide.health.troubles
+def _stream(health: Health) -> Text:
     odr = "– Hz" if health.odr_hz is None else f"{health.odr_hz:.2f} Hz"
-    said = f" (board: {health.info_odr_hz:.2f})" if health.info_odr_hz else ""
-    counts = {"lost": troubles["lost"], "CRC": troubles["crc"], "garbage": troubles["garbage"], "gaps": health.gaps}
-    text = Text(f"{odr}{said}, {health.samples} samples")
-    for name, count in counts.items():
-        text.append(f", {count} {name}", style="bold yellow" if count else "")
+    said = f" (the board says {health.info_odr_hz:.2f})" if health.info_odr_hz else ""
+    return Text(f"{odr}{said}, {health.samples} samples")
+
+
+def _faults(health: Health) -> Text:
+    text = Text()
+    for name, count in (*((name, health.troubles[kind]) for kind, name in FAULTS), ("gaps", health.gaps)):
+        text.append(f"{count} {name}  ", style="bold yellow" if count else "")
     return text
 
 
-def _warmth(health) -> Text:
+def _warmth(health: Health) -> Text:
     if health.temp_c is None:
         return Text("–")
     slope = health.temp_slope
@@ -148,5 +155,5 @@ def _warmth(health) -> Text:
     if slope is not None:
         text.append(f", {slope:+.2f} °C/min")
     if health.warming:
-        text.append(": not settled, its bias moves; better wait", style="yellow")
+        text.append(f": more than ±{WARM_C_PER_MIN:g}, its bias moves; better wait", style="yellow")
     return text

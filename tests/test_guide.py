@@ -1,5 +1,7 @@
 """The guide on simulated streams: what it accepts, what it rejects and why, what it waits for; no clock, no port, no terminal."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from conftest import DEG, Table, config
@@ -100,14 +102,14 @@ def test_the_countdown_runs_down_and_says_what_is_missing():
             assert now.good == (now.remaining_s < guide.hold_s)
     assert left[0] > 0.3  # the first second was looked at as well
     assert left[-1] == pytest.approx(0.0, abs=0.11)
-    assert all(a >= b for a, b in zip(left[:-1], left[1:], strict=True))
+    assert all(a >= b for a, b in pairwise(left))
     assert guide.stage is Stage.TURN
 
 
 def test_a_hand_on_the_table_is_named_with_number_bar_and_axis():
     guide = guide_of()
     samples = with_hand(Table().rest(12).samples(), 0, 8)
-    play(guide, samples.between(0, int(6 * 208)))
+    play(guide, samples.between(0, 6 * 208))
     now = guide.instruction
     assert guide.stage is Stage.HOLD_STILL
     assert not now.good
@@ -115,7 +117,7 @@ def test_a_hand_on_the_table_is_named_with_number_bar_and_axis():
     assert " ".join(words[:2]) in ("rate scatter", "it trembles:")
     assert float(words[2]) > float(words[4]) > 0
     assert words[-2:] == ["hands", "off?"]
-    play(guide, samples.between(int(6 * 208), len(samples)))
+    play(guide, samples.between(6 * 208, len(samples)))
     assert guide.stage is Stage.TURN
 
 

@@ -2,7 +2,7 @@
 
 It knows the segments only through the linear sensitivity (``closure.sensitivity``): each adds two angles, linear in the 12 parameters.
 A movement's worth is what its two angles would leave of the sigmas, beside their targets, if it were made from where the sensor lies
-now and followed by the best that can be made from where it ends.
+now.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from tinygc import closure, linear, rotation
 from tinygc.closure import Batch
 from tinygc.floor import Floor, gyro_variance, still_tilt_variance
 from tinygc.plan import TARGETS, parameter_words
-from tinygc.turns import FAST_S, Turn, columns, turns_from
+from tinygc.turns import Turn, columns, turns_from
 from tinygc.uncertainty import covariance_from_columns
 
-SHARPNESS = 6  #: power of the sigmas in what is made small: 2 would look at all alike, a large one at the worst alone
-FEWEST = 3  #: segments before which no sigma means anything
+UNKNOWN = 10.0  #: times its target: while something is as uncertain, the volume of all uncertainty is made small (D-optimality)
+SHARPNESS = 6  #: afterwards: power of the sigmas in what is made small: 2 would look at all alike, a large one at the worst alone
 
 
 class Coach:
@@ -34,8 +34,6 @@ class Coach:
         """Advice on all segments so far, after further ones (at least one)."""
         for segment in taken:
             self.add(segment)
-        if len(self._columns) < FEWEST:
-            return Advice("", f"the coach speaks after {FEWEST} segments")
         sigma = self.sigma
         worst = np.argsort(-sigma)
         missing = tuple(f"{parameter_words(linear.NAMES[i])} ({_times(sigma[i])} its target)" for i in worst if sigma[i] > 1)
@@ -61,16 +59,13 @@ class Coach:
     def best_turn(self, accel: np.ndarray) -> Turn:
         """The turn to make where the accelerometer reads accel (3,)."""
         information = np.linalg.inv(self.covariance / np.outer(self._targets, self._targets))
-        weight = self._targets / np.sqrt(np.mean([np.trace(own) / 2 for own in self._own]))
         turns = turns_from(accel)
-        first = columns(np.broadcast_to(accel, (len(turns), 3)), turns) * weight
-        ends = [turn.carries(accel) for turn in turns]
-        pairs = [(i, turn) for i, end in enumerate(ends) for turn in turns_from(end) if turn.seconds == FAST_S]
-        then = columns(np.array([ends[i] for i, _ in pairs]), [turn for _, turn in pairs]) * weight
-        begun = information + first.swapaxes(-1, -2) @ first
-        left = np.linalg.inv(begun[[i for i, _ in pairs]] + then.swapaxes(-1, -2) @ then)
-        cost = (np.diagonal(left, axis1=-2, axis2=-1) ** (SHARPNESS / 2)).sum(-1)
-        return turns[pairs[int(np.argmin(cost))][0]]
+        rows = columns(accel, turns) * (self._targets / np.sqrt(np.mean([np.trace(own) / 2 for own in self._own])))
+        after = information + rows.swapaxes(-1, -2) @ rows
+        if self.sigma.max() > UNKNOWN:
+            return turns[int(np.argmax(np.linalg.slogdet(after)[1]))]
+        left = np.diagonal(np.linalg.inv(after), axis1=-2, axis2=-1)
+        return turns[int(np.argmin((left ** (SHARPNESS / 2)).sum(-1)))]
 
     def add(self, taken: Taken) -> None:
         """Take a segment in: its two angles' columns and their noise."""

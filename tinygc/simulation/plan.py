@@ -55,24 +55,24 @@ def hand_plan(options: SimulationOptions, rng: np.random.Generator) -> Plan:
         # A heading is of use only to a session that begins at the table's index: outer gimbal at zero, not upside down.
         start_rad *= 0.0, 0.5, 1.0
     angles, strokes, turns = start_rad.copy(), [], []
-    clock_s = _rest(options, log_rng)
+    clock_s = rest_s(options, log_rng)
     for _ in range(options.segments):
         duration_s = options.turn_s * log_rng.uniform(1 - TURN_SPREAD, 1 + TURN_SPREAD)
-        movement = _not_faster(_turn(angles, clock_s, duration_s, options.vigour, log_rng), limit_rps)
+        movement = not_faster(_turn(angles, clock_s, duration_s, options.vigour, log_rng), limit_rps)
         for stroke in movement:
             angles[stroke.gimbal] += stroke.change_rad
         strokes += movement
         turns.append((clock_s, clock_s + duration_s))
-        clock_s += duration_s + _rest(options, log_rng)
+        clock_s += duration_s + rest_s(options, log_rng)
     log_s, closure = clock_s, None
     if options.closure_s > 0:
         before_s, after_s = options.still_s * closure_rng.uniform(*CLOSURE_STILL, 2)
         closure = (log_s + before_s, log_s + options.closure_s - after_s)
-        strokes += _not_faster(_closure_run(*closure, options.vigour, closure_rng), limit_rps)
+        strokes += not_faster(_closure_run(*closure, options.vigour, closure_rng), limit_rps)
     return Plan(start_rad, tuple(strokes), tuple(turns), log_s, closure, log_s + options.closure_s)
 
 
-def _rest(options: SimulationOptions, rng: np.random.Generator) -> float:
+def rest_s(options: SimulationOptions, rng: np.random.Generator) -> float:
     """The still that ends one turn, the still that begins the next, and some dead time, s."""
     return options.still_s * (2 + rng.uniform(0, DEAD_TIME))
 
@@ -86,7 +86,7 @@ def _turn(angles_rad, start_s: float, duration_s: float, vigour: float, rng: np.
             change = -change
         # The first gimbal spans the turn: its bounds are the movement's.
         late_s, early_s = rng.uniform(0, min(LATE_S, 0.1 * duration_s), 2) if strokes else (0.0, 0.0)
-        strokes.append(_stroke(int(gimbal), start_s + late_s, duration_s - late_s - early_s, change, rng))
+        strokes.append(stroke(int(gimbal), start_s + late_s, duration_s - late_s - early_s, change, rng))
     return strokes
 
 
@@ -99,12 +99,12 @@ def _closure_run(start_s: float, stop_s: float, vigour: float, rng: np.random.Ge
         targets = vigour * rng.uniform(-CLOSURE_RANGE_RAD, CLOSURE_RANGE_RAD, len(knots) - 3)
         changes = np.diff(targets, prepend=0, append=0)
         strokes += [
-            _stroke(gimbal, first, last - first, change, rng) for first, last, change in zip(knots[:-2], knots[2:], changes, strict=True)
+            stroke(gimbal, first, last - first, change, rng) for first, last, change in zip(knots[:-2], knots[2:], changes, strict=True)
         ]
     return strokes
 
 
-def _stroke(gimbal: int, start_s: float, duration_s: float, change_rad: float, rng: np.random.Generator) -> Stroke:
+def stroke(gimbal: int, start_s: float, duration_s: float, change_rad: float, rng: np.random.Generator) -> Stroke:
     slow_rad = abs(change_rad) * SLOW_FRACTION * rng.uniform(0, 1, SLOW_WAVES)
     tremor_rad = TREMOR_RAD * rng.uniform(0, 1, TREMOR_WAVES)
     hertz = np.concatenate([rng.uniform(*SLOW_HZ, SLOW_WAVES), rng.uniform(*TREMOR_HZ, TREMOR_WAVES)])
@@ -112,7 +112,7 @@ def _stroke(gimbal: int, start_s: float, duration_s: float, change_rad: float, r
     return Stroke(gimbal, start_s, duration_s, change_rad, np.concatenate([slow_rad, tremor_rad]), hertz, phase)
 
 
-def _not_faster(strokes: list[Stroke], limit_rps: float) -> list[Stroke]:
+def not_faster(strokes: list[Stroke], limit_rps: float) -> list[Stroke]:
     """The same movement, made smaller if it would exceed the limit.  The gimbals' rates add up to no less than the body's."""
     start_s, stop_s = min(stroke.start_s for stroke in strokes), max(stroke.stop_s for stroke in strokes)
     rates = gimbal_angles(np.zeros(3), tuple(strokes), np.arange(start_s, stop_s, CHECK_S))[1]

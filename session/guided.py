@@ -7,9 +7,12 @@ works in a thread of its own: a segment's advice may come while the next still i
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import groupby
 from typing import Protocol as Interface
+
+import numpy as np
 
 from session.config import Config
 from session.errors import CalibrationError
@@ -76,7 +79,7 @@ class GuidedRecording:
             self._view.show(self.guide)
 
     def _take(self, events: Iterable[Event]) -> None:
-        for event in events:
+        for event in _joined(events):
             if isinstance(event, Chunk):
                 self._heard_s = time.monotonic()
                 self._samples(event)
@@ -146,6 +149,16 @@ class GuidedRecording:
         while (self._coaching is not None or self._to_coach) and time.monotonic() < until_s:
             self._hear_coach()
             time.sleep(0.01)
+
+
+def _joined(events: Iterable[Event]) -> Iterator[Event]:
+    """Neighbouring chunks as one: a busy machine reads many small portions at once."""
+    for are_chunks, group in groupby(events, lambda event: isinstance(event, Chunk)):
+        if are_chunks:
+            chunks = list(group)
+            yield Chunk(np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks]))
+        else:
+            yield from group
 
 
 _NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was opened again"}

@@ -33,11 +33,12 @@ def run(args: argparse.Namespace) -> int:
     from session.errors import CalibrationError
     from session.guide.guide import Guide
     from session.guided import GuidedRecording
+    from session.recording.ports import only_candidate
     from session.recording.recorder import Recorder
     from session.session_file import SessionFile
 
     folder = args.out or _next_folder()
-    port = _port(args.port)
+    port = args.port or only_candidate().name
     _require_place(folder, args.resume)
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g)
     recorder = Recorder(folder, port, args.baud)
@@ -68,21 +69,6 @@ def run(args: argparse.Namespace) -> int:
 def _next_folder() -> Path:
     """The first ``data/sessionN`` that is not there yet."""
     return next(path for number in range(1, 1_000_000) if not (path := Path("data") / f"session{number}").exists())
-
-
-def _port(name: str | None) -> str:
-    """The port that was named, else the only one there is."""
-    from serial.tools.list_ports import comports
-
-    from session.errors import DeviceError
-
-    if name is not None:
-        return name
-    found = sorted(comports(), key=lambda port: port.device)
-    if len(found) == 1:
-        return found[0].device
-    listed = "; ".join(f"{port.device} ({port.description})" for port in found) or "there is none: is the board plugged in?"
-    raise DeviceError(f"--port: which one? {listed}")
 
 
 def _require_place(folder: Path, resume: bool) -> None:

@@ -1,0 +1,182 @@
+"""``record`` end to end: a virtual board on a pseudo-terminal, the recorder, the files; what it does when things go wrong."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from session.folder import read_session
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
+
+ROOT = Path(__file__).resolve().parent.parent
+CALIBRATE = [sys.executable, str(ROOT / "calibrate.py")]
+PATIENCE_S = 240  #: of a machine with other work
+
+
+def calibrate(*words, **options) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [*CALIBRATE, *map(str, words)], capture_output=True, text=True, cwd=ROOT, timeout=PATIENCE_S, env=environment(), **options
+    )
+
+
+def environment() -> dict:
+    return os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+
+
+@pytest.fixture
+def board(tmp_path):
+    """Starts a virtual board: ``board("--frames")`` gives its port; its session.toml is ``tmp_path/bench.toml``."""
+    running = []
+
+    def start(*words) -> Path:
+        port = tmp_path / "port"
+        command = [*CALIBRATE, "board", "--link", port, "--config", tmp_path / "bench.toml", "--lead", "3", *words]
+        process = subprocess.Popen(
+            list(map(str, command)), cwd=ROOT, env=environment(), text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
+        running.append(process)
+        process.stdout.readline()  # its port is there
+        return port
+
+    yield start
+    for process in running:
+        process.send_signal(signal.SIGINT)
+        process.wait(20)
+        process.stdout.close()
+
+
+def closure(folder, out) -> dict:
+    result = calibrate("fit", folder, "--methods", "raw,least_squares", "--out", out, "--json", "-")
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+@pytest.mark.parametrize(("rate", "form", "segments", "speed"), [(416, [], 40, 20), (1667, ["--frames"], 7, 4)])
+def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed):
+    """Nothing is lost, every turn is accepted, and the closure is that of the same session read from its file."""
+    port = board("--rate", rate, "--segments", segments, "--speed", speed, *form)
+    result = calibrate(
+        "record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", segments, "--json", "-"
+    )
+    assert result.returncode == 0, result.stderr
+    told = json.loads(result.stdout)
+    assert told["done"]
+    assert told["segments"] == {"wanted": segments, "accepted": segments, "rejected": 0}
+    assert told["lost"] == told["crc_errors"] == told["garbage_bytes"] == told["implausible"] == told["resets"] == 0
+    assert "\x1b" not in result.stderr
+    (log,) = read_session(tmp_path / "s").logs
+    assert len(log.samples) == told["samples"]
+    assert log.samples.dt_s.max() < 1.5 * log.samples.period_s
+    write_session(SimulationOptions(segments=segments, closure_s=0.0, odr_hz=rate), tmp_path / "file")
+    live, read = (closure(tmp_path / name, tmp_path / f"fit-{name}") for name in ("s", "file"))
+    assert live["segments"]["used"] == read["segments"]["used"] == segments
+    for kind in ("train", "holdout"):
+        mine, theirs = (fit["methods"]["least_squares"][kind]["tilt_rms_deg"] for fit in (live, read))
+        assert mine == pytest.approx(theirs, rel=0.10)
+
+
+def test_a_pulled_cable_costs_one_turn_and_no_more(board, tmp_path):
+    """Unplugged every 25 s of device time: it reconnects by itself, in new logs, until all segments are there."""
+    port = board("--rate", 104, "--segments", 40, "--speed", 15, "--frames", "--faults", "unplug=25")
+    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 7, "--json", "-")
+    assert result.returncode == 0, result.stderr
+    told = json.loads(result.stdout)
+    assert told["segments"]["accepted"] == 7
+    assert len(told["logs"]) >= 2
+    assert "the port was opened again" in result.stderr
+    session = read_session(tmp_path / "s")
+    assert sum(len(log.samples) for log in session.logs) == told["samples"]
+    assert closure(tmp_path / "s", tmp_path / "fit")["segments"]["used"] >= 7
+
+
+def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
+    port = board("--rate", 104, "--segments", 40, "--speed", 15)
+    words = ["record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 9]
+    process = subprocess.Popen(
+        [*CALIBRATE, *map(str, words)], cwd=ROOT, env=environment(), text=True, stderr=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    seen = []
+    for line in process.stderr:
+        seen.append(line)
+        if "turn 3 accepted" in line:
+            process.send_signal(signal.SIGINT)
+            break
+    stdout, stderr = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+    assert "everything received is kept. To go on: calibrate.py record --resume --out" in stderr
+    assert "Traceback" not in stderr
+    assert "of 9 segments" in stdout
+    before = (tmp_path / "s" / "raw.bin").read_bytes()
+    own = (tmp_path / "s" / "session.toml").read_bytes()
+    log = (tmp_path / "s" / "log0001.csv").read_bytes()
+
+    refused = calibrate(*words)
+    assert refused.returncode == 2
+    assert "holds a recording; --resume goes on with it" in refused.stderr
+
+    result = calibrate(*words, "--resume", "--json", "-")
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout)["segments"]["accepted"] == 9
+    assert "resumed: 3 segments so far" in result.stderr or "resumed: 4 segments so far" in result.stderr
+    assert (tmp_path / "s" / "raw.bin").read_bytes().startswith(before)
+    assert (tmp_path / "s" / "session.toml").read_bytes() == own
+    assert (tmp_path / "s" / "log0001.csv").read_bytes() == log
+    assert closure(tmp_path / "s", tmp_path / "fit")["segments"]["used"] >= 9
+
+
+def test_bad_bytes_are_counted_and_the_session_goes_on(board, tmp_path):
+    port = board("--rate", 104, "--segments", 40, "--speed", 15, "--frames", "--faults", "lost=0.0005,garbage=500,torn=0.0005")
+    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 4, "--json", "-")
+    assert result.returncode == 0, result.stderr
+    told = json.loads(result.stdout)
+    assert told["lost"] > 0
+    assert told["garbage_bytes"] + told["crc_errors"] > 0
+    assert told["segments"]["accepted"] == 4
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (["--resume", "--out", "{new}"], 2, "no recording to resume"),
+        (["--out", "{log}"], 2, "holds log0001.csv; give another --out"),
+        (["--out", "{new}", "--like", "{new}/none.toml"], 2, "not found"),
+        (["--out", "{new}"], 3, "cannot be opened"),
+        (["--out", "{file}"], 2, "file"),
+    ],
+)
+def test_what_cannot_be_is_one_line(tmp_path, words, code, says):
+    (tmp_path / "log").mkdir()
+    (tmp_path / "log" / "log0001.csv").write_text("t_us,gx,gy,gz,ax,ay,az,temp\n")
+    (tmp_path / "file").write_text("")
+    places = {name: tmp_path / name for name in ("new", "log", "file")}
+    result = calibrate("record", "--port", tmp_path / "no-port", *(word.format(**places) for word in words))
+    assert result.returncode == code
+    assert says in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_a_range_that_contradicts_the_board_ends_it_with_the_bytes_kept(board, tmp_path):
+    port = board("--segments", 2, "--frames")
+    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--gyro-fs-dps", 1000)
+    assert result.returncode == 2
+    assert "the board says gyro_fs_dps = 500, --gyro-fs-dps says 1000" in result.stderr.splitlines()[-1]
+    assert "kept in" in result.stderr.splitlines()[-1]
+    assert "Traceback" not in result.stderr
+    assert (tmp_path / "s" / "raw.bin").exists()
+
+
+def test_the_recorder_never_loads_torch():
+    code = "import sys; import tinygc.coach, session.guided, session.screen; print('torch' in sys.modules)"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT, env=environment()).strip() == "False"
+
+
+def test_help_comes_before_anything_heavy():
+    began = time.monotonic()
+    assert calibrate("record", "--help").returncode == 0
+    assert time.monotonic() - began < 20  # a hang, not a race: the time itself is the benchmarks' affair

@@ -1,0 +1,95 @@
+"""session.toml of a recording: written from what the board says, never over a user's own, and never against it."""
+
+import numpy as np
+import pytest
+
+from session.config import read_config
+from session.errors import CalibrationError, FormatError
+from session.session_file import SessionFile, nominal_hz, toml_text
+from session.stream.events import Info
+
+INFO = Info(500.0, 4.0, 425.98, 'S/N "7"\\')
+OWN = """# mine
+schema = "tinygc-session/1"
+[sensor]
+odr_hz = 416.0
+gyro_fs_dps = 500
+accel_fs_g = 4
+[accelerometer]
+matrix = [[1.01, 0, 0], [0, 0.99, 0.002], [0, 0, 1]]
+bias_mps2 = [0.01, -0.2, 1e-05]
+[site]
+latitude_deg = 31.03
+[protocol]
+still_s = 1.5
+"""
+
+
+def file_of(folder, like=None, odr_hz=None, gyro_fs_dps=None, accel_fs_g=None) -> SessionFile:
+    return SessionFile(folder, like, odr_hz, gyro_fs_dps, accel_fs_g)
+
+
+def test_what_the_board_says_is_written(tmp_path):
+    config = file_of(tmp_path / "new").configure(INFO)
+    read = read_config(tmp_path / "new" / "session.toml")
+    assert read.sensor == config.sensor
+    assert (read.sensor.odr_hz, read.sensor.gyro_fs_dps, read.sensor.accel_fs_g, read.sensor.serial) == (416.0, 500.0, 4.0, INFO.serial)
+    assert read.unknown == ()
+    assert "give the accelerometer's pre-calibration here" in (tmp_path / "new" / "session.toml").read_text()
+
+
+def test_like_lends_accelerometer_site_and_protocol(tmp_path):
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "session.toml").write_text(OWN)
+    file = file_of(tmp_path, tmp_path / "other")
+    assert file.protocol.still_s == 1.5
+    file.configure(Info(1000.0, 8.0, 208.0, "9"))
+    read = read_config(tmp_path / "session.toml")
+    assert (read.sensor.gyro_fs_dps, read.sensor.accel_fs_g, read.sensor.odr_hz, read.sensor.serial) == (1000.0, 8.0, 208.0, "9")
+    np.testing.assert_array_equal(read.accelerometer.matrix, [[1.01, 0, 0], [0, 0.99, 0.002], [0, 0, 1]])
+    np.testing.assert_array_equal(read.accelerometer.bias_mps2, [0.01, -0.2, 1e-05])
+    assert read.site.latitude_deg == 31.03
+    assert read.protocol.still_s == 1.5
+    assert toml_text(read) == (tmp_path / "session.toml").read_text()
+
+
+def test_a_users_own_file_is_used_and_left_as_it_is(tmp_path):
+    (tmp_path / "session.toml").write_text(OWN)
+    config = file_of(tmp_path).configure(INFO)
+    assert config.accelerometer.bias_mps2[1] == -0.2
+    assert config.sensor.serial == ""
+    assert (tmp_path / "session.toml").read_text() == OWN
+
+
+def test_a_board_that_contradicts_is_not_believed_in_silence(tmp_path):
+    (tmp_path / "session.toml").write_text(OWN)
+    with pytest.raises(CalibrationError, match=r"sensor.gyro_fs_dps is 500, the board says 1000; correct"):
+        file_of(tmp_path).configure(Info(1000.0, 4.0, 416.0, ""))
+    with pytest.raises(CalibrationError, match=r"sensor.accel_fs_g is 4, the command line says 8"):
+        file_of(tmp_path, accel_fs_g=8.0)
+    with pytest.raises(CalibrationError, match=r"the board says gyro_fs_dps = 500, --gyro-fs-dps says 250: leave it out"):
+        file_of(tmp_path / "new", gyro_fs_dps=250.0).configure(INFO)
+    assert not (tmp_path / "new" / "session.toml").exists()
+
+
+def test_a_board_that_says_nothing_is_waited_for_and_then_the_user_is_believed(tmp_path):
+    assert file_of(tmp_path / "a").configure(None, 9.0) is None
+    assert file_of(tmp_path / "b", None, 208.0, 500.0, None).configure(None, 9.0) is None
+    assert file_of(tmp_path / "c", None, 208.0, 500.0, 4.0).configure(None).sensor.odr_hz == 208.0
+    (tmp_path / "other.toml").write_text(OWN)
+    like = file_of(tmp_path / "d", tmp_path / "other.toml")
+    assert like.configure(None, 1.0) is None
+    assert like.configure(None, 3.1).sensor.gyro_fs_dps == 500
+
+
+def test_a_broken_file_is_said_before_anything_is_recorded(tmp_path):
+    (tmp_path / "session.toml").write_text("schema = ")
+    with pytest.raises(FormatError, match="broken TOML"):
+        file_of(tmp_path)
+    with pytest.raises(FormatError, match="not found"):
+        file_of(tmp_path / "new", tmp_path / "nowhere.toml")
+
+
+def test_nominal_rates():
+    assert [nominal_hz(rate) for rate in (203.5, 425.98, 1630.0, 6900.0, 1000.0)] == [208.0, 416.0, 1667.0, 6667.0, 833.0]
+    assert nominal_hz(300.0) == 300.0

@@ -126,18 +126,19 @@ def _missing(guide) -> str:
 
 def _table(guide, folder: Path, recorder) -> dict:
     """The result as JSON."""
-    counts, health = recorder.decoder, guide.health
+    health = guide.health
+    troubles = health.troubles  # before the port was closed, which tears the last frame
     return {
         "schema": "tinygc-record/1",
         "session": str(folder),
         "done": guide.stage.value == "done",
         "segments": {"wanted": guide.segments, "accepted": guide.accepted, "rejected": guide.rejected},
-        "samples": counts.samples,
-        "lost": counts.lost,
-        "crc_errors": counts.crc_errors,
-        "garbage_bytes": counts.garbage,
-        "implausible": counts.implausible,
-        "resets": counts.resets,
+        "samples": recorder.decoder.samples,
+        "lost": troubles["lost"],
+        "crc_errors": troubles["crc"],
+        "garbage_bytes": troubles["garbage"],
+        "implausible": troubles["implausible"],
+        "resets": troubles["reset"],
         "odr_hz": health.odr_hz,
         "logs": [path.name for path in recorder.logs.paths],
         "missing": list(guide.advice.missing) if guide.advice else None,

@@ -60,7 +60,7 @@ def newlib() -> bool:
 def build(target: str, model: Path, folder: Path, optimise: str = "-O2", **variables: str) -> Path:
     """The ELF file ``target`` (tinygc.elf or measure.elf) of the model in a folder.  Raises RuntimeError with what make said."""
     settings = {"MODEL": model.resolve(), "BUILD": folder.resolve(), "OPTIMISE": optimise, **variables}
-    command = ["make", "-s", "-C", HERE, f"{folder.resolve() / target}", *(f"{name}={value}" for name, value in settings.items())]
+    command = ["make", "-s", "-C", HERE, target, *(f"{name}={value}" for name, value in settings.items())]
     made = subprocess.run(command, capture_output=True, text=True, check=False)
     if made.returncode:
         raise RuntimeError(made.stdout + made.stderr)
@@ -94,10 +94,11 @@ def run(elf: Path, inputs: np.ndarray, folder: Path) -> Measured:
     semihosting = ("-semihosting-config", "enable=on,target=native")
     command = ["qemu-system-arm", *MACHINE, "-serial", "none", "-icount", "shift=0", *semihosting, "-kernel", elf.resolve()]
     # Semihosting prints to standard error.
-    said = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=RUN_S, check=True).stderr
-    samples, ticks, nops, failed, inexact = map(int, said.split())
-    if samples != len(inputs):
-        raise RuntimeError(f"the board took {samples} samples of {len(inputs)}")
+    ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=RUN_S, check=False)
+    said = ran.stderr.split()
+    if ran.returncode or len(said) != 5 or int(said[0]) != len(inputs):
+        raise RuntimeError(f"the board said {ran.stderr.strip()[-300:]!r}; expected {len(inputs)} samples and four numbers")
+    samples, ticks, nops, failed, inexact = map(int, said)
     rates = np.fromfile(folder / "outputs.bin", "<f4").reshape(-1, 3)
     return Measured(rates, ticks / samples, nops / 1000, failed, not inexact)
 

@@ -1,0 +1,125 @@
+"""The exported C on an emulated Cortex-M4F: sizes, instructions a sample, and how far it is from NumPy, PyTorch and double precision.
+
+QEMU counts instructions, not cycles: a load or a taken branch may take two or three, a division fourteen.  Needs the tools of
+docs/firmware.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import torch
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
+
+import measure
+from common import markdown, progress
+
+from session.folder import Session, read_session
+from session.units import DEG
+from tinygc import models
+from tinygc.denoiser import DenoisedNet, Denoiser
+from tinygc.embedded.program import program
+from tinygc.embedded.registers import Registers
+from tinygc.embedded.source import source_files
+from tinygc.embedded.stage import Inputs
+from tinygc.fit import fit_session, save_models
+from tinygc.methods import FitOptions
+
+CORE_HZ, ODR_HZ = 168e6, 833
+METHODS = ("least_squares", "tinygc", "tinygc_denoised")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("session", type=Path, nargs="?", default=Path("data/session1"), help="session folder (%(default)s)")
+    parser.add_argument("--model", type=Path, help="a model file instead of those that a fit of the session gives")
+    parser.add_argument("--samples", type=int, default=10_000, help="random samples for the comparison (%(default)s)")
+    args = parser.parse_args()
+    if missing := measure.tools_missing():
+        sys.exit(f"firmware: {missing}")
+    session = read_session(args.session)
+    with tempfile.TemporaryDirectory(prefix="tinygc-") as name:
+        folder = Path(name)
+        files = [args.model] if args.model else _fitted(args.session, folder)
+        chosen = {path.stem.removeprefix("model_"): models.load(path) for path in files}
+        costs, distances = [], []
+        for method, model in chosen.items():
+            progress(method)
+            rows, distance = _measure(method, model, session, folder / method, args.samples)
+            costs += rows
+            distances.append(distance)
+    progress("")
+    head = ["model", "parameters", "flags", "code, bytes", "weights", "state", "self-test", "instructions", f"of 168 MHz at {ODR_HZ} Hz"]
+    print(markdown(head, costs))
+    print()
+    print(markdown(["largest difference of", "bits, board to NumPy", "PyTorch, 250 dps", "PyTorch, 500 dps", "double", "self-test"], distances))
+
+
+def _fitted(session: Path, folder: Path) -> list[Path]:
+    progress("fitting")
+    save_models(fit_session(session, FitOptions(methods=METHODS, folds=2)), folder)
+    return [folder / f"model_{method}.json" for method in METHODS]
+
+
+def _measure(method: str, model, session: Session, folder: Path, samples: int) -> tuple[list[list[str]], list[str]]:
+    """Rows of the first table, and the row of the second."""
+    chosen = program(model)
+    sensor = Registers.of(session.config) or Registers()
+    folder.mkdir()
+    for name, text in source_files(chosen, sensor, "A benchmark.", {}).items():
+        (folder / name).write_text(text)
+    inputs = _random(sensor, samples)
+    expected = chosen.run(Inputs.of(inputs[:, :3], inputs[:, 3:6], inputs[:, 6]))
+    rows, differ, said = [], 0, []
+    for flags in ("-Os", "-O2", "-O2 -ffp-contract=fast"):
+        build = folder / flags.replace(" ", "")
+        found = measure.run(measure.build("measure.elf", folder, build, flags), inputs, folder)
+        size = measure.sizes(build)
+        share = found.instructions * ODR_HZ / CORE_HZ
+        numbers = [size.code, size.weights, size.state, size.self_test, round(found.instructions)]
+        rows.append([method, str(chosen.parameters), f"`{flags}`", *map(str, numbers), f"{100 * share:.2f} %"])
+        if "fast" not in flags:
+            differ += np.count_nonzero(found.rates.view(np.uint32) != expected.view(np.uint32))
+        verdict = f"failed at {found.self_test}" if found.self_test else "exact" if found.exact else "passed"
+        said.append(verdict)
+    slow, fast = (_pytorch(model, chosen, top) for top in (250, 500))
+    double = "–" if hasattr(model, "calibrate") else f"{np.abs(model(inputs[:, :3].astype(float)) - expected).max():.1e}"
+    return rows, [method, f"{differ} of {expected.size}", slow, fast, double, ", ".join(said)]
+
+
+def _random(sensor: Registers, samples: int) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    top = sensor.gyro_fs_dps * DEG
+    rate = rng.uniform(-top, top, (samples, 3))
+    return np.column_stack([rate, 9.8 * rng.normal(size=(samples, 3)), rng.uniform(10, 40, samples)]).astype(np.float32)
+
+
+def _pytorch(model, chosen, top_dps: float) -> str:
+    """Largest difference in rad/s from the model in PyTorch, float32, over a hand's movement up to top_dps with the sensor's noise."""
+    if hasattr(model, "calibrate") or hasattr(getattr(model, "calibration", None), "calibrate"):
+        return "–"
+    rng = np.random.default_rng(1)
+    t_s = np.arange(10_000) / 208
+    rate = top_dps * DEG * np.sin(2 * np.pi * np.outer(t_s, [0.2, 0.3, 0.15])) + 1e-3 * rng.normal(size=(len(t_s), 3))
+    theirs = _single(model)(torch.tensor(rate, dtype=torch.float32)).numpy()
+    return f"{np.abs(theirs - chosen.run(Inputs.of(rate))).max():.1e}"
+
+
+def _single(model):
+    """The same model in PyTorch, float32."""
+    if isinstance(model, DenoisedNet):
+        return dataclasses.replace(model, calibration=_single(model.calibration), denoiser=_single(model.denoiser))
+    values = {field.name: getattr(model, field.name) for field in dataclasses.fields(model)}
+    fixed = ("slope", "dilations") if isinstance(model, Denoiser) else ()
+    tensors = {name: torch.tensor(np.asarray(value), dtype=torch.float32) for name, value in values.items() if name not in fixed}
+    return dataclasses.replace(model, **tensors)
+
+
+if __name__ == "__main__":
+    main()

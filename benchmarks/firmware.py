@@ -58,7 +58,11 @@ def main() -> None:
     head = ["model", "parameters", "flags", "code, bytes", "weights", "state", "self-test", "instructions", f"of 168 MHz at {ODR_HZ} Hz"]
     print(markdown(head, costs))
     print()
-    print(markdown(["largest difference of", "bits, board to NumPy", "PyTorch, 250 dps", "PyTorch, 500 dps", "double", "self-test"], distances))
+    print(
+        markdown(
+            ["largest difference of", "bits, board to NumPy", "PyTorch, 250 dps", "PyTorch, 500 dps", "double", "self-test"], distances
+        )
+    )
 
 
 def _fitted(session: Path, folder: Path) -> list[Path]:

@@ -12,8 +12,10 @@ import struct
 import sys
 import time
 from collections import deque
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 import serial
@@ -131,20 +133,34 @@ def main() -> int:
     args = parser.parse_args()
     try:
         t_us, registers = read_registers(args.log)
-        board = Board(args.port)
-        test = board.hello()
-        print(f"model {test.model:08x}, self-test {f'failed at {test.failed}' if test.failed else 'passed'}, worst {test.worst:g} rad/s")
-        began = time.monotonic()
-        rates = board.calibrate(t_us, registers)
-        print(f"{len(rates)} samples calibrated in {time.monotonic() - began:.1f} s")
-        if args.out:
-            rows = (f"{t},{x:.9g},{y:.9g},{z:.9g}" for t, (x, y, z) in zip(t_us, rates, strict=True))
-            args.out.write_text("\n".join(["t_us,wx_rps,wy_rps,wz_rps", *rows]) + "\n")
+        with args.out.open("w", encoding="utf-8") if args.out else nullcontext() as out:
+            return play(args.port, t_us, registers, out)
     except CalibrationError as error:
         print(f"play: {error}", file=sys.stderr)
         return error.exit_code
+    except OSError as error:
+        print(f"play: {args.out}: {error.strerror or error}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
+        print("play: interrupted", file=sys.stderr)
         return 130
+
+
+def play(port: str, t_us: np.ndarray, registers: np.ndarray, out: TextIO | None) -> int:
+    """Self-test, then the samples; 1 where the self-test failed, else 0."""
+    board = Board(port)
+    try:
+        test = board.hello()
+        verdict = f"failed at vector {test.failed}" if test.failed else "passed"
+        print(f"model {test.model:08x}, self-test {verdict}, worst {test.worst:g} rad/s", flush=True)
+        began = time.monotonic()
+        rates = board.calibrate(t_us, registers)
+        print(f"{len(rates)} samples calibrated in {time.monotonic() - began:.1f} s")
+    finally:
+        board.close()
+    if out:
+        out.write("t_us,wx_rps,wy_rps,wz_rps\n")
+        out.writelines(f"{t},{x:.9g},{y:.9g},{z:.9g}\n" for t, (x, y, z) in zip(t_us, rates, strict=True))
     return 1 if test.failed else 0
 
 

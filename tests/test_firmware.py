@@ -184,6 +184,24 @@ def test_garbage_on_the_line_is_passed_over(board):
     np.testing.assert_array_equal(rates, program(WHOLE).run(SENSOR.inputs(registers)))
 
 
+def test_play_writes_the_rates_that_the_board_answers(board, tmp_path):
+    """The command of docs/firmware.md, on the first second of a closure run."""
+    t_us, registers = read_registers(ROOT / "data" / "session1" / "closure0001.csv.gz")
+    log, out = tmp_path / "log.csv", tmp_path / "rates.csv"
+    rows = np.column_stack([t_us, registers])[:208]
+    np.savetxt(log, rows, fmt="%d", delimiter=",", header="t_us,gx,gy,gz,ax,ay,az,temp", comments="")
+    command = [sys.executable, ROOT / "firmware" / "play.py", board.ports[1], log, "-o"]
+    ran = subprocess.run([*command, out], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert f"model {program(WHOLE).identity:08x}, self-test passed, worst 0 rad/s" in ran.stdout
+    table = np.loadtxt(out, delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(table[:, 0], t_us[:208])
+    np.testing.assert_array_equal(table[:, 1:].astype(np.float32), program(WHOLE).run(SENSOR.inputs(registers[:208])))
+    ran = subprocess.run([*command, tmp_path / "no" / "rates.csv"], capture_output=True, text=True, check=False)
+    assert ran.returncode == 2
+    assert ran.stderr.count("\n") == 1
+
+
 def test_a_port_that_is_none_is_a_device_error(tmp_path):
     with pytest.raises(DeviceError, match="cannot be opened"):
         Board(str(tmp_path / "ttyNONE"))

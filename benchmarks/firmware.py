@@ -1,6 +1,6 @@
 """The exported C on an emulated Cortex-M4F: sizes, instructions a sample, and how far it is from NumPy, PyTorch and double precision.
 
-QEMU counts instructions, not cycles: a load or a taken branch may take two or three, a division fourteen.  Needs the tools of
+QEMU counts instructions, not cycles: a load or a taken branch takes two or more.  Needs the tools of
 docs/firmware.md.
 """
 
@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
 import measure
 from common import markdown, progress
 
+from session.errors import CalibrationError
 from session.folder import Session, read_session
 from session.units import DEG
 from tinygc import models
@@ -127,4 +128,7 @@ def _single(model):
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except CalibrationError as error:
+        sys.exit(f"firmware: {error}")

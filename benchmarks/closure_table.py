@@ -17,6 +17,8 @@ from common import first_still_heading_deg, in_parallel, markdown, simulated, wi
 from session.folder import Session, read_session
 from session.units import DEG
 from tinygc.closure_run import read_closure_runs
+from tinygc.denoise_material import of_problem
+from tinygc.denoise_training import DenoiseOptions, train_denoiser
 from tinygc.fit import closure_figures, run_figures
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import bias_only
@@ -24,8 +26,16 @@ from tinygc.methods import FitOptions, run_method
 from tinygc.problem import Problem, build_problem
 from tinygc.pso import fit_pso
 from tinygc.simulation.options import SimulationOptions
+from tinygc.training import train_second_order
 
-TITLES = {"raw": "raw", "raw_bias_removed": "raw, bias off", "least_squares": "least squares", "pso": "PSO", "tinygc": "TinyGC-Net"}
+TITLES = {
+    "raw": "raw",
+    "raw_bias_removed": "raw, bias off",
+    "least_squares": "least squares",
+    "pso": "PSO",
+    "tinygc": "TinyGC-Net",
+    "tinygc_denoised": "TinyGC-Net, denoised",
+}
 EARTH = {"given": "heading given", "unknown": "heading unknown", "none": "Earth's rotation left out"}
 INSTABILITIES_DPH = (0.0, 3.0)
 CLOSURE_S = (54.0, 58.0)
@@ -106,20 +116,20 @@ def figures(session: Session, methods: tuple[str, ...], heading_deg: float | Non
     return result
 
 
-def fit_model(name: str, problem: Problem):
+def fit_model(name: str, problem: Problem, still_rates: bool = False):
     """One method's model of all segments, without the folds that ``run_method`` adds."""
     batch, sigma, start = problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])
+    rates = problem.still_rates if still_rates else None
     if name == "raw":
         return bias_only()
     if name == "raw_bias_removed":
         return start
     if name == "least_squares":
-        return fit_least_squares(batch, sigma, start).model
+        return fit_least_squares(batch, sigma, start, still_rates=rates).model
     if name == "pso":
-        return fit_pso(batch, sigma, start, seed=0)
-    from tinygc.training import train_second_order  # torch: seconds
-
-    return train_second_order(batch, sigma).net
+        return fit_pso(batch, sigma, start, seed=0, still_rates=rates)
+    net = train_second_order(batch, sigma, still_rates=rates).net
+    return net if name == "tinygc" else train_denoiser(of_problem(problem), net, DenoiseOptions()).model
 
 
 def rms(values: np.ndarray) -> float:

@@ -9,21 +9,25 @@ from session.units import DEG
 from tinygc import closure
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
-from tinygc.network import CalibrationNet
+from tinygc.network import TIES, CalibrationNet
+from tinygc.network_published import PublishedNet
 from tinygc.still_rates import StillRates
-from tinygc.training import train_adamw, train_second_order
+from tinygc.training import train_second_order
+from tinygc.training_adamw import train_adamw
 
 MODEL = LinearModel(np.array([[1.01, 0.005, -0.004], [-0.006, 0.988, 0.003], [0.005, -0.002, 1.008]]), np.array([1.0, -0.7, 0.4]) * DEG)
 NOISE_DPS, ODR_HZ = 0.005, 52.0
 
 
-def recording(seed, asymmetry=0.0, count=24, turns_seed=11, model=MODEL):
-    """A chain of turns with the gyro's noise; its sensitivity differs by ± asymmetry for + and − rates, on every axis."""
-    turns = Turns(count, seed=turns_seed, odr_hz=ODR_HZ)
+def recording(seed, asymmetry=0.0, count=24, turns_seed=11, model=MODEL, cubic=0.0, faster=1):
+    """A chain of turns with the gyro's noise; its sensitivity differs by ± asymmetry for + and − rates, on every axis; ``cubic`` of the
+    full scale is added at full scale (500 dps); the same turns may be run faster."""
+    odr_hz = ODR_HZ * faster
+    turns = Turns(count, seed=turns_seed, odr_hz=odr_hz, seconds=4.0 / faster)
     rng = np.random.default_rng(seed)
-    felt = turns.rate + asymmetry * np.abs(turns.rate)
+    felt = turns.rate + asymmetry * np.abs(turns.rate) + cubic * turns.rate**3 / (500 * DEG) ** 2
     measured = (felt - model.B) @ np.linalg.inv(model.E).T
-    measured = measured + NOISE_DPS * DEG * np.sqrt(ODR_HZ / 2) * rng.standard_normal(measured.shape)
+    measured = measured + NOISE_DPS * DEG * np.sqrt(odr_hz / 2) * rng.standard_normal(measured.shape)
     batch = closure.Batch(measured, turns.dt, np.zeros_like(measured), turns.q[:-1], turns.q[1:], False)
     return batch, np.full(count, NOISE_DPS * DEG / np.sqrt(2) * 2)  # the angle random walk over 4 s
 
@@ -81,6 +85,28 @@ def test_an_asymmetry_on_aligned_axes_is_learnt_to_the_noise():
     batch, sigma = recording(0, asymmetry=0.003, count=40, model=aligned)
     fresh, fresh_sigma = recording(1, asymmetry=0.003, count=40, turns_seed=12, model=aligned)
     assert rms(fresh, train_second_order(batch, sigma).net) < 1.5 * np.sqrt(2) * fresh_sigma[0] / DEG
+
+
+@pytest.mark.parametrize("start", [CalibrationNet.identity(), PublishedNet.identity()], ids=["27", "26"])
+@pytest.mark.parametrize(("asymmetry", "cubic"), [(0.0, 0.0), (0.003, 0.0), (0.0, 0.01), (0.003, 0.01)])
+def test_at_twice_the_rates_it_has_seen_it_is_not_worse_than_least_squares(start, asymmetry, cubic):
+    """Kinks extrapolate badly.  Ties to the linear solution, and kinks that left-out segments must ask for, keep them from harm."""
+    batch, sigma = recording(0, asymmetry, cubic=cubic)
+    faster, _ = recording(100, asymmetry, cubic=cubic, turns_seed=12, faster=2)
+    assert np.abs(faster.rate).max() > 1.5 * np.abs(batch.rate).max()
+    net, linear = train_second_order(batch, sigma, start=start).net, fit_least_squares(batch, sigma, bias_only()).model
+    assert rms(faster, net) < 1.02 * rms(faster, linear)
+
+
+def test_a_free_net_does_extrapolate_badly():
+    """What the ties are for: without them 27 parameters fit the noise of 16 segments, and pay for it at twice the rates."""
+    ratios = []
+    for seed in range(3):
+        batch, sigma = recording(seed, count=16)
+        faster, _ = recording(100 + seed, turns_seed=12 + seed, faster=2)
+        free, tied = (train_second_order(batch, sigma, ties=ties).net for ties in ((100.0,), TIES))
+        ratios.append(rms(faster, free) / rms(faster, tied))
+    assert np.mean(ratios) > 1.1
 
 
 def test_same_data_same_numbers():

@@ -46,6 +46,14 @@ def methods(text: str) -> list[str]:
     return list(dict.fromkeys(chosen))
 
 
+def conditions(text: str) -> tuple[str, ...]:
+    """What a net is told beside the rate, with commas."""
+    known, chosen = ("temperature", "force"), tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not chosen or not set(chosen) <= set(known):
+        raise argparse.ArgumentTypeError(f"{text!r}: choose among {','.join(known)}")
+    return chosen
+
+
 def count(least: int):
     def parse(text: str) -> int:
         value = int(text)

@@ -46,6 +46,8 @@ class ClosureRun:
         """Roll, pitch, yaw error (3,) rad: the error rotation about the table's x, y and the vertical."""
         if hasattr(model, "undelayed"):  # a net with a memory begins at the log's beginning
             return self.errors_at(model.undelayed(self.samples.gyro)[self.rows], integrator)
+        if hasattr(model, "calibrate"):
+            return self.errors_at(model.calibrate(self.samples, self.began_s)[self.rows], integrator)
         return self.errors_at(model(self.batch.rate[0]), integrator)
 
     def with_earth(self, more_t: np.ndarray, rate: np.ndarray) -> ClosureRun:

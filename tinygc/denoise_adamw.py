@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.errors import FitError
 from tinygc import closure, denoise_risk
+from tinygc.adamw import device, minimise
 from tinygc.denoise_material import REACH, Material
 from tinygc.denoiser import DenoisedNet, Denoiser
 
@@ -15,29 +15,23 @@ LEARNING_RATE = 0.003
 DOSE = 0.1
 
 
-def train_adamw(material: Material, calibration, options, progress):
+def train_adamw(material: Material, calibration, options, progress, checkpoint=None):
     """As ``denoise_training.train_denoiser``.  For a bent net the shared noise is measured by a second dose of it (Ramani 2008)."""
     import torch
 
     from tinygc.denoise_training import DenoiserTraining, start
 
-    batch, smoothing = material.batch, options.loss != "endpoint"
+    batch, smoothing, where = material.batch, options.loss != "endpoint", device()
     delay = options.delay if options.loss == "neighbours" else 0
-    x = torch.as_tensor(np.ascontiguousarray(calibration(material.context)))
-    weight = torch.as_tensor(2 / material.sigma.reshape(len(batch), -1))
+    context = np.ascontiguousarray(calibration(material.context))
+    x, weight = (torch.as_tensor(array, device=where) for array in (context, 2 / material.sigma.reshape(len(batch), -1)))
     if smoothing:
         quiet = _noise(material, calibration)
-        noise, dose, scale, rest = (
-            torch.as_tensor(quiet),
-            torch.as_tensor(_tiled(quiet, x.shape, options.seed)),
-            *_scales(material, calibration, options),
-        )
-    vector = torch.as_tensor(start(options.seed, options.slope).vector).requires_grad_()
-    optimizer = torch.optim.AdamW([vector], lr=LEARNING_RATE, weight_decay=0.0)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, options.epochs)
-    losses, best = [], vector.detach().numpy().copy()
-    for epoch in range(options.epochs):
-        optimizer.zero_grad()
+        scale, rest = _scales(material, calibration, options)
+        parts = (quiet, _tiled(quiet, context.shape, options.seed), scale, rest)
+        noise, dose, scale, rest = (torch.as_tensor(array, device=where) for array in parts)
+
+    def loss_of(vector):
         net = Denoiser.from_vector(vector, options.slope).normalised()
         y = net.windowed(x)
         r = closure.segment_residuals(batch, y[:, delay : delay + batch.rate.shape[1]]) * weight
@@ -45,18 +39,21 @@ def train_adamw(material: Material, calibration, options, progress):
         if smoothing:
             loss = loss + (scale * rest * (net.windowed(noise) ** 2).mean(0)).sum()
         if options.loss == "neighbours":
-            target = x[:, REACH - delay : x.shape[1] - delay]
-            shared = dose[:, REACH - delay : x.shape[1] - delay] * (net.windowed(x + DOSE * dose) - y) / DOSE
+            target, doses = (array[:, REACH - delay : x.shape[1] - delay] for array in (x, dose))
+            shared = doses * (net.windowed(x + DOSE * dose) - y) / DOSE
             loss = loss + (scale * ((y - target) ** 2 + 2 * shared).mean((0, 1))).sum()
-        if not torch.isfinite(loss):
-            raise FitError("training the denoiser left the finite numbers; are the rates in the log in the unit that its header says?")
-        losses.append(float(loss.detach()))
-        if losses[-1] <= min(losses):  # it begins at the identity, where the endpoint loss is near its least already
-            best = vector.detach().numpy().copy()
-        loss.backward()
-        optimizer.step()
-        schedule.step()
-        progress(epoch + 1, options.epochs)
+        return loss
+
+    # The best epoch counts: it begins at the identity, where the endpoint loss is near its least already.
+    _, best, losses = minimise(
+        loss_of,
+        start(options.seed, options.slope).vector,
+        epochs=options.epochs,
+        learning_rate=LEARNING_RATE,
+        identity=[context, batch.dt, batch.earth, batch.start, batch.end, material.sigma, np.array(list(repr(options).encode()))],
+        checkpoint=checkpoint,
+        progress=progress,
+    )
     denoiser = Denoiser.from_vector(best, options.slope).normalised()
     return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), tuple(losses))
 
@@ -74,9 +71,7 @@ def _tiled(noise: np.ndarray, shape, seed: int) -> np.ndarray:
 
 def _scales(material: Material, calibration, options):
     """What a squared error of each axis counts (3,), one over the noise's variance, and rest's weight against motion (3,)."""
-    import torch
-
     rates = [calibration(x) for x in material.stretches]
     risk = denoise_risk.measure(rates, [calibration(x) for x in material.stills], REACH + 1, options.delay)
     weight = risk.ideal(options.reduction)[1] if options.loss == "neighbours" else np.ones(3)
-    return torch.as_tensor(1 / (risk.noise[:, 0] * np.maximum(weight, 1))), torch.as_tensor(weight)
+    return 1 / (risk.noise[:, 0] * np.maximum(weight, 1)), weight

@@ -56,9 +56,16 @@ class DenoiserTraining:
 
 
 def train_denoiser(
-    material: Material, calibration, options: DenoiseOptions, progress: Callable[[int, int], None] = lambda step, steps: None
+    material: Material,
+    calibration,
+    options: DenoiseOptions,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+    checkpoint=None,
 ) -> DenoiserTraining:
-    """The whole net with this calibration, frozen.  Raises FitError where the loss is not finite, or there is nothing to smooth."""
+    """The whole net with this calibration, frozen; checkpoint (``adamw.Checkpoint``) where AdamW trains it.
+
+    Raises FitError where the loss is not finite, or there is nothing to smooth.
+    """
     if options.loss not in LOSSES:
         raise ValueError(f"loss is {options.loss!r}, expected one of {', '.join(LOSSES)}")
     if not 0 <= options.delay <= REACH:
@@ -66,7 +73,7 @@ def train_denoiser(
     if options.optimizer == "adamw" or options.slope != 1:
         from tinygc.denoise_adamw import train_adamw
 
-        return train_adamw(material, calibration, options, progress)
+        return train_adamw(material, calibration, options, progress, checkpoint)
     return _second_order(material, calibration, options, progress)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -22,16 +23,21 @@ def run_denoised(problem: Problem, options: FitOptions, calibrated: MethodFit, p
     how = replace(options.denoise, optimizer=options.optimizer, seed=options.seed)
     steps = len(calibrated.parts) + 1
     began = time.perf_counter()
-    trained = train_denoiser(material, calibrated.model, how, lambda done, of: progress(done, of * steps))
+    trained = train_denoiser(material, calibrated.model, how, partial(_tell, progress, 0, steps), options.checkpoint("denoiser_whole"))
     seconds = time.perf_counter() - began
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.parts)
     for k, calibration in enumerate(calibrated.parts):
-        part = train_denoiser(material.pick(fold != k), calibration, how, lambda done, of, k=k: progress((k + 1) * of + done, of * steps))
+        tell = partial(_tell, progress, k + 1, steps)
+        part = train_denoiser(material.pick(fold != k), calibration, how, tell, options.checkpoint(f"denoiser_fold{k}"))
         held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
     notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": how.loss}}
     angles = denoised_angles(material, trained.model, options.integrator)
     return MethodFit("tinygc_denoised", trained.model, angles, held_out, calibrated.seconds + seconds, notes)
+
+
+def _tell(progress, before: int, steps: int, done: int, of: int) -> None:
+    progress(before * of + done, of * steps)
 
 
 def denoised_angles(material: Material, model: DenoisedNet, integrator: str = "exact") -> np.ndarray:

@@ -80,6 +80,11 @@ def fit_session(
     for name in options.methods:
         told = lambda done, of, name=name: progress(name.replace("_", " "), done, of)  # noqa: E731
         fits[name] = known.get(name) or run_method(name, problem, options, told, fits)
+    if options.conditions:
+        from tinygc.conditions_method import METHOD, run_conditions
+
+        words = "tinygc with " + " and ".join(options.conditions)
+        fits[METHOD] = run_conditions(problem, options, options.conditions, lambda done, of: progress(words, done, of))
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or run_method("least_squares", problem, options)
     physics = None
@@ -192,6 +197,7 @@ def to_json(result: FitResult) -> dict:
             "folds": min(result.options.folds, len(problem.used)),
             "integrator": result.options.integrator,
             "optimizer": result.options.optimizer,
+            "variant": result.options.variant,
         },
         "version": tinygc.__version__,
     }
@@ -207,6 +213,8 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
             more["covariance"] = result.covariance.tolist()
             more["unobserved"] = fit.notes.get("unobserved", [])
         write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
+        if "loss" in fit.notes:
+            write_whole(folder / f"loss_{name}.json", {"schema": "tinygc-loss/1", "method": name, "loss": fit.notes["loss"]})
     made = saved_fit.made_from(result.options, input_hashes(result.session), result.methods)
     write_whole(folder / "fit.json", to_json(result))
     write_whole(folder / saved_fit.NAME, made)

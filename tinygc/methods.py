@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -14,15 +15,16 @@ from tinygc.denoise_training import DenoiseOptions
 from tinygc.denoiser import DenoisedNet
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
-from tinygc.network import PARAMETERS as NET_PARAMETERS
 from tinygc.network import CalibrationNet
+from tinygc.network_published import PublishedNet
 from tinygc.problem import Problem
 from tinygc.still_rates import StillRates
 
-Model = LinearModel | CalibrationNet | DenoisedNet
+Model = LinearModel | CalibrationNet | PublishedNet | DenoisedNet
 Progress = Callable[[int, int], None]
 METHODS = ("raw", "raw_bias_removed", "least_squares", "pso", "tinygc", "tinygc_denoised")
-PARAMETERS = {"raw": 0, "raw_bias_removed": 3, "least_squares": 12, "pso": 12, "tinygc": NET_PARAMETERS}
+PARAMETERS = {"raw": 0, "raw_bias_removed": 3, "least_squares": 12, "pso": 12}
+VARIANTS = ("paper", "published")
 OPTIMIZERS = ("second-order", "adamw")
 
 
@@ -30,7 +32,9 @@ OPTIMIZERS = ("second-order", "adamw")
 class FitOptions:
     """methods in the order of the report; folds of the held-out closure; seed of the swarm; still_rates as further data;
     integrator; optimizer and epochs of the network; earth: whether its rotation is taken off; exclude: numbers of segments to leave
-    out; physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none; denoise: of tinygc_denoised."""
+    out; physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none; denoise: of tinygc_denoised;
+    variant of the calibration subnet; conditions that a further net is told; checkpoints: folder where AdamW leaves what it can go on from,
+    and resume: whether it does."""
 
     methods: tuple[str, ...] = METHODS
     folds: int = 5
@@ -43,6 +47,18 @@ class FitOptions:
     physics: tuple[str, ...] | None = None
     exclude: tuple[int, ...] = ()
     denoise: DenoiseOptions = field(default_factory=DenoiseOptions)
+    variant: str = "paper"
+    conditions: tuple[str, ...] = ()
+    checkpoints: Path | None = None
+    resume: bool = False
+
+    def checkpoint(self, name: str):
+        """Of one training, or None."""
+        if self.checkpoints is None or self.optimizer != "adamw":
+            return None
+        from tinygc.adamw import Checkpoint
+
+        return Checkpoint(self.checkpoints / f"checkpoint_{name}.json", self.resume)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +76,8 @@ class MethodFit:
 
     @property
     def parameters(self) -> int:
+        if self.name == "tinygc":
+            return len(self.model.vector)
         return PARAMETERS.get(self.name) or getattr(self.model, "parameters", 0)
 
 
@@ -83,7 +101,7 @@ def run_method(
     # The swarm's windows are exact, and so it is judged.
     integrator = "exact" if name == "pso" else options.integrator
     began = time.perf_counter()
-    model, notes = _fit(name, problem, batch, sigma, options, still_rates, None, lambda done, of: progress(done, of * steps))
+    model, notes = _fit(name, problem, batch, sigma, options, still_rates, None, lambda done, of: progress(done, of * steps), "whole")
     seconds = time.perf_counter() - began
     held_out, parts = np.zeros((len(batch), batch.angles)), []
     fold = np.arange(len(batch)) % folds
@@ -98,6 +116,7 @@ def run_method(
             still_rates,
             model,
             lambda done, of, k=k: progress((k + 1) * of + done, of * steps),
+            f"fold{k}",
         )
         parts.append(part)
         held_out[~seen] = closure_angles(batch.pick(~seen), part, integrator)
@@ -119,8 +138,9 @@ def _fit(
     still_rates: StillRates | None,
     whole: Model | None,
     progress: Progress,
+    label: str,
 ) -> tuple[Model, dict]:
-    """``whole`` is the fit to all segments when this is one of the folds."""
+    """``whole`` is the fit to all segments when this is one of the folds; label names the checkpoint."""
     # A session with a truth file may never rest: then the bias that closes it stands for the first still's.
     start = bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B)
     if name == "raw":
@@ -137,17 +157,23 @@ def _fit(
         around, box = (start, 1.0) if whole is None else (whole, 0.05)
         return fit_pso(batch, sigma, around, seed=options.seed, still_rates=still_rates, box=box, progress=progress), {}
     if name == "tinygc":
-        return _train(batch, sigma, options, still_rates, progress)
+        return _train(batch, sigma, options, still_rates, progress, label)
     raise ValueError(f"method is {name!r}, expected one of {', '.join(METHODS)}")
 
 
-def _train(batch, sigma, options: FitOptions, still_rates, progress: Progress) -> tuple[CalibrationNet, dict]:
-    from tinygc import training
-
+def _train(batch, sigma, options: FitOptions, still_rates, progress: Progress, label: str) -> tuple[CalibrationNet | PublishedNet, dict]:
+    how = {
+        "still_rates": still_rates,
+        "integrator": options.integrator,
+        "start": (PublishedNet if options.variant == "published" else CalibrationNet).identity(),
+        "progress": progress,
+    }
     if options.optimizer == "adamw":
-        trained = training.train_adamw(
-            batch, sigma, epochs=options.epochs, integrator=options.integrator, still_rates=still_rates, progress=progress
-        )
+        from tinygc.training_adamw import train_adamw
+
+        trained = train_adamw(batch, sigma, epochs=options.epochs, checkpoint=options.checkpoint(f"tinygc_{label}"), **how)
     else:
-        trained = training.train_second_order(batch, sigma, integrator=options.integrator, still_rates=still_rates, progress=progress)
+        from tinygc.training import train_second_order
+
+        trained = train_second_order(batch, sigma, **how)
     return trained.net, {"optimizer": options.optimizer, "tie": trained.tie, "loss": list(trained.loss)}

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from session.errors import FormatError
+from tinygc import network_files
 from tinygc.linear import LinearModel
 from tinygc.network import CalibrationNet
+from tinygc.network_published import PublishedNet
 
 SCHEMA = "tinygc-model/1"
 EQUATIONS = {
@@ -21,34 +23,51 @@ EQUATIONS = {
 
 def to_dict(model: LinearModel | CalibrationNet, **more) -> dict:
     """JSON-ready, with schema, equation and units; ``more`` is added as it is."""
-    if hasattr(model, "denoiser"):
-        from tinygc.denoiser_files import denoised_to_dict
-
-        return {"schema": SCHEMA, "units": "rad/s in, rad/s out", **denoised_to_dict(model), **more}
-    if hasattr(model, "calibrate"):
-        from tinygc.physics_files import physics_to_dict
-
-        return {"schema": SCHEMA, "units": "rad/s in, rad/s out", **physics_to_dict(model), **more}
+    writer = _writer(model)
+    if writer is not None:
+        return {"schema": SCHEMA, "units": "rad/s in, rad/s out", **writer(model), **more}
     kind = "tinygc" if isinstance(model, CalibrationNet) else "linear"
     weights = {field.name: np.asarray(getattr(model, field.name)).tolist() for field in fields(model)}
     return {"schema": SCHEMA, "kind": kind, "equation": EQUATIONS[kind], "units": "rad/s in, rad/s out", "weights": weights, **more}
+
+
+def _writer(model):
+    """What makes the table of a kind that is not plain weights."""
+    if hasattr(model, "denoiser"):
+        from tinygc.denoiser_files import denoised_to_dict
+
+        return denoised_to_dict
+    if isinstance(model, PublishedNet):
+        return network_files.published_to_dict
+    if hasattr(model, "known") and not hasattr(model, "claims"):
+        return network_files.conditions_to_dict
+    if hasattr(model, "calibrate"):
+        from tinygc.physics_files import physics_to_dict
+
+        return physics_to_dict
+    return None
 
 
 def from_dict(table: dict, where: str = "model") -> LinearModel | CalibrationNet:
     """The model; FormatError says what is wrong with the table."""
     if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         raise FormatError(f'{where}: no model of this tool, expected "schema": "{SCHEMA}"')
-    if table.get("kind") in ("physics", "tinygc_physics"):
+    kind = table.get("kind")
+    if kind in ("physics", "tinygc_physics"):
         from tinygc.physics_files import physics_from_dict
 
         return physics_from_dict(table, where, from_dict)
-    if table.get("kind") == "tinygc_denoised":
+    if kind == "tinygc_denoised":
         from tinygc.denoiser_files import denoised_from_dict
 
         return denoised_from_dict(table, where, from_dict)
-    cls = {"linear": LinearModel, "tinygc": CalibrationNet}.get(table.get("kind"))
+    if kind == "tinygc_published":
+        return network_files.published_from_dict(table, where)
+    if kind == "tinygc_conditions":
+        return network_files.conditions_from_dict(table, where, from_dict)
+    cls = {"linear": LinearModel, "tinygc": CalibrationNet}.get(kind) if isinstance(kind, str) else None
     if cls is None:
-        raise FormatError(f"{where}: kind is {table.get('kind')!r}, expected linear or tinygc")
+        raise FormatError(f"{where}: kind is {kind!r}, expected linear or tinygc")
     shapes = {"E": (3, 3), "W1": (3, 3), "W2": (3, 3)}
     weights = {}
     for field in fields(cls):

@@ -2,8 +2,9 @@
 
     h = W1 m + b1,   omega = m + W2 PReLU(h) + b2,   PReLU(h) = h for h >= 0, a h below, one slope a per axis
 
-12 + 3 + 12 = 27 parameters, as in the paper's table.  (The authors' published code has a scalar PReLU after each block, 26.)
-It starts at the exact identity: W1 = I, b1 = 0, a = 1, W2 = 0, b2 = 0.  With a = 1 it is the linear model; the slopes bend it.
+12 + 3 + 12 = 27 parameters, as in the paper's table.  (The authors' published code has a scalar PReLU after each block, 26: see
+network_published.)  It starts at the exact identity: W1 = I, b1 = 0, a = 1, W2 = 0, b2 = 0.  With a = 1 it is the linear model; the slopes
+bend it.
 """
 
 from __future__ import annotations
@@ -13,9 +14,14 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from tinygc import rotation
+from tinygc.least_squares import PRIOR_SIGMA
 from tinygc.linear import LinearModel
 
 PARAMETERS = 27
+#: how far the slopes may leave 1, where the net is linear: sigma of their prior, from "not at all" to "freely"
+TIES = (0.0, 0.1, 0.3, 1.0, 3.0)
+#: the inner weights are tied ten times closer: they move the kinks away from zero rate, where a gyroscope has no reason to have one
+INNER_TIE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +53,19 @@ class CalibrationNet:
             parts.append(vector[at : at + size].reshape(shape))
             at += size
         return cls(*parts)
+
+    def with_vector(self, vector) -> CalibrationNet:
+        """The same kind of net with other weights: what training asks of every kind."""
+        return self.from_vector(vector)
+
+    def rungs(self, typical_rps: float, ties: tuple[float, ...] = TIES) -> list[tuple[float, np.ndarray]]:
+        """(tie, prior sigma (27,) of the weights around the identity), from the linear model to a free one.
+
+        The bent part is tied to W1 = I, b1 = 0, slope = 1; the linear part, W2 and b2, hardly at all.
+        """
+        inner = np.array([1.0] * 9 + [typical_rps] * 3) * INNER_TIE
+        bent = np.concatenate([inner, np.ones(3)])
+        return [(tie, np.concatenate([bent * max(tie, 1e-9), PRIOR_SIGMA])) for tie in ties]
 
     @property
     def vector(self):

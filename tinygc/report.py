@@ -19,6 +19,7 @@ TITLES = {
     "pso": "PSO",
     "tinygc": "TinyGC-Net",
     "tinygc_denoised": "TinyGC-Net, denoised",
+    "tinygc_conditions": "TinyGC-Net with conditions",
     "physics": "linear model with physics",
     "tinygc_physics": "TinyGC-Net with physics",
 }

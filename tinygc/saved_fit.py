@@ -16,7 +16,7 @@ from tinygc.problem import Problem
 
 NAME, SCHEMA = "fitted.json", "tinygc-fitted/1"
 #: what decides the numbers of a method; which methods were asked for does not
-IRRELEVANT = ("methods", "physics")
+IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume")
 
 
 def key(options: FitOptions, hashes: dict[str, str]) -> dict:

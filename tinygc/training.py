@@ -5,28 +5,24 @@ costs about one epoch.  It leads from the identity to the linear solution, and f
 along a path of weaker and weaker ties to it; on that path the step whose predicted error is least (leave one segment out) is kept, so
 that 27 parameters do not fit the noise that 12 leave alone.
 
-First order: the paper's AdamW at 0.01 in PyTorch, differentiating through the tree product.  Only this imports torch, which takes
-seconds; the second order needs no autograd.
+First order: the paper's AdamW at 0.01 in PyTorch (training_adamw), differentiating through the tree product.  Only that imports torch,
+which takes seconds; the second order needs no autograd.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from session.errors import FitError
 from tinygc import closure
 from tinygc.closure import Batch
-from tinygc.least_squares import PRIOR_SIGMA
-from tinygc.network import PARAMETERS, CalibrationNet
+from tinygc.network import TIES, CalibrationNet
 from tinygc.still_rates import StillRates
 
-#: how far the slopes may leave 1, where the net is linear: sigma of their prior, from "not at all" to "freely"
-TIES = (0.0, 0.1, 0.3, 1.0, 3.0)
-#: the inner weights are tied ten times closer: they move the kinks away from zero rate, where a gyroscope has no reason to have one
-INNER_TIE = 0.1
 #: standard errors by which a looser tie must lower the left-out error before its kinks are believed
 BELIEF = 3.0
 MAX_STEPS = 25
@@ -34,11 +30,26 @@ MAX_STEPS = 25
 ENOUGH = 1e-3
 
 
+class Net(Protocol):
+    """What training asks of a kind of net."""
+
+    @property
+    def vector(self): ...
+
+    def with_vector(self, vector) -> Net: ...
+
+    def rungs(self, typical_rps: float, ties: tuple[float, ...]) -> list[tuple[float, np.ndarray]]: ...
+
+    def __call__(self, rate): ...
+
+    def columns(self, sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Training:
     """net; tie that was chosen (0: linear); loss: value after each step or epoch, mean squared residual in sigmas."""
 
-    net: CalibrationNet
+    net: Net
     tie: float
     loss: tuple[float, ...]
 
@@ -50,20 +61,25 @@ def train_second_order(
     still_rates: StillRates | None = None,
     ties: tuple[float, ...] = TIES,
     integrator: str = "exact",
+    start: Net | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Training:
-    """Levenberg-Marquardt from the identity; sigma (S,) rad per angle.  Raises FitError where the residuals are not finite."""
-    problem = _Problem(batch, sigma, still_rates, integrator)
-    vector, losses = CalibrationNet.identity().vector, []
+    """Levenberg-Marquardt from ``start``, the identity of the kind of net that is wanted (the paper's); sigma (S,) rad per angle.
+
+    Raises FitError where the residuals are not finite.
+    """
+    problem = _Problem(batch, sigma, still_rates, integrator, start or CalibrationNet.identity())
+    vector, losses = problem.identity, []
     chosen, lowest = None, None
-    for number, tie in enumerate(ties):
-        vector, left_out, trace = problem.settle(vector, tie)
+    rungs = problem.start.rungs(problem.typical_rps, ties)
+    for number, (tie, prior) in enumerate(rungs):
+        vector, left_out, trace = problem.settle(vector, prior)
         losses += trace
-        progress(number + 1, len(ties))
+        progress(number + 1, len(rungs))
         # The first is the linear solution; each looser tie must earn its freedom.
         if chosen is None or _clearly_less(left_out, lowest):
             chosen, lowest = (vector, tie), left_out
-    return Training(CalibrationNet.from_vector(chosen[0]), chosen[1], tuple(losses))
+    return Training(problem.net(chosen[0]), chosen[1], tuple(losses))
 
 
 def _clearly_less(trial: np.ndarray, best: np.ndarray) -> bool:
@@ -75,14 +91,17 @@ def _clearly_less(trial: np.ndarray, best: np.ndarray) -> bool:
 class _Problem:
     """The residuals of the net as rows in sigmas, with their Jacobian."""
 
-    def __init__(self, batch: Batch, sigma: np.ndarray, still_rates: StillRates | None, integrator: str = "exact"):
-        self.integrator = integrator
+    def __init__(self, batch: Batch, sigma: np.ndarray, still_rates: StillRates | None, integrator: str, start: Net):
+        self.integrator, self.start = integrator, start
         self.batch, self.weight, self.still_rates = batch, 1 / sigma.reshape(len(batch), -1), still_rates
-        self.typical_rps = float(np.sqrt(np.mean(batch.rate**2)))
-        self.identity = CalibrationNet.identity().vector
+        self.typical_rps = float(np.sqrt(np.mean(batch.rate[..., :3] ** 2)))
+        self.identity = start.vector
+
+    def net(self, vector: np.ndarray) -> Net:
+        return self.start.with_vector(vector)
 
     def residuals(self, vector: np.ndarray) -> np.ndarray:
-        net = CalibrationNet.from_vector(vector)
+        net = self.net(vector)
         rows = [(2 * closure.segment_residuals(self.batch, net(self.batch.rate), self.integrator) * self.weight).ravel()]
         if self.still_rates is not None:
             rows.append(self.still_rates.residuals(net))
@@ -92,26 +111,20 @@ class _Problem:
         return r
 
     def jacobian(self, vector: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
-        net = CalibrationNet.from_vector(vector)
+        net = self.net(vector)
         design = net.columns(sensitivity, self.batch.rate)
-        rows = [(design * self.weight[..., None]).reshape(-1, PARAMETERS)]
+        rows = [(design * self.weight[..., None]).reshape(-1, len(vector))]
         if self.still_rates is not None:
             each = np.eye(3)[None, None] / self.still_rates.sigma[:, None, :, None]
-            rows.append(net.columns(each, self.still_rates.rate[:, None]).reshape(-1, PARAMETERS))
+            rows.append(net.columns(each, self.still_rates.rate[:, None]).reshape(-1, len(vector)))
         return np.concatenate(rows)
 
     def sensitivity(self, vector: np.ndarray) -> np.ndarray:
-        rate = CalibrationNet.from_vector(vector)(self.batch.rate)
+        rate = self.net(vector)(self.batch.rate)
         return closure.sensitivity(self.batch, rate)[:, :, : self.batch.angles]
 
-    def prior_sigma(self, tie: float) -> np.ndarray:
-        """(27,): the bent part is tied to W1 = I, b1 = 0, slope = 1; the linear part hardly at all."""
-        inner = np.array([1.0] * 9 + [self.typical_rps] * 3) * INNER_TIE
-        return np.concatenate([np.concatenate([inner, np.ones(3)]) * max(tie, 1e-9), PRIOR_SIGMA])
-
-    def settle(self, vector: np.ndarray, tie: float) -> tuple[np.ndarray, np.ndarray, list[float]]:
-        """Minimise with one tie; returns the weights, the left-out squared errors (S,), and the loss after each step."""
-        prior = self.prior_sigma(tie)
+    def settle(self, vector: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[float]]:
+        """Minimise with one prior sigma (P,); returns the weights, the left-out squared errors (S,), and the loss after each step."""
         damping, losses = 1e-6, []
         r = self.residuals(vector)
         pull = (vector - self.identity) / prior
@@ -122,7 +135,7 @@ class _Problem:
                 # The first step from the identity moves attitudes by degrees; what follows, by hundredths.
                 turn = self.sensitivity(vector)
             scaled = self.jacobian(vector, turn) * prior
-            normal = scaled.T @ scaled + np.eye(PARAMETERS)
+            normal = scaled.T @ scaled + np.eye(len(vector))
             gradient = scaled.T @ r + pull
             while True:
                 trial_vector = vector - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient) * prior
@@ -143,43 +156,7 @@ class _Problem:
     def _left_out(self, r: np.ndarray, scaled: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """(S,) squared residual of each segment when it is left out of the fit (PRESS; Allen 1974), in the linear approximation."""
         d, count = self.batch.angles, len(self.batch)
-        rows = scaled[: d * count].reshape(count, d, PARAMETERS)
+        rows = scaled[: d * count].reshape(count, d, -1)
         hat = rows @ np.linalg.solve(normal, rows.transpose(0, 2, 1))
         left_out = np.linalg.solve(np.eye(d) - np.minimum(hat, 1 - 1e-6), r[: d * count].reshape(count, d, 1))
         return np.sum(left_out[..., 0] ** 2, axis=-1)
-
-
-def train_adamw(
-    batch: Batch,
-    sigma: np.ndarray,
-    *,
-    epochs: int = 2000,
-    learning_rate: float = 0.01,
-    integrator: str = "exact",
-    still_rates: StillRates | None = None,
-    progress: Callable[[int, int], None] = lambda step, steps: None,
-) -> Training:
-    """The paper's optimiser on the whole batch, with a cosine decay of the learning rate so that it ends somewhere."""
-    import torch
-
-    weights = torch.as_tensor(CalibrationNet.identity().vector).requires_grad_()
-    rate, weight = torch.as_tensor(batch.rate), torch.as_tensor(2 / sigma)
-    optimizer = torch.optim.AdamW([weights], lr=learning_rate, weight_decay=0.0)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, epochs)
-    losses = []
-    for epoch in range(epochs):
-        optimizer.zero_grad()
-        net = CalibrationNet.from_vector(weights)
-        r = closure.segment_residuals(batch, net(rate), integrator) * weight.reshape(len(batch), -1)
-        loss = (r**2).mean()
-        if still_rates is not None:
-            rows = (net(torch.as_tensor(still_rates.rate)) - torch.as_tensor(still_rates.earth)) / torch.as_tensor(still_rates.sigma)
-            loss = ((r**2).sum() + (rows**2).sum()) / (r.numel() + rows.numel())
-        if not torch.isfinite(loss):
-            raise FitError("training left the finite numbers; are the rates in the log in the unit that its header says?")
-        loss.backward()
-        optimizer.step()
-        schedule.step()
-        losses.append(float(loss.detach()))
-        progress(epoch + 1, epochs)
-    return Training(CalibrationNet.from_vector(weights.detach().numpy()), np.inf, tuple(losses))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from tinygc.arguments import METHODS, count, methods, segment_numbers
+from tinygc.arguments import METHODS, conditions, count, methods, segment_numbers
 
 if TYPE_CHECKING:
     from tinygc.methods import FitOptions
@@ -26,6 +26,12 @@ def add_fit_arguments(command: argparse.ArgumentParser) -> None:
         help="what tinygc_denoised learns; endpoint: the paper's",
     )
     command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="samples it may come late (%(default)s)")
+    command.add_argument(
+        "--variant", choices=("paper", "published"), default="paper", help="TinyGC-Net's 27 parameters, or the 26 of its code"
+    )
+    command.add_argument(
+        "--conditions", type=conditions, default=(), metavar="temperature,force", help="fit a TinyGC-Net that is told these, too"
+    )
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
         "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
@@ -48,4 +54,6 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
         earth=not args.no_earth,
         exclude=tuple(dict.fromkeys(args.exclude)),
         denoise=DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
+        variant=args.variant,
+        conditions=args.conditions,
     )

@@ -20,6 +20,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
     command.add_argument("folder", type=Path, help="session folder")
     add_fit_arguments(command)
+    command.add_argument("--resume", action="store_true", help="go on with an adamw training that was interrupted")
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
     command.add_argument("--model", type=Path, metavar="FILE", help="a stored calibration, of which only the bias is taken anew (--bias)")
     command.add_argument("--bias", choices=("start", "gravity", "given"), help="from: the first still, gravity over the run, --bias-dps")
@@ -37,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.report import fit_report
 
     physics = None if args.physics is None else tuple(name.strip() for name in args.physics.split(","))
-    options = replace(fit_options(args), physics=physics)
+    options = replace(fit_options(args), physics=physics, checkpoints=args.out or args.folder / "fit", resume=args.resume)
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
         result = fit_session(args.folder, options, progress)

@@ -1,0 +1,79 @@
+"""The one loop of AdamW: it goes on where it was interrupted, to the bit, and from nothing else."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from session.errors import FitError
+from tinygc.adamw import Checkpoint, minimise
+
+START = np.array([3.0, -2.0, 1.0])
+
+
+def loss_of(weights):
+    return ((weights - torch.arange(3.0, dtype=torch.float64)) ** 4).sum()
+
+
+def run(epochs=40, checkpoint=None, progress=lambda done, of: None, identity=(), loss=loss_of):
+    return minimise(loss, START, epochs=epochs, learning_rate=0.1, identity=list(identity), checkpoint=checkpoint, progress=progress)
+
+
+def interrupted(path, at=17, **more):
+    def stop(done, of):
+        if done == at:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(checkpoint=Checkpoint(path), progress=stop, **more)
+
+
+def test_it_minimises_and_gives_best_and_losses():
+    last, best, losses = run(200)
+    assert losses[0] == pytest.approx(81 + 81 + 1)
+    assert losses[-1] < 1e-2 * losses[0]
+    assert float(loss_of(torch.as_tensor(best))) == pytest.approx(min(losses))
+    np.testing.assert_allclose(last, [0, 1, 2], atol=0.7)
+
+
+def test_resumed_equals_uninterrupted(tmp_path):
+    path = tmp_path / "deep" / "checkpoint.json"
+    whole = run()
+    interrupted(path)
+    assert len(json.loads(path.read_text())["losses"]) == 17
+    resumed = run(checkpoint=Checkpoint(path, resume=True))
+    for a, b in zip(whole, resumed, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert not path.exists()  # it has ended
+
+
+def test_without_resume_it_begins_anew(tmp_path):
+    path = tmp_path / "checkpoint.json"
+    interrupted(path)
+    seen = []
+    run(checkpoint=Checkpoint(path), progress=lambda done, of: seen.append(done))
+    assert seen[0] == 1
+
+
+@pytest.mark.parametrize("more", [{"epochs": 41}, {"identity": [np.ones(3)]}])
+def test_other_data_or_settings_are_refused(tmp_path, more):
+    path = tmp_path / "checkpoint.json"
+    interrupted(path)
+    with pytest.raises(FitError, match="other data or settings"):
+        run(**more, checkpoint=Checkpoint(path, resume=True))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "{}", '{"schema": "tinygc-checkpoint/2"}', '{"schema": "tinygc-checkpoint/1", "weights": "x"}']
+)
+def test_broken_checkpoints_are_refused(tmp_path, text):
+    path = tmp_path / "checkpoint.json"
+    path.write_text(text)
+    with pytest.raises(FitError, match=r"checkpoint\.json"):
+        run(checkpoint=Checkpoint(path, resume=True))
+
+
+def test_a_loss_that_is_not_finite_is_refused():
+    with pytest.raises(FitError, match="finite"):
+        run(loss=lambda weights: weights.sum() * float("nan"))

@@ -1,0 +1,76 @@
+"""`fit` with the further nets: what the command line gives a user."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import calibrate
+from session.units import DEG
+from tinygc import models
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory) -> Path:
+    """A session whose zero follows the temperature."""
+    options = SimulationOptions(seed=11, closure_s=20.0, warm_up_c=9.0, segments=28)
+    slope = np.array([0.014, -0.037, 0.018]) * DEG
+
+    def distort(t_s, rate, force, temp_c):
+        return rate + slope * (temp_c - options.temperature_start_c)[:, None]
+
+    return write_session(options, tmp_path_factory.mktemp("warm") / "warm", distort=distort)
+
+
+def fit(folder, out, *more):
+    code = calibrate.main(["fit", str(folder), "--out", str(out), "--json", str(out / "table.json"), "--quiet", *more])
+    return code, json.loads((out / "table.json").read_text())
+
+
+def test_denoised_beside_calibrated(tmp_path):
+    """195 parameters: noise at rest a third, the stated delay, and the closure as before."""
+    code, table = fit(ROOT / "data" / "session1", tmp_path, "--methods", "tinygc,tinygc_denoised")
+    calibrated, denoised = (table["methods"][name] for name in ("tinygc", "tinygc_denoised"))
+    assert code == 0
+    assert denoised["parameters"] == 195
+    assert min(denoised["denoiser"]["noise_reduction"]) > 3
+    assert denoised["denoiser"]["delay_samples"] == 12
+    assert denoised["holdout"]["tilt_rms_deg"] < 1.05 * calibrated["holdout"]["tilt_rms_deg"]
+    run = table["closure_runs"][0]
+    assert run["tinygc_denoised"]["rmse_deg"] == pytest.approx(run["tinygc"]["rmse_deg"], abs=0.005)
+    assert models.load(tmp_path / "model_tinygc_denoised.json").parameters == 195
+    assert len(json.loads((tmp_path / "loss_tinygc.json").read_text())["loss"]) > 5
+
+
+def test_a_net_that_is_told_the_temperature(warm, tmp_path):
+    """33 parameters halve, and more, what the linear model leaves; the model file carries it."""
+    _, table = fit(warm, tmp_path, "--methods", "least_squares", "--conditions", "temperature")
+    linear, told = (table["methods"][name]["holdout"]["tilt_rms_deg"] for name in ("least_squares", "tinygc_conditions"))
+    assert table["methods"]["tinygc_conditions"]["parameters"] == 33
+    assert told < 0.5 * linear
+    bias = models.load(tmp_path / "model_tinygc_conditions.json").net.bias[:, 0] / DEG
+    np.testing.assert_allclose(bias, [-0.014, 0.037, -0.018], atol=0.004)
+
+
+def test_where_conditions_do_not_matter_they_are_left_alone(tmp_path):
+    _, table = fit(ROOT / "data" / "session1", tmp_path, "--methods", "least_squares", "--conditions", "temperature,force", "--folds", "2")
+    linear, told = (table["methods"][name]["holdout"]["tilt_rms_deg"] for name in ("least_squares", "tinygc_conditions"))
+    assert table["methods"]["tinygc_conditions"]["parameters"] == 51
+    assert told == pytest.approx(linear, rel=0.02)
+
+
+def test_the_published_variant_has_26(tmp_path):
+    _, table = fit(ROOT / "data" / "session1", tmp_path, "--methods", "tinygc", "--variant", "published", "--folds", "2")
+    assert table["methods"]["tinygc"]["parameters"] == 26
+    assert table["options"]["variant"] == "published"
+
+
+def test_unknown_conditions_are_refused(capsys):
+    with pytest.raises(SystemExit) as left:
+        calibrate.main(["fit", "x", "--conditions", "weather"])
+    assert left.value.code == 2
+    assert "temperature,force" in capsys.readouterr().err

@@ -1,0 +1,54 @@
+"""First order: the paper's AdamW at 0.01 on the whole batch, differentiating through the tree product."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tinygc import closure
+from tinygc.adamw import Checkpoint, device, minimise
+from tinygc.closure import Batch
+from tinygc.network import CalibrationNet
+from tinygc.still_rates import StillRates
+from tinygc.training import Net, Training
+
+
+def train_adamw(
+    batch: Batch,
+    sigma: np.ndarray,
+    *,
+    epochs: int = 2000,
+    learning_rate: float = 0.01,
+    integrator: str = "exact",
+    still_rates: StillRates | None = None,
+    start: Net | None = None,
+    checkpoint: Checkpoint | None = None,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+) -> Training:
+    """From ``start``, the identity of the kind of net that is wanted (the paper's), with a cosine decay so that it ends somewhere.
+
+    Raises FitError where the loss is not finite, or where a checkpoint that is to be resumed belongs to other data or settings.
+    """
+    import torch
+
+    start = start or CalibrationNet.identity()
+    where = device()
+    rate, weight = (torch.as_tensor(array, device=where) for array in (batch.rate, 2 / sigma.reshape(len(batch), -1)))
+    identity = [batch.rate, batch.dt, batch.earth, batch.start, batch.end, sigma, np.array(list(integrator.encode()))]
+    if still_rates is not None:
+        still, earth, spread = (torch.as_tensor(array, device=where) for array in (still_rates.rate, still_rates.earth, still_rates.sigma))
+        identity += [still_rates.rate, still_rates.earth, still_rates.sigma]
+
+    def loss_of(weights):
+        net = start.with_vector(weights)
+        r = closure.segment_residuals(batch, net(rate), integrator) * weight
+        if still_rates is None:
+            return (r**2).mean()
+        rows = (net(still) - earth) / spread
+        return ((r**2).sum() + (rows**2).sum()) / (r.numel() + rows.numel())
+
+    vector, _, losses = minimise(
+        loss_of, start.vector, epochs=epochs, learning_rate=learning_rate, identity=identity, checkpoint=checkpoint, progress=progress
+    )
+    return Training(start.with_vector(vector), np.inf, tuple(losses))

@@ -213,8 +213,6 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
             more["covariance"] = result.covariance.tolist()
             more["unobserved"] = fit.notes.get("unobserved", [])
         write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
-        if "loss" in fit.notes:
-            write_whole(folder / f"loss_{name}.json", {"schema": "tinygc-loss/1", "method": name, "loss": fit.notes["loss"]})
     made = saved_fit.made_from(result.options, input_hashes(result.session), result.methods)
     write_whole(folder / "fit.json", to_json(result))
     write_whole(folder / saved_fit.NAME, made)

@@ -12,10 +12,12 @@ from session.units import DEG, EARTH_RATE_RPS, MG, G
 from tinygc import closure, rotation
 from tinygc.effects import catalogue
 from tinygc.explain.gauge import in_gauge
+from tinygc.explain.naming import candidates
 from tinygc.explain.refit import refit
 from tinygc.explain.selection import Selection
 from tinygc.explain.turn_gravity import turn_gravity
 from tinygc.explain.twin import Channels, Claim, State, Twin
+from tinygc.explain.unknown import slow_candidates
 from tinygc.explain.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
 from tinygc.problem import build_problem
 from tinygc.simulation.options import SimulationOptions
@@ -277,6 +279,24 @@ def test_columns_of_each_effect(twin_of, name):
     step = {"earth.rotation": 1e-2 * EARTH_RATE_RPS, "reference.accelerometer": 0.1 * MG}.get(name, 1e-4 * effect.parameter.plausible)
     exact = along(twin, state, 15, effect.parameter.size, step)
     assert errors(columns, exact).max() < 1e-2, errors(columns, exact)
+
+
+def test_a_basis_is_its_columns_and_undoes_what_it_adds(twin_of):
+    """The short way, which sums each curve once for all axes, and the long one; and the exact rate, which needs no repetition."""
+    twin, _ = twin_of()
+    state = twin.start()
+    rates = twin.rates(state)
+    sensitivity = twin.sensitivity(state, rates)
+    effects = {str(e.equation): e for e in slow_candidates(twin) + candidates(twin) if e.basis is not None}
+    assert len(effects) > 40
+    for effect in effects.values():
+        short = twin.effect_columns(effect, state, sensitivity, rates)
+        long = twin.effect_columns(replace(effect, basis=None), state, sensitivity, rates)
+        np.testing.assert_allclose(short.stacked(), long.stacked(), atol=1e-12 * np.abs(long.stacked()).max())
+        theta = np.random.default_rng(1).normal(0, 0.1, effect.parameter.size)
+        movement = twin.movements[0].with_rate(rates[0])
+        np.testing.assert_allclose(effect.distort(movement, theta), replace(effect, basis=None).distort(movement, theta), atol=1e-13)
+        np.testing.assert_allclose(effect.correct(effect.distort(movement, theta), movement, theta), rates[0], atol=1e-13)
 
 
 def test_columns_of_a_claimed_lag_are_those_where_it_stands(twin_of):

@@ -70,7 +70,9 @@ class Effect:
     kind: "rate", or what it bends instead: "force" (the reference) or "earth" (the Earth's rate in the forward model);
     needs: "temperature" where a log without it cannot show the effect; regime: variable and unit that it lives along;
     variants(times) -> one effect for each value of a shape parameter that is scanned, its value in ``shape``;
-    begin: where a refit begins, SI: zero, unless zero is a saddle.
+    begin: where a refit begins, SI: zero, unless zero is a saddle;
+    basis(movement) -> (N, K): where the zero of each axis follows K known curves whatever the rate, parameter i * 3 + axis the share of
+    curve i: the same as ``columns``, without the zeros.
     """
 
     id: str
@@ -88,11 +90,14 @@ class Effect:
     begin: float = 0.0
     exact_correct: Callable[[np.ndarray, Movement, np.ndarray], np.ndarray] | None = None
     exact_distort: Callable[[Movement, np.ndarray], np.ndarray] | None = None
+    basis: Callable[[Movement], np.ndarray] | None = None
 
     def distort(self, movement: Movement, theta: np.ndarray) -> np.ndarray:
         """The rate (N, 3) rad/s that the element reports for the true one."""
         if self.exact_distort is not None:
             return self.exact_distort(movement, theta)
+        if self.basis is not None:
+            return movement.rate + self.basis(movement) @ theta.reshape(-1, 3)
         columns = self.columns(movement)
         return movement.rate + (columns.reshape(-1, len(theta)) @ theta).reshape(-1, 3)  # one flat product: many times faster
 
@@ -100,6 +105,8 @@ class Effect:
         """The true rate (N, 3) rad/s behind the calibrated one; ``movement.rate`` is where the search begins."""
         if self.exact_correct is not None:
             return self.exact_correct(measured, movement, theta)
+        if self.basis is not None:
+            return measured - self.basis(movement) @ theta.reshape(-1, 3)
         rate = measured
         for _ in range(PASSES):
             now = movement.with_rate(rate)
@@ -112,6 +119,11 @@ def diagonal(values: np.ndarray) -> np.ndarray:
     columns = np.zeros((len(values), 3, 3))
     columns[:, range(3), range(3)] = values[:, None] if values.ndim == 1 else values
     return columns
+
+
+def per_axis(basis: Callable[[Movement], np.ndarray]) -> Callable[[Movement], np.ndarray]:
+    """``columns`` of a ``basis``."""
+    return lambda movement: np.concatenate([diagonal(curve) for curve in basis(movement).T], axis=-1)
 
 
 def full(inputs: np.ndarray) -> np.ndarray:

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from session.units import DEG
-from tinygc.effects._effect import Effect, Movement, Parameter, axis_of, largest
+from tinygc.effects._effect import Effect, Movement, Parameter, axis_of, largest, per_axis
 
 
 def _at(at_s: float) -> Effect:
     """The step at a given time of the session."""
 
-    def columns(movement: Movement) -> np.ndarray:
-        return (movement.t_s >= at_s)[:, None, None] * np.eye(3)
+    def basis(movement: Movement) -> np.ndarray:
+        return (movement.t_s >= at_s)[:, None].astype(float)
 
     def says(theta: np.ndarray) -> str:
         return (
@@ -20,7 +20,11 @@ def _at(at_s: float) -> Effect:
             "look for a shock, a supply change or a change of mode then"
         )
 
-    return replace(EFFECT, columns=columns, says=says, shape={"at_s": at_s})
+    return replace(EFFECT, columns=per_axis(basis), basis=basis, says=says, shape={"at_s": at_s})
+
+
+def _halfway(movement: Movement) -> np.ndarray:
+    return (movement.t_s >= movement.duration_s / 2)[:, None].astype(float)
 
 
 EFFECT = Effect(
@@ -28,7 +32,8 @@ EFFECT = Effect(
     equation="ω += b from the time of the step on",
     parameter=Parameter("dps", (3,), "dps", DEG, plausible=5 * DEG),
     seen_in=("still", "turn"),
-    columns=lambda movement: (movement.t_s >= movement.duration_s / 2)[:, None, None] * np.eye(3),
+    columns=per_axis(_halfway),
+    basis=_halfway,
     says=lambda theta: "the gyro's zero jumps",
     splits="leave the table still for a minute: a step shows as one edge",
     regime=("time", "s"),

@@ -253,6 +253,8 @@ class Twin:
             return self.force_columns(state, rates)
         if effect.kind == "earth":
             return self.earth_columns()
+        if effect.basis is not None:
+            return self._basis_columns(effect, sensitivity)
         by_log = self._added(effect, state, rates)
         size = effect.parameter.size
         design = np.empty((len(self.segments), self.batch.angles, size))
@@ -262,6 +264,19 @@ class Twin:
             row[:] = turn[:count].transpose(1, 0, 2).reshape(self.batch.angles, -1) @ part.reshape(-1, size)
         still = np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in self.stills])
         return Channels(-design, -still, np.zeros((len(self.stills), size)))
+
+    def _basis_columns(self, effect: Effect, sensitivity: np.ndarray) -> Channels:
+        """``effect_columns`` of an effect that is a basis: each curve is summed once for all axes."""
+        by_log = [effect.basis(movement) for movement in self.movements]
+        d, curves = self.batch.angles, by_log[0].shape[1]
+        design = np.empty((len(self.segments), d, curves, 3))
+        for row, segment, turn in zip(design, self.segments, sensitivity, strict=True):
+            count = segment.stop - segment.start
+            summed = turn[:count].reshape(count, -1).T @ by_log[segment.log][segment.start : segment.stop]
+            row[:] = summed.reshape(d, 3, curves).transpose(0, 2, 1)
+        mean = np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in self.stills])
+        still = (mean[:, None, :, None] * np.eye(3)[:, None]).reshape(len(self.stills), 3, -1)
+        return Channels(-design.reshape(len(design), d, -1), -still, np.zeros((len(self.stills), 3 * curves)))
 
 
 def _square(sensitivity: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from session.units import DEG
-from tinygc.effects._effect import Effect, Movement, Parameter, diagonal
+from tinygc.effects._effect import Effect, Movement, Parameter, diagonal, per_axis
 from tinygc.explain.movement import without_vibration
 from tinygc.explain.twin import Twin
 
@@ -49,13 +49,14 @@ def _interval(twin: Twin) -> float:
     return twin.movements[0].duration_s / max(len(twin.stills), 2)
 
 
-def _finding(name: str, equation: str, size: int, columns, says: str, regime: tuple[str, str]) -> Effect:
+def _finding(name: str, equation: str, size: int, says: str, regime: tuple[str, str], *, columns=None, basis=None) -> Effect:
     return Effect(
         id=f"unknown.{name}",
         equation=equation,
         parameter=Parameter("coefficients_dps", (size,), "dps", DEG, plausible=PLAUSIBLE_RPS),
         seen_in=("still", "turn"),
-        columns=columns,
+        columns=columns or per_axis(basis),
+        basis=basis,
         says=lambda theta: f"{says} (up to {np.abs(theta).max() / DEG:.3f} dps); nothing in the catalogue does this",
         splits="repeat the session with this variable changed on purpose, all else alike",
         regime=regime,
@@ -63,43 +64,46 @@ def _finding(name: str, equation: str, size: int, columns, says: str, regime: tu
 
 
 def _periodic(frequency_hz: float) -> Effect:
-    def columns(movement: Movement) -> np.ndarray:
+    def basis(movement: Movement) -> np.ndarray:
         phase = 2 * np.pi * frequency_hz * movement.t_s
-        return np.concatenate([diagonal(np.cos(phase)), diagonal(np.sin(phase))], axis=-1)
+        return np.stack([np.cos(phase), np.sin(phase)], axis=-1)
 
     equation = f"ω += a cos(2π f t) + b sin(2π f t), f = {frequency_hz:.4f} Hz"
-    return _finding("periodic", equation, 6, columns, f"the zero oscillates with a period of {1 / frequency_hz:.1f} s", ("time", "s"))
+    says = f"the zero oscillates with a period of {1 / frequency_hz:.1f} s"
+    return _finding("periodic", equation, 6, says, ("time", "s"), basis=basis)
 
 
 def _curve(variable: str, unit: str, scaled, order: int) -> Effect:
-    def columns(movement: Movement) -> np.ndarray:
-        basis = np.polynomial.legendre.legvander(np.clip(scaled(movement), -1, 1), order)[:, 1:]
-        return np.concatenate([diagonal(basis[:, i]) for i in range(order)], axis=-1)
+    def basis(movement: Movement) -> np.ndarray:
+        return np.polynomial.legendre.legvander(np.clip(scaled(movement), -1, 1), order)[:, 1:]
 
     return _finding(
         f"curve_over_{variable}",
         f"ω += smooth curve of {variable}, Legendre order {order}",
         3 * order,
-        columns,
         f"the zero follows {variable} on a curve that is no straight line",
         (variable, unit),
+        basis=basis,
     )
 
 
 def _attitude(order: int) -> Effect:
     powers = [p for n in range(1, order + 1) for p in _powers(n)]
 
-    def columns(movement: Movement) -> np.ndarray:
+    def basis(movement: Movement) -> np.ndarray:
         down = without_vibration(movement.force_g, movement.dt_s)  # whose square is a matter of vibration, not of attitude
-        return np.concatenate([diagonal(np.prod(down ** np.array(p), axis=1)) for p in powers], axis=-1)
+        to_the = [np.ones_like(down)]
+        for _ in range(order):
+            to_the.append(to_the[-1] * down)
+        return np.stack([to_the[i][:, 0] * to_the[j][:, 1] * to_the[k][:, 2] for i, j, k in powers], axis=-1)
 
     return _finding(
         "attitude",
         f"ω += polynomial of the specific force, order {order}",
         3 * len(powers),
-        columns,
         "the zero depends on attitude in a way that no g-sensitivity has",
         ("attitude", "g"),
+        basis=basis,
     )
 
 
@@ -131,9 +135,9 @@ def _rate_curve(power: float, odd: bool) -> Effect:
         "curve_over_rate",
         f"ω_i += c_i FS {shape}",
         3,
-        columns,
         f"the {'scale' if odd else 'zero'} bends with the rate, like {shape}",
         ("rate", "dps"),
+        columns=columns,
     )
 
 
@@ -146,7 +150,7 @@ def _products() -> Effect:
         "rate_products",
         "ω += C (ω_x ω_y, ω_x ω_z, ω_y ω_z) / FS",
         9,
-        columns,
         "two axes that turn together make a third read",
         ("rate", "dps"),
+        columns=columns,
     )

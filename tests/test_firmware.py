@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -21,11 +20,10 @@ from play import Board, read_registers
 
 from session.errors import DeviceError, FormatError
 from session.folder import read_session
-from session.logfile import read_log
 from session.recording.recorder import Recorder
 from session.stream import frames
 from session.stream.decoder import StreamDecoder
-from session.stream.events import Chunk, Info
+from session.stream.events import Info
 from tinygc.embedded.program import program
 from tinygc.embedded.registers import Registers
 from tinygc.embedded.source import source_files
@@ -99,63 +97,58 @@ def board(tmp_path_factory):
         yield emulator
 
 
-class Recording:
-    """``calibrate.py record``'s own recorder, polled while something else goes on."""
-
-    def __init__(self, folder: Path, port: str):
-        self.recorder = Recorder(folder, port)
-        self.events, self._done = [], threading.Event()
-        self._thread = threading.Thread(target=self._poll)
-        self._thread.start()
-
-    def _poll(self) -> None:
-        while not self._done.is_set():
-            self.events += self.recorder.poll(0.05)
-
-    def until(self, samples: int, seconds: float = 20.0) -> None:
-        end = time.monotonic() + seconds
-        while self.recorder.decoder.samples < samples and time.monotonic() < end:
-            time.sleep(0.02)
-
-    def close(self) -> None:
-        self._done.set()
-        self._thread.join()
-        self.recorder.close()
+def test_the_stand_in_can_be_recorded_at_once(board, tmp_path):
+    """Nobody has spoken to the board: it streams at the sensor's pace, without a gap, and says what it is."""
+    recorder = Recorder(tmp_path, board.ports[0])
+    end = time.monotonic() + 20
+    while recorder.decoder.samples < 300 and time.monotonic() < end:
+        recorder.poll()
+    recorder.close()
+    decoder = recorder.decoder
+    assert decoder.samples >= 300
+    assert (decoder.lost, decoder.implausible, decoder.resets) == (0, 0, 0)
+    assert decoder.garbage + frames.SAMPLE_BYTES * decoder.crc_errors <= frames.SAMPLE_BYTES  # the port is opened amid a frame
+    assert decoder.info == Info(500.0, 4.0, 208.0, "4711")
+    steps = np.diff(np.loadtxt(recorder.logs.paths[0], delimiter=",", skiprows=2, usecols=0))
+    assert set(steps) <= {4807, 4808}
 
 
 def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(board, tmp_path):
-    """A log is played to the board as if by its sensor; the recorder gets it back whole, and the board's rates are the host's."""
-    t_us, registers = read_registers(ROOT / "data" / "session1" / "log0001.csv.gz")
-    t_us, registers = t_us[:2000], registers[:2000]
-    recording = Recording(tmp_path, board.ports[0])
+    """A log is played to the board as if by its sensor, ``calibrate.py record`` guides and records what the board streams: the log is
+    whole, and what the board calibrated is what the host makes of it."""
+    t_us, registers = (rows[:2700] for rows in read_registers(ROOT / "data" / "session1" / "log0001.csv.gz"))
+    link = Board(board.ports[1])
+    test = link.hello()
+    assert (test.failed, test.worst, test.model) == (0, 0.0, program(WHOLE).identity)
+    folder = tmp_path / "recorded"
+    command = [sys.executable, ROOT / "calibrate.py", "record", "--port", board.ports[0], "--out", folder]
+    record = subprocess.Popen(
+        [*command, "--segments", "1", "--no-coach", "--mute"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
     try:
-        # Nothing has spoken to it: the stand-in streams at the sensor's pace.
-        recording.until(100)
-        standin = recording.recorder.decoder.samples
-        assert standin >= 100
-        link = Board(board.ports[1])
-        test = link.hello()
-        assert (test.failed, test.worst, test.model) == (0, 0.0, program(WHOLE).identity)
-        before = recording.recorder.decoder.samples
+        end = time.monotonic() + 30
+        while not (folder / "raw.times").exists() or "open" not in (folder / "raw.times").read_text():
+            assert time.monotonic() < end
+            time.sleep(0.05)
         rates = link.calibrate(t_us, registers)
-        recording.until(before + len(t_us))
-        link.close()
+        said, trouble = record.communicate(timeout=60)
     finally:
-        recording.close()
-    decoder = recording.recorder.decoder
-    assert (decoder.lost, decoder.crc_errors, decoder.garbage, decoder.implausible) == (0, 0, 0, 0)
-    assert decoder.info == Info(500.0, 4.0, 208.0, "4711")
-    chunks = [event for event in recording.events if isinstance(event, Chunk)]
-    np.testing.assert_array_equal(np.concatenate([chunk.registers for chunk in chunks])[-len(t_us) :], registers)
+        record.kill()
+        link.close()
+    assert record.returncode == 0, trouble
+    assert "1 of 1 segments" in said
 
     host = program(WHOLE).run(SENSOR.inputs(registers))
     assert np.count_nonzero(rates.view(np.uint32) != host.view(np.uint32)) == 0
 
-    # The recorded file, read as any log is, and calibrated by the model in double precision.
-    config = read_session(ROOT / "data" / "session1").config
-    log = read_log(recording.recorder.logs.paths[-1], config.sensor)
-    np.testing.assert_array_equal(log.samples.t_ns, 1000 * t_us)
-    np.testing.assert_allclose(rates, WHOLE(log.samples.gyro), atol=2e-6)
+    # The recorded session, read as any session is, and calibrated by the model in double precision.
+    session = read_session(folder)
+    assert (session.config.sensor.serial, session.config.sensor.odr_hz) == ("4711", 208.0)
+    (log,) = session.logs
+    count = len(log.samples)
+    assert count > 5 * 208  # still, turn, still
+    np.testing.assert_array_equal(log.samples.t_ns, 1000 * t_us[:count])
+    np.testing.assert_allclose(rates[:count], WHOLE(log.samples.gyro), atol=2e-6)
 
 
 def test_a_board_that_is_asked_over_the_recorders_port_answers_there(board):

@@ -12,6 +12,8 @@ from tinygc.explain.movement import Conditions
 from tinygc.explain.twin import Claim
 from tinygc.linear import LinearModel
 from tinygc.network import CalibrationNet
+from tinygc.network_conditions import ConditionsModel, ConditionsNet
+from tinygc.network_published import PublishedNet
 from tinygc.physics import PhysicsModel
 from tinygc.physics_methods import CarriedNet
 
@@ -38,6 +40,12 @@ def physics(*effects: str) -> PhysicsModel:
     return PhysicsModel(LINEAR, tuple(map(claim, effects)), KNOWN)
 
 
+def conditioned(*names: str) -> ConditionsModel:
+    start = ConditionsNet.identity(names)
+    size = np.concatenate([np.full(27, 0.01), np.full(start.bias.size, 1e-3), np.full(start.gain.size, 1e-3)])
+    return ConditionsModel(start.with_vector(start.vector + size * RNG.normal(size=size.shape)), KNOWN)
+
+
 WHOLE = DenoisedNet(NET, denoiser(), 208.0)
 MODELS = {
     "linear": LINEAR,
@@ -45,6 +53,10 @@ MODELS = {
     **{effect: physics(effect) for effect in CARRIED},
     "physics": physics(*CARRIED),
     "tinygc_physics": CarriedNet(physics("gyro.g_sensitivity", "gyro.thermal_bias"), NET),
+    "tinygc_published": PublishedNet.identity().with_vector(PublishedNet.identity().vector + 0.05 * RNG.normal(size=26)),
+    "tinygc_conditions, temperature": conditioned("temperature"),
+    "tinygc_conditions, force": conditioned("force"),
+    "tinygc_conditions": conditioned("temperature", "force"),
     "tinygc_denoised": WHOLE,
     "tinygc_denoised, leaky": DenoisedNet(NET, denoiser(0.3), 208.0),
     "all of it": DenoisedNet(CarriedNet(physics(*CARRIED), NET), denoiser(), 208.0),

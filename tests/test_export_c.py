@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -123,6 +124,36 @@ def test_single_precision_costs_nothing_that_matters(name):
     assert off.max() < 1e-6
 
 
+class Counted(np.ndarray):
+    """Counts the floating-point operations that are done with it."""
+
+    done: ClassVar[dict[str, int]] = {}
+
+    def __array_ufunc__(self, ufunc, method, *inputs, **kwargs):
+        plain = [np.asarray(value) for value in inputs]
+        result = getattr(ufunc, method)(*plain, **kwargs)
+        self.done[ufunc.__name__] = self.done.get(ufunc.__name__, 0) + np.size(result)
+        return np.asarray(result).view(Counted)
+
+    def __array_function__(self, function, types, arguments, options):
+        result = super().__array_function__(function, types, arguments, options)
+        return result.view(Counted) if isinstance(result, np.ndarray) else result
+
+
+@pytest.mark.parametrize(
+    "name", ["linear", "tinygc", "tinygc_published", "tinygc_conditions, force", "gyro.scale_nonlinearity", "tinygc_denoised"]
+)
+def test_the_operations_that_the_header_names_are_those_that_are_done(name):
+    Counted.done.clear()
+    chosen, inputs, count = program(MODELS[name]), as_inputs(random_inputs(100)), 100
+    counted = dataclasses.replace(inputs, rate=inputs.rate.view(Counted), force=inputs.force.view(Counted))
+    chosen.run(counted)
+    done = Counted.done
+    assert done["multiply"] == count * chosen.cost.multiply
+    assert done["add"] + done.get("subtract", 0) == count * chosen.cost.add
+    assert done.get("greater_equal", 0) == count * chosen.cost.compare
+
+
 def as_float32(array) -> torch.Tensor:
     return torch.tensor(np.asarray(array), dtype=torch.float32)
 
@@ -149,7 +180,7 @@ def test_pytorch_in_single_precision_agrees(top_dps, limit):
 
 @needs_compiler
 @pytest.mark.parametrize("flags", ["-std=c99 -pedantic", "-std=c11 -pedantic -Wconversion -Wshadow", "-std=c11 -Os -ffreestanding"])
-@pytest.mark.parametrize("name", ["linear", "all of it", "tinygc_denoised, leaky"])
+@pytest.mark.parametrize("name", ["linear", "tinygc_conditions", "all of it", "tinygc_denoised, leaky"])
 def test_it_compiles_without_a_word_and_needs_no_library(name, flags, tmp_path):
     files = source_files(program(MODELS[name]), None, "A test.", {})
     Compiled(tmp_path, files, *FLAGS.split(), *flags.split())

@@ -1,4 +1,4 @@
-"""The linear model and the calibration subnet in single precision: corrections that are added to the rate.
+"""The linear model in single precision: a correction that is added to the rate.
 
     y = x + (D x + b),  D = E - I
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from tinygc.embedded.stage import Cost, Inputs, Stage, single
 from tinygc.linear import LinearModel
-from tinygc.network import CalibrationNet
 
 #: of one affine map of three
 COST = Cost(multiply=9, add=9)
@@ -57,26 +56,3 @@ class Linear(Stage):
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
         return rate + affine(self._w, rate)
-
-
-class Net(Stage):
-    """The calibration subnet of 27 parameters: r + W2 PReLU(W1 r + b1) + b2."""
-
-    says = "r += W2 h + b2, h = W1 r + b1 where positive, slope times that below"
-    cost = COST + COST + Cost(multiply=3, add=3, compare=3)
-    body = f"""\
-float s[3], h[3];
-affine(HIDDEN, r, s);
-for (int i = 0; i < 3; i++)
-    h[i] = s[i] >= 0.0f ? s[i] : SLOPE[i] * s[i];
-affine(OUTER, h, s);
-{ADD}"""
-
-    def __init__(self, net: CalibrationNet):
-        hidden, outer = table(net.W1, net.b1, "the net"), table(net.W2, net.b2, "the net")
-        self.constants = {"HIDDEN": hidden, "SLOPE": single(net.slope, "the net"), "OUTER": outer}
-
-    def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        h = affine(self.constants["HIDDEN"], rate)
-        h = np.where(h >= 0, h, self.constants["SLOPE"] * h)
-        return rate + affine(self.constants["OUTER"], h)

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tinygc.embedded.affine import Linear, Net
+from tinygc.embedded.affine import Linear
 from tinygc.embedded.convolutions import Denoise
 from tinygc.embedded.effects import effect_stage
+from tinygc.embedded.nets import Conditioned, Net, Published
 from tinygc.embedded.stage import Cost, Inputs, Stage
 from tinygc.exports import ExportError
 from tinygc.linear import LinearModel
 from tinygc.network import CalibrationNet
+from tinygc.network_conditions import ConditionsModel
+from tinygc.network_published import PublishedNet
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +59,10 @@ def _stages(model) -> list[Stage]:
         return [Linear(model, "LINEAR", "r = E r + B")]
     if isinstance(model, CalibrationNet):
         return [Net(model)]
+    if isinstance(model, PublishedNet):
+        return [Published(model)]
+    if isinstance(model, ConditionsModel):
+        return [Conditioned(model)]
     if hasattr(model, "denoiser"):
         return [*_stages(model.calibration), Denoise(model.denoiser)]
     if hasattr(model, "claims"):

@@ -4,18 +4,4 @@ A command's file has ``SUMMARY`` (one line), ``add_arguments(command)`` and ``ru
 nothing heavy at its top: ``--help`` is instant.  A new command is a new file, named below.
 """
 
-COMMANDS = (
-    "record",
-    "ports",
-    "board",
-    "replay",
-    "check",
-    "fit",
-    "explain",
-    "report",
-    "plan",
-    "apply",
-    "export",
-    "challenge",
-    "simulate",
-)
+COMMANDS = ("ports", "board", "record", "replay", "check", "fit", "explain", "report", "plan", "apply", "export", "compare", "challenge", "simulate")

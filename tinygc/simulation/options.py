@@ -63,6 +63,12 @@ class SimulationOptions:
     vigour: float = _choice(1.0, "scales angles and rates of the turns; never beyond 0.85 of full scale")
     still_s: float = _choice(1.0, "s, still that the protocol asks for on each side of a turn")
     turn_s: float = _choice(3.0, "s, usual length of a turn")
+    unit_seed: int = _choice(-1, "seed of the unit's errors, for several sessions of one unit; -1: that of the rest")
+
+    @property
+    def unit_drawn_from(self) -> int:
+        """The seed that decides the unit."""
+        return self.seed if self.unit_seed < 0 else self.unit_seed
 
     def __post_init__(self):
         for option in fields(self):
@@ -80,6 +86,7 @@ class SimulationOptions:
             self._require(getattr(self, name) > 0, name, "more than 0")
         self._require(1 <= self.segments <= MOST_SEGMENTS, "segments", f"1 to {MOST_SEGMENTS}")
         self._require(self.seed >= 0, "seed", "0 or more")
+        self._require(self.unit_seed >= -1, "unit_seed", "-1, 0 or more")
         self._require(self.odr_hz in GYRO_LPF2_HZ, "odr_hz", "one of " + ", ".join(map(str, GYRO_LPF2_HZ)))
         self._require(abs(self.odr_error or 0) <= 0.19, "odr_error", "within 0.19: the chip's register ends there")
         self._require(abs(self.latitude_deg) <= 90, "latitude_deg", "-90 to 90")

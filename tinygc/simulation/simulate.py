@@ -52,12 +52,17 @@ class Simulation:
 
 
 def simulate_session(
-    options: SimulationOptions, distort: Distort | None = None, *, plan: Plan | None = None, disturb: Disturb | None = None
+    options: SimulationOptions,
+    distort: Distort | None = None,
+    *,
+    plan: Plan | None = None,
+    disturb: Disturb | None = None,
+    unit: Unit | None = None,
 ) -> Simulation:
     """Simulate a session; ``distort`` conceals physics of the gyro in it, ``disturb`` of the accelerometer; ``plan``: another movement
-    than ``plan_of`` draws.  The same arguments give the same registers."""
+    than ``plan_of`` draws; ``unit``: another sensor than ``draw_unit`` draws.  The same arguments give the same registers."""
     unit_rng, _, *signal_rngs = _streams(options)
-    unit, plan = draw_unit(options, unit_rng), plan or plan_of(options)
+    unit, plan = unit or draw_unit(options, unit_rng), plan or plan_of(options)
     log_count, closure_count = (int(np.ceil(seconds * unit.odr_hz)) for seconds in (plan.log_s, options.closure_s))
     whole = _record(options, unit, plan, log_count + closure_count, distort, disturb, signal_rngs)
     log, closure = whole.part(0, log_count), whole.part(log_count, log_count + closure_count)
@@ -71,7 +76,8 @@ def plan_of(options: SimulationOptions) -> Plan:
 
 def _streams(options: SimulationOptions) -> list[np.random.Generator]:
     """One stream per purpose; a new purpose goes last, so that the others keep theirs."""
-    return np.random.default_rng(options.seed).spawn(6)
+    streams = np.random.default_rng(options.seed).spawn(6)
+    return [np.random.default_rng(options.unit_drawn_from).spawn(1)[0], *streams[1:]]
 
 
 def _record(options: SimulationOptions, unit: Unit, plan: Plan, count: int, distort, disturb, rngs) -> Recording:

@@ -79,7 +79,7 @@ def _write_log(path: Path, simulation: Simulation, recording: Recording) -> None
 
 
 def _serial(options: SimulationOptions) -> str:
-    return f"SIM-{options.seed}"
+    return f"SIM-{options.unit_drawn_from}"
 
 
 def config_text(simulation: Simulation, concealed: bool) -> str:

@@ -45,50 +45,51 @@ def report(folder: Path, samples: int, repeat: int) -> None:
     made = {"linear": linear, "TinyGC-Net": net, "TinyGC-Net, denoised": DenoisedNet(net, Denoiser.identity(), RATE_HZ)}
     for name, model in made.items():
         (folder / f"{name}.json").write_text(json.dumps(models.to_dict(model)))
-    print("| step | samples/s | peak memory |\n| --- | ---: | ---: |")
+    print("| step | samples/s | samples per CPU second | peak memory |\n| --- | ---: | ---: | ---: |")
     rate = rng.normal(size=(samples, 3))
     for name in made:
         stream = tinygc.load(folder / f"{name}.json").stream()
         pieces = [rate[i : i + PIECE] for i in range(0, samples, PIECE)]
         seconds = best(lambda stream=stream, pieces=pieces: [stream.push(piece) for piece in pieces], repeat)
-        print(f"| {name}, arrays in pieces of {PIECE} | {in_millions(samples / seconds)} | |")
+        print(f"| {name}, arrays in pieces of {PIECE} | {in_millions(samples, *seconds)} | |")
     calibration, few = tinygc.load(folder / "linear.json"), rate[:20_000]
     seconds = best(lambda: [calibration(sample) for sample in few], repeat)
-    print(f"| linear, one sample after another | {len(few) / seconds:,.0f} | |")
+    print(f"| linear, one sample after another | {in_millions(len(few), *seconds)} | |")
     del rate, pieces
     log = folder / "log.csv"
     write_log(log, samples, rng)
     seconds = best(lambda: sum(len(piece.gyro) for piece in Reader(log, Answers()).pieces()), repeat)
-    print(f"| reading {samples:,} rows of registers ({log.stat().st_size / 1e6:.0f} MB), alone | {in_millions(samples / seconds)} | |")
+    print(f"| reading {samples:,} rows of registers ({log.stat().st_size / 1e6:.0f} MB), alone | {in_millions(samples, *seconds)} | |")
     piece = next(Reader(log, Answers()).pieces())
     columns, decimals = [piece.t_ns, *piece.gyro.T, *piece.accel.T, piece.temp], [0, 9, 9, 9, 6, 6, 6, 4]
     seconds = best(lambda: rows(columns, decimals), repeat)
-    print(f"| writing as many, alone | {in_millions(len(piece.gyro) / seconds)} | |")
+    print(f"| writing as many, alone | {in_millions(len(piece.gyro), *seconds)} | |")
     for name in made:
         runs = [run(folder / f"{name}.json", log, folder / "out.csv") for _ in range(repeat)]
-        seconds, memory = min(run[0] for run in runs), max(run[1] for run in runs)
-        print(f"| `calibrate.py apply`, {name}, from start to end | {in_millions(samples / seconds)} | {memory / 1e6:.0f} MB |")
+        wall, cpu, memory = (choose(column) for choose, column in zip((min, min, max), zip(*runs, strict=True), strict=True))
+        print(f"| `calibrate.py apply`, {name}, from start to end | {in_millions(samples, wall, cpu)} | {memory / 1e6:.0f} MB |")
 
 
-def best(work, repeat: int) -> float:
-    """Seconds of the fastest of so many runs."""
+def best(work, repeat: int) -> tuple[float, float]:
+    """Seconds, and seconds of the processor, of the fastest of so many runs."""
     times = []
     for _ in range(repeat):
-        began = time.perf_counter()
+        began = time.perf_counter(), time.process_time()
         work()
-        times.append(time.perf_counter() - began)
-    return min(times)
+        times.append((time.perf_counter() - began[0], time.process_time() - began[1]))
+    return min(wall for wall, _ in times), min(cpu for _, cpu in times)
 
 
-def run(model: Path, log: Path, out: Path) -> tuple[float, float]:
-    """Seconds and peak bytes of one command."""
+def run(model: Path, log: Path, out: Path) -> tuple[float, float, float]:
+    """Seconds, seconds of the processor and peak bytes of one command."""
     command = [sys.executable, str(ROOT / "calibrate.py"), "apply", str(model), str(log), "-o", str(out)]
-    probe = "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True); "
-    probe += "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+    probe = "import resource as r, subprocess, sys; subprocess.run(sys.argv[1:], check=True); u = r.getrusage(r.RUSAGE_CHILDREN); "
+    probe += "print(u.ru_utime + u.ru_stime, u.ru_maxrss)"
     options = ["--gyro-fs", "500", "--accel-fs", "4", "--force", "--quiet"]
     began = time.perf_counter()
     said = subprocess.run([sys.executable, "-c", probe, *command, *options], capture_output=True, text=True, check=True)
-    return time.perf_counter() - began, int(said.stdout) * (1 if sys.platform == "darwin" else 1024)
+    cpu, memory = said.stdout.split()
+    return time.perf_counter() - began, float(cpu), int(memory) * (1 if sys.platform == "darwin" else 1024)
 
 
 def write_log(path: Path, samples: int, rng: np.random.Generator) -> None:
@@ -102,8 +103,9 @@ def write_log(path: Path, samples: int, rng: np.random.Generator) -> None:
             file.write(rows([t_us, *registers], [0] * 8))
 
 
-def in_millions(rate: float) -> str:
-    return f"{rate / 1e6:.2f} million"
+def in_millions(samples: int, wall: float, cpu: float) -> str:
+    """Two cells."""
+    return f"{samples / wall / 1e6:.2f} million | {samples / cpu / 1e6:.2f} million"
 
 
 if __name__ == "__main__":

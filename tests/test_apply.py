@@ -23,6 +23,8 @@ from tinygc.explain.movement import Conditions, movement_of
 from tinygc.explain.twin import Claim
 from tinygc.linear import LinearModel
 from tinygc.network import CalibrationNet
+from tinygc.network_conditions import ConditionsModel, ConditionsNet
+from tinygc.network_published import PublishedNet
 from tinygc.physics import PhysicsModel
 from tinygc.physics_methods import CarriedNet
 
@@ -51,6 +53,8 @@ MANY = ("gyro.thermal_bias", "gyro.g_sensitivity", "gyro.bandwidth", "timing.axi
 MODELS = {
     "linear": LINEAR,
     "net": NET,
+    "published": PublishedNet(NET.W1, NET.b1, np.array([0.99]), NET.W2, NET.b2, np.array([1.01])),
+    "conditions": ConditionsModel(ConditionsNet(NET, np.full((3, 4), 1e-3), np.full((3, 4), 1e-4), ("temperature", "force")), KNOWN),
     "denoised": DenoisedNet(NET, smoothing(), RATE_HZ),
     "physics": physics(*MANY),
     "net behind physics": CarriedNet(physics("gyro.g_sensitivity", "gyro.bias_drift"), NET),
@@ -85,7 +89,7 @@ def test_pieces_join_without_a_seam(name, piece):
     np.testing.assert_allclose(np.concatenate(parts), expected, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("name", ["linear", "net", "denoised", "net behind physics"])
+@pytest.mark.parametrize("name", ["linear", "net", "published", "denoised", "net behind physics"])
 def test_sample_by_sample_gives_the_same(name):
     calibration = Calibration(MODELS[name], 1 / SAMPLES.period_s)
     expected = calibration(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)

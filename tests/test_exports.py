@@ -22,6 +22,8 @@ from tinygc.exports import FORMATS, ExportError, exporter
 from tinygc.exports._context import Context
 from tinygc.linear import LinearModel
 from tinygc.network import CalibrationNet
+from tinygc.network_conditions import ConditionsModel, ConditionsNet
+from tinygc.network_published import PublishedNet
 from tinygc.physics import PhysicsModel
 from tinygc.physics_methods import CarriedNet
 
@@ -119,7 +121,14 @@ def agree(there, model):
     assert np.abs(there - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
-MODELS = {"linear": LINEAR, "net that does not bend": UNBENT, "g-sensitivity": physics(LINEAR, "gyro.g_sensitivity")}
+PUBLISHED = PublishedNet(UNBENT.W1, UNBENT.b1, np.ones(1), UNBENT.W2, UNBENT.b2, np.ones(1))
+TOLD = ConditionsModel(ConditionsNet(UNBENT, np.full((3, 4), 1e-3), np.full((3, 4), 1e-4), ("temperature", "force")), KNOWN)
+MODELS = {
+    "linear": LINEAR,
+    "published net": PUBLISHED,
+    "net that does not bend": UNBENT,
+    "g-sensitivity": physics(LINEAR, "gyro.g_sensitivity"),
+}
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -244,8 +253,10 @@ def test_autopilots_say_that_they_hold_no_scale(name):
         (physics(LINEAR, "gyro.scale_asymmetry"), "gyro.scale_asymmetry"),
         (CarriedNet(physics(LINEAR), UNBENT), "net behind physics"),
         (DenoisedNet(LINEAR, Denoiser.identity(), 208.0), "denoises"),
+        (replace(PUBLISHED, slope2=np.array([1.01])), "bends"),
+        (TOLD, "temperature or force"),
     ],
-    ids=["bend", "g2", "asymmetry", "carried net", "denoiser"],
+    ids=["bend", "g2", "asymmetry", "carried net", "denoiser", "published bend", "conditions"],
 )
 def test_what_a_format_cannot_carry_is_refused_in_one_line(name, model, words):
     with pytest.raises(ExportError) as caught:
@@ -266,7 +277,12 @@ def test_every_format_states_formula_and_frame(name):
 
 def test_json_self_test_of_every_kind_of_model():
     """The file read again gives the self-test's rates, models with a memory too."""
-    models_ = [*MODELS.values(), DenoisedNet(UNBENT, Denoiser.identity(), 208.0), physics(LINEAR, "gyro.thermal_bias", "gyro.bandwidth")]
+    models_ = [
+        *MODELS.values(),
+        DenoisedNet(UNBENT, Denoiser.identity(), 208.0),
+        physics(LINEAR, "gyro.thermal_bias", "gyro.bandwidth"),
+        TOLD,
+    ]
     for model in models_:
         (text,) = exporter("json").export(model, context()).values()
         table = json.loads(text)

@@ -66,7 +66,7 @@ def apply_model(
     )
     source = _Source(reader, answers, known.accelerometer)
     pieces, rate_hz, notes = source.pieces(), None, []
-    if getattr(model, "rate_hz", None) or Calibration(model, 1.0).needs_rate:
+    if getattr(model, "rate_hz", None) or Calibration(model, 1.0).uses_rate:
         first = next(pieces, None)
         rate_hz = answers.odr_hz or _rate(first)
         pieces = _chain(first, pieces)

@@ -34,13 +34,15 @@ class Calibration:
         self.model, self.rate_hz = model, rate_hz
         physics = getattr(model, "physics", model)
         self.effects: tuple[str, ...] = getattr(physics, "ids", ())
+        self._conditions: tuple[str, ...] = getattr(getattr(model, "net", None), "names", ())
         self._live: Stream | None = None
 
     @property
     def needs(self) -> tuple[str, ...]:
         """What the model must be told beside the rate."""
         asked = {"acc": NEED_FORCE, "temp": NEED_TEMPERATURE, "rate_hz": NEED_TIME}
-        return tuple(what for what, ids in asked.items() if ids & set(self.effects))
+        told = {{"force": "acc", "temperature": "temp"}[name] for name in self._conditions}
+        return tuple(what for what, ids in asked.items() if ids & set(self.effects) or what in told)
 
     def __call__(self, raw, acc=None, temp=None) -> np.ndarray:
         """Calibrated rate, rad/s, of the shape of ``raw``: (N, 3), a log by itself; or (3,), the next sample of a live stream.
@@ -60,8 +62,9 @@ class Calibration:
         return self._live.push(raw[None], *one)[0]
 
     @property
-    def needs_rate(self) -> bool:
-        return "rate_hz" in self.needs
+    def uses_rate(self) -> bool:
+        """Whether ``rate_hz`` matters: it must be given, or it lets the temperature be averaged over a second, as in the fit."""
+        return "rate_hz" in self.needs or "temp" in self.needs
 
     def stream(self) -> Stream:
         """A log by itself, piece by piece.  Raises CalibrationError where the model needs a rate and has none."""
@@ -82,7 +85,7 @@ class Stream:
         if live and ahead:
             raise CalibrationError(f"{', '.join(sorted(ahead))} is undone from what comes after a sample: no live use; give whole arrays")
         self._margin = 0
-        if self._whole and not live and (ahead or NEED_TEMPERATURE & set(calibration.effects)):
+        if self._whole and not live and (ahead or "temp" in calibration.needs):
             self._margin = MARGIN_SAMPLES * (1 + len(calibration.effects)) + round(MARGIN_S * (calibration.rate_hz or 0))
         if "rate_hz" in calibration.needs and calibration.rate_hz is None:
             raise CalibrationError(f"{', '.join(calibration.effects)}: time matters to this model; load it with rate_hz=")

@@ -4,4 +4,19 @@ A command's file has ``SUMMARY`` (one line), ``add_arguments(command)`` and ``ru
 nothing heavy at its top: ``--help`` is instant.  A new command is a new file, named below.
 """
 
-COMMANDS = ("ports", "board", "record", "replay", "check", "fit", "explain", "report", "plan", "apply", "export", "compare", "challenge", "simulate")
+COMMANDS = (
+    "ports",
+    "board",
+    "record",
+    "replay",
+    "check",
+    "fit",
+    "explain",
+    "report",
+    "plan",
+    "apply",
+    "export",
+    "compare",
+    "challenge",
+    "simulate",
+)

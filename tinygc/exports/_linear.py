@@ -10,6 +10,7 @@ from session.units import G
 from tinygc.exports import ExportError
 from tinygc.linear import LinearModel
 from tinygc.network import CalibrationNet
+from tinygc.network_published import PublishedNet
 
 ELSEWHERE = "export --to json carries every model, or choose another with --model"
 
@@ -46,13 +47,15 @@ def linear_part(model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
     """Of a model that is linear, up to the effects that the format ``carries``.  Raises ExportError for what it cannot."""
     if hasattr(model, "denoiser"):
         raise ExportError(f"{name} has no memory, and this model denoises; {ELSEWHERE}")
-    if isinstance(model, CalibrationNet):
-        if not np.array_equal(model.slope, np.ones(3)):
-            raise ExportError(f"{name} is linear, and this TinyGC-Net bends (slopes {np.round(model.slope, 4).tolist()}); {ELSEWHERE}")
+    if isinstance(model, CalibrationNet | PublishedNet):
+        slopes = np.concatenate([np.ravel(getattr(model, name)) for name in ("slope", "slope1", "slope2") if hasattr(model, name)])
+        if not np.array_equal(slopes, np.ones_like(slopes)):
+            raise ExportError(f"{name} is linear, and this TinyGC-Net bends (slopes {np.round(slopes, 4).tolist()}); {ELSEWHERE}")
         model = LinearModel(np.eye(3) + model.W2 @ model.W1, model.W2 @ model.b1 + model.b2)
     K, k, first_c = np.zeros((3, 3)), np.zeros(3), 25.0
     if hasattr(model, "net"):
-        raise ExportError(f"{name} cannot carry a net behind physics; {ELSEWHERE}")
+        what = "a net behind physics" if hasattr(model, "physics") else "a net that is told temperature or force"
+        raise ExportError(f"{name} cannot carry {what}; {ELSEWHERE}")
     if hasattr(model, "claims"):
         unable = [claim.effect.id for claim in model.claims if claim.effect.id not in carries]
         if unable:

@@ -23,10 +23,10 @@ PROCESSES = 2
 
 
 @contextmanager
-def simulated(options: SimulationOptions):
-    """A simulated session's folder, gone afterwards."""
+def simulated(options: SimulationOptions, distort: Callable | None = None):
+    """A simulated session's folder, gone afterwards; ``distort``: what is concealed in its rates."""
     with tempfile.TemporaryDirectory(prefix="tinygc-") as parent:
-        yield write_session(options, Path(parent) / f"seed{options.seed}")
+        yield write_session(options, Path(parent) / f"seed{options.seed}", distort=distort)
 
 
 def with_heading(session: Session, heading_deg: float | None) -> Session:

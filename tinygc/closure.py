@@ -59,14 +59,14 @@ def end_attitude(batch: Batch, rate, integrator: str = "exact"):
 
     NumPy or torch, as ``rate`` is.
     """
-    earth, dt, start = (_like(rate, x) for x in (batch.earth, batch.dt, batch.start))
+    earth, dt, start = (like(rate, x) for x in (batch.earth, batch.dt, batch.start))
     return rotation.multiply(start, rotation.compose(steps(rate - earth, dt, integrator)))
 
 
 def residual(q_pred, q_end, yaw_known: bool):
     """Residual (S, 2) or (S, 3), |r|^2 the squared quaternion distance; components about the table's x, y (and z)."""
     xp = rotation.namespace(q_pred)
-    d = rotation.multiply(q_pred, rotation.conjugate(_like(q_pred, q_end)))
+    d = rotation.multiply(q_pred, rotation.conjugate(like(q_pred, q_end)))
     w, x, y, z = rotation.split(d)
     if yaw_known:
         sign = xp.where(w < 0, -xp.ones_like(w), xp.ones_like(w))
@@ -114,7 +114,7 @@ def nearest_yaw(q_tb: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
     return rotation.multiply(turn / length, q_tilt) if length > 1e-9 else q_tilt
 
 
-def _like(model, array):
+def like(model, array):
     """``array`` in the library, and on the device, of ``model``."""
     xp = rotation.namespace(model)
     if xp is np or not isinstance(array, np.ndarray):

@@ -17,6 +17,7 @@ from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
 from tinygc.network import CalibrationNet
 from tinygc.network_published import PublishedNet
+from tinygc.parts import consecutive, previous
 from tinygc.problem import Problem
 from tinygc.still_rates import StillRates
 
@@ -33,8 +34,8 @@ class FitOptions:
     """methods in the order of the report; folds of the held-out closure; seed of the swarm; still_rates as further data;
     integrator; optimizer and epochs of the network; earth: whether its rotation is taken off; exclude: numbers of segments to leave
     out; physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none; denoise: of tinygc_denoised;
-    variant of the calibration subnet; conditions that a further net is told; checkpoints: folder where AdamW leaves what it can go on from,
-    and resume: whether it does."""
+    variant of the calibration subnet; parts: segments that its training carries the attitude through; conditions that a further
+    net is told; checkpoints: folder where AdamW leaves what it can go on from, and resume: whether it does."""
 
     methods: tuple[str, ...] = METHODS
     folds: int = 5
@@ -48,6 +49,7 @@ class FitOptions:
     exclude: tuple[int, ...] = ()
     denoise: DenoiseOptions = field(default_factory=DenoiseOptions)
     variant: str = "paper"
+    parts: int = 1
     conditions: tuple[str, ...] = ()
     checkpoints: Path | None = None
     resume: bool = False
@@ -98,10 +100,13 @@ def run_method(
     batch, sigma = problem.batch, problem.floor.sigma
     folds = min(options.folds, len(batch))
     steps = folds + 1
+    order = consecutive(problem.used) if options.parts > 1 else None
     # The swarm's windows are exact, and so it is judged.
     integrator = "exact" if name == "pso" else options.integrator
     began = time.perf_counter()
-    model, notes = _fit(name, problem, batch, sigma, options, still_rates, None, lambda done, of: progress(done, of * steps), "whole")
+    model, notes = _fit(
+        name, problem, batch, sigma, options, still_rates, None, lambda done, of: progress(done, of * steps), "whole", order
+    )
     seconds = time.perf_counter() - began
     held_out, parts = np.zeros((len(batch), batch.angles)), []
     fold = np.arange(len(batch)) % folds
@@ -117,6 +122,7 @@ def run_method(
             model,
             lambda done, of, k=k: progress((k + 1) * of + done, of * steps),
             f"fold{k}",
+            None if order is None else order[seen],
         )
         parts.append(part)
         held_out[~seen] = closure_angles(batch.pick(~seen), part, integrator)
@@ -139,8 +145,9 @@ def _fit(
     whole: Model | None,
     progress: Progress,
     label: str,
+    order: np.ndarray | None,
 ) -> tuple[Model, dict]:
-    """``whole`` is the fit to all segments when this is one of the folds; label names the checkpoint."""
+    """``whole`` is the fit to all segments when this is one of the folds; label names the checkpoint; order (S,) as of ``parts``."""
     # A session with a truth file may never rest: then the bias that closes it stands for the first still's.
     start = bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B)
     if name == "raw":
@@ -157,15 +164,18 @@ def _fit(
         around, box = (start, 1.0) if whole is None else (whole, 0.05)
         return fit_pso(batch, sigma, around, seed=options.seed, still_rates=still_rates, box=box, progress=progress), {}
     if name == "tinygc":
-        return _train(batch, sigma, options, still_rates, progress, label)
+        return _train(batch, sigma, options, still_rates, progress, label, None if order is None else previous(order, options.parts))
     raise ValueError(f"method is {name!r}, expected one of {', '.join(METHODS)}")
 
 
-def _train(batch, sigma, options: FitOptions, still_rates, progress: Progress, label: str) -> tuple[CalibrationNet | PublishedNet, dict]:
+def _train(
+    batch, sigma, options: FitOptions, still_rates, progress: Progress, label: str, before
+) -> tuple[CalibrationNet | PublishedNet, dict]:
     how = {
         "still_rates": still_rates,
         "integrator": options.integrator,
         "start": (PublishedNet if options.variant == "published" else CalibrationNet).identity(),
+        "before": before,
         "progress": progress,
     }
     if options.optimizer == "adamw":

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from session.errors import FitError
-from tinygc import closure
+from tinygc import closure, parts
 from tinygc.closure import Batch
 from tinygc.network import TIES, CalibrationNet
 from tinygc.still_rates import StillRates
@@ -62,13 +62,15 @@ def train_second_order(
     ties: tuple[float, ...] = TIES,
     integrator: str = "exact",
     start: Net | None = None,
+    before: np.ndarray | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Training:
     """Levenberg-Marquardt from ``start``, the identity of the kind of net that is wanted (the paper's); sigma (S,) rad per angle.
 
+    before (S,): the part that each goes on from (``parts.previous``); None where each segment stands by itself.
     Raises FitError where the residuals are not finite.
     """
-    problem = _Problem(batch, sigma, still_rates, integrator, start or CalibrationNet.identity())
+    problem = _Problem(batch, sigma, still_rates, integrator, start or CalibrationNet.identity(), before)
     vector, losses = problem.identity, []
     chosen, lowest = None, None
     rungs = problem.start.rungs(problem.typical_rps, ties)
@@ -91,9 +93,11 @@ def _clearly_less(trial: np.ndarray, best: np.ndarray) -> bool:
 class _Problem:
     """The residuals of the net as rows in sigmas, with their Jacobian."""
 
-    def __init__(self, batch: Batch, sigma: np.ndarray, still_rates: StillRates | None, integrator: str, start: Net):
+    def __init__(self, batch: Batch, sigma: np.ndarray, still_rates: StillRates | None, integrator: str, start: Net, before):
         self.integrator, self.start = integrator, start
-        self.batch, self.weight, self.still_rates = batch, 1 / sigma.reshape(len(batch), -1), still_rates
+        self.before = np.full(len(batch), -1) if before is None else before
+        self.batch, self.still_rates = batch, still_rates
+        self.weight = 1 / parts.carried_sigma(sigma.reshape(len(batch), -1), self.before)
         self.typical_rps = float(np.sqrt(np.mean(batch.rate[..., :3] ** 2)))
         self.identity = start.vector
 
@@ -102,7 +106,7 @@ class _Problem:
 
     def residuals(self, vector: np.ndarray) -> np.ndarray:
         net = self.net(vector)
-        rows = [(2 * closure.segment_residuals(self.batch, net(self.batch.rate), self.integrator) * self.weight).ravel()]
+        rows = [(2 * parts.residuals(self.batch, net(self.batch.rate), self.before, self.integrator) * self.weight).ravel()]
         if self.still_rates is not None:
             rows.append(self.still_rates.residuals(net))
         r = np.concatenate(rows)
@@ -112,7 +116,7 @@ class _Problem:
 
     def jacobian(self, vector: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
         net = self.net(vector)
-        design = net.columns(sensitivity, self.batch.rate)
+        design = parts.carried(net.columns(sensitivity, self.batch.rate), self.before)
         rows = [(design * self.weight[..., None]).reshape(-1, len(vector))]
         if self.still_rates is not None:
             each = np.eye(3)[None, None] / self.still_rates.sigma[:, None, :, None]

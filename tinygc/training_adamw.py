@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tinygc import closure
+from tinygc import parts
 from tinygc.adamw import Checkpoint, device, minimise
 from tinygc.closure import Batch
 from tinygc.network import CalibrationNet
@@ -23,26 +23,30 @@ def train_adamw(
     integrator: str = "exact",
     still_rates: StillRates | None = None,
     start: Net | None = None,
+    before: np.ndarray | None = None,
     checkpoint: Checkpoint | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Training:
     """From ``start``, the identity of the kind of net that is wanted (the paper's), with a cosine decay so that it ends somewhere.
 
+    before (S,): the part that each goes on from, as in ``train_second_order``.
     Raises FitError where the loss is not finite, or where a checkpoint that is to be resumed belongs to other data or settings.
     """
     import torch
 
     start = start or CalibrationNet.identity()
     where = device()
-    rate, weight = (torch.as_tensor(array, device=where) for array in (batch.rate, 2 / sigma.reshape(len(batch), -1)))
-    identity = [batch.rate, batch.dt, batch.earth, batch.start, batch.end, sigma, np.array(list(integrator.encode()))]
+    before = np.full(len(batch), -1) if before is None else before
+    weights_of_rows = 2 / parts.carried_sigma(sigma.reshape(len(batch), -1), before)
+    rate, weight = (torch.as_tensor(array, device=where) for array in (batch.rate, weights_of_rows))
+    identity = [before, batch.rate, batch.dt, batch.earth, batch.start, batch.end, sigma, np.array(list(integrator.encode()))]
     if still_rates is not None:
         still, earth, spread = (torch.as_tensor(array, device=where) for array in (still_rates.rate, still_rates.earth, still_rates.sigma))
         identity += [still_rates.rate, still_rates.earth, still_rates.sigma]
 
     def loss_of(weights):
         net = start.with_vector(weights)
-        r = closure.segment_residuals(batch, net(rate), integrator) * weight
+        r = parts.residuals(batch, net(rate), before, integrator) * weight
         if still_rates is None:
             return (r**2).mean()
         rows = (net(still) - earth) / spread

@@ -38,17 +38,17 @@ class Job:
     folder: Path | None = None
 
 
-def main(sessions: int = 20, recordings: Path = RECORDINGS) -> None:
-    """Print the table: roll, pitch, yaw together as RMSE in degrees."""
+def table3(sessions: int = 20, recordings: Path = RECORDINGS) -> str:
+    """The table as Markdown: roll, pitch, yaw together as RMSE in degrees."""
     folders = sorted(path.parent for path in recordings.glob("*/session.toml"))
     jobs = [Job(folder=folder) for folder in folders] + [Job(seed=FIRST_SEED + i) for i in range(sessions)]
     results = in_parallel(one_session, jobs, "session")
-    print(f"RMSE over roll, pitch, yaw at the return, degrees; median (and quartiles) of {sessions} simulated sessions.\n")
     header = ["", *(TITLES[name] for name in METHODS), "noise floor"]
-    print(markdown(header, _rows(results[len(folders) :])))
+    parts = [f"RMSE over roll, pitch, yaw at the return, degrees; median (and quartiles) of {sessions} simulated sessions."]
+    parts.append(markdown(header, _rows(results[len(folders) :])))
     for folder, result in zip(folders, results, strict=False):
-        print(f"\n{folder.parent.name}/{folder.name}, recorded:\n")
-        print(markdown(header, _rows([result])))
+        parts += [f"{folder.parent.name}/{folder.name}, recorded:", markdown(header, _rows([result]))]
+    return "\n\n".join(parts)
 
 
 def one_session(job: Job) -> dict:
@@ -80,7 +80,3 @@ def _cell(values: list[float]) -> str:
     low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
     digits = 4 if middle < 1 else 1
     return f"{middle:.{digits}f}" + (f" ({low:.{digits - 1}f}–{high:.{digits - 1}f})" if len(values) > 1 else "")
-
-
-if __name__ == "__main__":
-    main()

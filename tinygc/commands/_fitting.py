@@ -30,6 +30,9 @@ def add_fit_arguments(command: argparse.ArgumentParser) -> None:
         "--variant", choices=("paper", "published"), default="paper", help="TinyGC-Net's 27 parameters, or the 26 of its code"
     )
     command.add_argument(
+        "--parts", type=count(1), default=1, metavar="M", help="train TinyGC-Net on sequences of so many segments (%(default)s)"
+    )
+    command.add_argument(
         "--conditions", type=conditions, default=(), metavar="temperature,force", help="fit a TinyGC-Net that is told these, too"
     )
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
@@ -55,5 +58,6 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
         exclude=tuple(dict.fromkeys(args.exclude)),
         denoise=DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
         variant=args.variant,
+        parts=args.parts,
         conditions=args.conditions,
     )

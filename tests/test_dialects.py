@@ -8,6 +8,7 @@ from conftest import DEG, Table, write_session
 
 from session.dialects.convert import convert
 from session.dialects.layout import Answers
+from session.dialects.stamps import exact_ns
 from session.dialects.units import parse_unit
 from session.errors import CalibrationError, DataError, FormatError
 from session.folder import read_session
@@ -533,3 +534,52 @@ def test_the_command_line_makes_a_session_that_fits(simulated, tmp_path, capsys)
         assert calibrate.main([*fit, "--json", str(result)]) == 0
         found[where] = json.loads(result.read_text())["methods"]["least_squares"]["train"]["tilt_rms_deg"]
     assert found[made] == pytest.approx(found[folder], rel=1e-6)
+
+
+def test_no_damage_raises_anything_but_one_line(tmp_path):
+    """Random damage to every dialect's file: a session, or one line and nothing left behind."""
+    rng = np.random.default_rng(0)
+    texts = [make_text()[:4000] for make_text in DIALECTS.values()]
+    pieces = [
+        "nan",
+        "1e999",
+        "1e999999",
+        "-",
+        "9" * 30,
+        "\n",
+        '"',
+        "#",
+        "0x1F",
+        "1_0",
+        ":",
+        "12:99:aa",
+        "[mg]",
+        "(deg/s)",
+        ",,",
+        "%s",
+        "\r",
+        "\0",
+        "é",
+    ]
+    outcomes = {"made": 0, "refused": 0}
+    for trial in range(250):
+        text = texts[rng.integers(len(texts))]
+        for _ in range(rng.integers(1, 6)):
+            at = int(rng.integers(len(text)))
+            cut = int(rng.integers(0, 40)) if rng.random() < 0.5 else 0
+            text = text[:at] + (pieces[rng.integers(len(pieces))] if rng.random() < 0.8 else "") + text[at + cut :]
+        try:
+            make(tmp_path, text, out=f"session{trial}", gyro_unit=[None, "lsb"][trial % 2])
+            outcomes["made"] += 1
+        except CalibrationError as error:
+            outcomes["refused"] += 1
+            assert "\n" not in str(error)
+            assert not (tmp_path / f"session{trial}").exists()
+    assert min(outcomes.values()) > 10
+    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {"LOG.CSV"}
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "1e999999", "1e400000", "", "1:2", "a:b:c", "::"])
+def test_what_is_no_time(text):
+    with pytest.raises(ValueError, match="no time|unpack|invalid"):
+        exact_ns(text, 10**9)

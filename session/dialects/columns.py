@@ -26,7 +26,9 @@ def from_columns(text: str, lines: list[str], name: str) -> tuple:
                 continue
             headless = all(what.isdigit() for what, _, _ in wanted.values())
             columns = {key: (places[key], unit, sign) for key, (_, unit, sign) in wanted.items()}
-            return delimiter, number if headless else number + 1, names, columns
+            if headless:
+                return delimiter, number, tuple(f"column {place + 1}" for place in range(len(names))), columns
+            return delimiter, number + 1, names, columns
     missing = [what for what, _, _ in wanted.values() if not any(what in line for line in lines) and not what.isdigit()]
     said = f"no column {missing[0]!r}" if missing else "no line with all of these columns"
     first = next((line.strip()[:60] for line in lines if line.strip()), "")

@@ -76,7 +76,8 @@ def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = No
             with contextlib.suppress(OSError):
                 path.rmdir()
     dialects = tuple(dict.fromkeys(reader.layout.dialect for reader in readers))
-    findings = tuple(check_folder(out))
+    with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
+        findings = tuple(check_folder(out))
     return Converted(out, out / name, dialects, samples, tuple(notes), findings, _next(out, findings))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 import numpy as np
 
@@ -13,6 +13,8 @@ COUNTER = 2**32
 DAY_NS = 86_400 * 10**9
 #: share of rows that repeat the stamp before them, from which on stamps are coarse and not merely stuttering
 COARSE = 0.02
+#: no time, whatever its unit
+BEYOND = Decimal(10) ** 40
 #: of the stamps' own step: how far counted samples may lie from coarse stamps before samples must be missing
 OFF = 2.0
 
@@ -29,8 +31,10 @@ def exact_ns(text: str, unit_ns: int) -> int:
         pass
     try:
         scaled = Decimal(text) * unit_ns
+        if not abs(scaled) < BEYOND:  # also of "nan", and before an exponent of six digits is written out
+            raise ValueError
         return int(scaled.to_integral_value())
-    except (InvalidOperation, OverflowError):
+    except (ArithmeticError, ValueError):
         raise ValueError(f"{text[:20]!r} is no time") from None
 
 

@@ -572,14 +572,14 @@ def test_no_damage_raises_anything_but_one_line(tmp_path):
             make(tmp_path, text, out=f"session{trial}", gyro_unit=[None, "lsb"][trial % 2])
             outcomes["made"] += 1
         except CalibrationError as error:
-            outcomes["refused"] += 1
-            assert "\n" not in str(error)
+            outcomes["refused"] += len(str(error).splitlines()) == 1
             assert not (tmp_path / f"session{trial}").exists()
     assert min(outcomes.values()) > 10
+    assert sum(outcomes.values()) == 250
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {"LOG.CSV"}
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "1e999999", "1e400000", "", "1:2", "a:b:c", "::"])
 def test_what_is_no_time(text):
-    with pytest.raises(ValueError, match="no time|unpack|invalid"):
+    with pytest.raises(ValueError, match=r"no time|unpack|invalid"):
         exact_ns(text, 10**9)

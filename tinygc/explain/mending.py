@@ -12,12 +12,13 @@ from session.folder import Session
 from session.logfile import Log
 from session.units import DEG
 from tinygc import closure, rotation
-from tinygc.explain import bridge, registers
+from tinygc.explain import bridge, plateaus, registers
 from tinygc.explain.false_readings import find_glitches, without_glitches
 from tinygc.explain.refit import refit
 from tinygc.explain.twin import Twin
 from tinygc.explain.whitening import Whitener
 from tinygc.least_squares import fit_least_squares
+from tinygc.methods import closure_angles
 from tinygc.problem import Problem, build_problem
 
 #: chi-square per missing-sample parameter that a loss must save: a chance of some 10^-9
@@ -25,6 +26,10 @@ SURE = 40.0
 LONGEST_LOSS_S = 0.5
 #: segments without a loss from which a linear model can be had
 FEWEST_WHOLE = 12
+#: share to which a level in the registers is known
+LEVEL_KNOWN = 0.002
+#: segments with plateaus that miss by so many times what the others do were clipped: a tenth of a degree of a turn is enough
+PLATEAU_EXCESS = 10.0
 #: a still that turns about the vertical shows only in the gyro: its rate must stand out by this much from stills that agree
 OUTLIER_SIGMAS = 10.0
 
@@ -67,20 +72,36 @@ def _without_clipped(problem: Problem, found: dict) -> Problem:
     """Leave out the segments in which a rate stands at a level."""
     full_scale = problem.session.config.sensor.gyro_fs_dps * DEG
     ceilings = [registers.find_ceiling(log.samples, full_scale) for log in problem.logs]
-    known = [ceiling for ceiling in ceilings if ceiling is not None]
-    if not known:
-        return problem
-    level = float(np.median([ceiling.level for ceiling in known]))
-    clipped = [
-        segment.number
-        for segment in problem.segments
-        if ceilings[segment.log] is not None and ceilings[segment.log].mask[segment.start : segment.stop].any()
-    ]
-    found["gyro.saturation"] = ({"dps": level / DEG}, {"dps": 0.002 * level / DEG})
+    known_to = LEVEL_KNOWN
+    if not any(ceilings):
+        known_to = plateaus.SAME  # the linear errors came after
+        ceilings = [plateaus.find_plateaus(log.samples, full_scale) for log in problem.logs]
+        if not _do_not_close(problem, _at_a_level(problem, ceilings)):
+            return problem
+    level = float(np.median([ceiling.level for ceiling in ceilings if ceiling is not None]))
+    clipped = _at_a_level(problem, ceilings)
+    found["gyro.saturation"] = ({"dps": level / DEG}, {"dps": known_to * level / DEG})
     try:
         return build_problem(problem.session, use_earth=problem.earth.source != "none", exclude=tuple(clipped))
     except CalibrationError:
         return problem
+
+
+def _at_a_level(problem: Problem, ceilings: list[registers.Ceiling | None]) -> list[int]:
+    """Numbers of the segments that reach a ceiling."""
+    return [s.number for s in problem.segments if (c := ceilings[s.log]) is not None and c.mask[s.start : s.stop].any()]
+
+
+def _do_not_close(problem: Problem, numbers: list[int]) -> bool:
+    """Whether these segments close far worse than the others, by the linear model of the others (or of all, where those are few)."""
+    hit = np.isin([segment.number for segment in problem.used], numbers)
+    if not hit.any():
+        return False
+    own = ~hit if (~hit).sum() >= FEWEST_WHOLE else np.ones_like(hit)
+    sigma = problem.floor.sigma
+    model = fit_least_squares(problem.batch.pick(own), sigma[own], problem.first).model
+    excess = np.sqrt(np.mean((closure_angles(problem.batch, model) / sigma) ** 2, axis=1))
+    return bool(np.median(excess[hit]) > PLATEAU_EXCESS * (1 if own.all() else max(1.0, np.median(excess[~hit]))))
 
 
 def _without_glitches(problem: Problem, found: dict) -> Problem:

@@ -70,8 +70,9 @@ def refit(
         before = cost(r, state)
         for _ in range(5):
             trial = state.with_vector(state.vector + step)
-            trial_rates = twin.rates(trial)
-            trial_r = whiten(twin.residuals(trial, trial_rates).stacked())
+            with np.errstate(over="ignore", invalid="ignore"):  # a step too far may overflow, and then gains nothing
+                trial_rates = twin.rates(trial)
+                trial_r = whiten(twin.residuals(trial, trial_rates).stacked())
             gain = before - cost(trial_r, trial)
             if gain > 0:
                 state, rates, r = trial, trial_rates, trial_r

@@ -1,0 +1,49 @@
+"""Rates that are clipped before the linear errors, the filter and the noise: no register value repeats."""
+
+import numpy as np
+import pytest
+from conftest import Table
+from test_registers import session_of_logs
+
+from session.folder import read_session
+from session.units import DEG
+from tinygc.explain.explain import explain_session
+from tinygc.explain.mending import mend
+from tinygc.explain.plateaus import find_plateaus
+from tinygc.problem import build_problem
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
+
+FS = 500 * DEG
+
+
+def clipped(level_dps):
+    return lambda t, rate, force, temp: np.clip(rate, -level_dps * DEG, level_dps * DEG)
+
+
+def test_a_clipped_element_is_named_and_its_segments_left_out(tmp_path):
+    options = SimulationOptions(segments=40, closure_s=0.0, seed=3)
+    result = explain_session(write_session(options, tmp_path / "session", distort=clipped(200)))
+    (claim,) = result.claimed
+    assert claim.effect.id == "gyro.saturation"
+    assert abs(claim.parameters["dps"] - 200) < 2 * claim.std["dps"]
+    assert result.verdict == "explained"
+    before, after = (np.sqrt(np.mean(angles**2)) for angles in (result.proof.before, result.proof.after))
+    assert after < 0.02 * before
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_round_strokes_of_a_hand_are_no_plateaus(tmp_path, seed):
+    session = read_session(write_session(SimulationOptions(segments=15, closure_s=0.0, seed=seed), tmp_path / "session"))
+    assert find_plateaus(session.logs[0].samples, FS) is None
+
+
+def test_a_motor_turns_at_one_rate_and_is_not_clipped():
+    """Its strokes are flat and alike, but its segments close."""
+    table = Table().rest(3)
+    for number, axis in enumerate(((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (0, 0, -1)) * 3):
+        table.steady(70, axis, 1.2 + 0.1 * number).rest(3)
+    samples = table.samples(odr_hz=208)
+    ceiling = find_plateaus(samples, FS)
+    assert ceiling.level == pytest.approx(70 * DEG, rel=0.03)
+    assert "gyro.saturation" not in mend(build_problem(session_of_logs(samples))).found

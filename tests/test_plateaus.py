@@ -47,3 +47,9 @@ def test_a_motor_turns_at_one_rate_and_is_not_clipped():
     ceiling = find_plateaus(samples, FS)
     assert ceiling.level == pytest.approx(70 * DEG, rel=0.03)
     assert "gyro.saturation" not in mend(build_problem(session_of_logs(samples))).found
+
+
+def test_a_stroke_of_two_samples_is_looked_at_like_any_other():
+    """The height of a stroke is one of its readings, not a value between two."""
+    samples = Table().rest(4).steady(200, (1, 0, 0), 0.011).rest(4).samples(odr_hz=208)
+    assert find_plateaus(samples, FS) is None

@@ -51,7 +51,7 @@ def _plateaus(values: np.ndarray, noise: float, least: float, shortest: float) -
     edges = np.flatnonzero(np.diff(np.concatenate([[0], high.view(np.int8), [0]])))
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         stroke = values[begin:end]
-        top = float(np.quantile(stroke, 0.9))
+        top = float(np.quantile(stroke, 0.9, method="lower"))  # one of its readings
         within = max(FLAT * top, NOISES * noise)
         flat = np.flatnonzero(np.abs(stroke - top) <= within)
         start, stop = begin + int(flat[0]), begin + int(flat[-1]) + 1

@@ -19,7 +19,13 @@ enum { BAUD = 921600, SAMPLE_BYTES = 21, HELLO_BYTES = 3, BURST = 8 };
 
 static tinygc_state state;
 static uint16_t sequence; /* of samples */
-static uint32_t until_info; /* samples */
+
+/* The data rate as the stamps show it: a real sensor would say it in INTERNAL_FREQ_FINE.  Counted from the first sample, and from each that
+ * does not follow the one before. */
+static struct {
+    uint32_t first_us, last_us, samples;
+    float odr_hz;
+} pace;
 
 static void send(enum port port, struct frame *frame)
 {
@@ -33,18 +39,32 @@ static void send_info(void)
     frame_begin(&frame, FRAME_INFO, sequence);
     frame_u16(&frame, TINYGC_GYRO_FS_DPS);
     frame_u16(&frame, TINYGC_ACCEL_FS_G);
-    frame_f32(&frame, TINYGC_ODR_HZ);
+    frame_f32(&frame, pace.odr_hz);
     frame_u32(&frame, SERIAL);
     send(HOST, &frame);
+}
+
+/* Once a second the info frame; for the first time when a second of samples has shown their rate. */
+static void keep_pace(uint32_t t_us)
+{
+    const uint32_t second = (uint32_t)TINYGC_ODR_HZ, step_us = t_us - pace.last_us;
+    pace.last_us = t_us;
+    if (pace.samples == 0 || step_us == 0 || step_us > 1500000u / second) {
+        pace.first_us = t_us;
+        pace.samples = 1;
+        return;
+    }
+    if (pace.samples == second)
+        pace.odr_hz = (float)second * 1e6f / (float)(t_us - pace.first_us);
+    if (pace.samples % second == 0)
+        send_info();
+    pace.samples++;
 }
 
 static void send_sample(uint32_t t_us, const int16_t registers[7])
 {
     struct frame frame;
-    if (until_info-- == 0) {
-        send_info();
-        until_info = (uint32_t)TINYGC_ODR_HZ - 1;
-    }
+    keep_pace(t_us);
     frame_begin(&frame, FRAME_SAMPLE, sequence++);
     frame_u32(&frame, t_us);
     for (int i = 0; i < 7; i++)

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Play a log to the board, and keep the rates that it answers: python firmware/play.py PORT LOG [-o rates.csv]
+"""Play a log to the board, and keep the rates that it answers: python firmware/play.py PORT [LOG [-o rates.csv]]
 
+Without a log the board runs its self-test, and its stand-in falls silent.
 The board streams the same samples on its other port meanwhile, as if a sensor had given them.
 """
 
@@ -128,11 +129,11 @@ def read_registers(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("port", help="of the board: any serial port, or the pseudo-terminal that QEMU names")
-    parser.add_argument("log", type=Path, help=f"log of registers: {HEADER}")
+    parser.add_argument("log", type=Path, nargs="?", help=f"log of registers: {HEADER}")
     parser.add_argument("-o", "--out", type=Path, help="where the calibrated rates go: t_us,wx_rps,wy_rps,wz_rps")
     args = parser.parse_args()
     try:
-        t_us, registers = read_registers(args.log)
+        t_us, registers = read_registers(args.log) if args.log else (np.zeros(0, np.int64), np.zeros((0, 7), np.int16))
         with args.out.open("w", encoding="utf-8") if args.out else nullcontext() as out:
             return play(args.port, t_us, registers, out)
     except CalibrationError as error:
@@ -155,7 +156,8 @@ def play(port: str, t_us: np.ndarray, registers: np.ndarray, out: TextIO | None)
         print(f"model {test.model:08x}, self-test {verdict}, worst {test.worst:g} rad/s", flush=True)
         began = time.monotonic()
         rates = board.calibrate(t_us, registers)
-        print(f"{len(rates)} samples calibrated in {time.monotonic() - began:.1f} s")
+        if len(rates):
+            print(f"{len(rates)} samples calibrated in {time.monotonic() - began:.1f} s")
     finally:
         board.close()
     if out:

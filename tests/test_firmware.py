@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import subprocess
 import sys
 import time
@@ -143,9 +144,12 @@ def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(boa
 
     # The recorded session, read as any session is, and calibrated by the model in double precision.
     session = read_session(folder)
-    assert (session.config.sensor.serial, session.config.sensor.odr_hz) == ("4711", 208.0)
     (log,) = session.logs
     count = len(log.samples)
+    assert (session.config.sensor.serial, session.config.sensor.odr_hz) == ("4711", 208.0)  # nominal
+    comment = re.search(r"^# gyro_fs_dps=500 accel_fs_g=4 odr_hz=(\S+) serial=4711$", (folder / "log0001.csv").read_text(), re.M)
+    true_hz = float(comment[1])
+    assert true_hz == pytest.approx(1 / log.samples.dt_s.mean(), rel=1e-4)  # 209.56: as the stamps show it
     assert count > 5 * 208  # still, turn, still
     np.testing.assert_array_equal(log.samples.t_ns, 1000 * t_us[:count])
     np.testing.assert_allclose(rates[:count], WHOLE(log.samples.gyro), atol=2e-6)
@@ -190,6 +194,8 @@ def test_play_writes_the_rates_that_the_board_answers(board, tmp_path):
     table = np.loadtxt(out, delimiter=",", skiprows=1)
     np.testing.assert_array_equal(table[:, 0], t_us[:208])
     np.testing.assert_array_equal(table[:, 1:].astype(np.float32), program(WHOLE).run(SENSOR.inputs(registers[:208])))
+    ran = subprocess.run(command[:3], capture_output=True, text=True, check=False)  # the self-test alone
+    assert (ran.returncode, ran.stderr, ran.stdout.count("\n")) == (0, "", 1)
     ran = subprocess.run([*command, tmp_path / "no" / "rates.csv"], capture_output=True, text=True, check=False)
     assert ran.returncode == 2
     assert ran.stderr.count("\n") == 1

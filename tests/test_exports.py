@@ -317,3 +317,13 @@ def test_command_refuses_what_is_not_there(fitted, tmp_path, capsys):
 
 def test_same_fit_same_bytes(exported):
     assert exported("kalibr") == exported("kalibr")
+
+
+def test_a_fitted_net_that_found_nothing_to_bend_for_is_carried(fitted, exported):
+    """Its slopes are 1 but for rounding; the rates are the net's."""
+    net = models.load(fitted / "fit" / "model_tinygc.json")
+    if np.abs(net.slope - 1).max() > 1e-9:
+        pytest.skip("the net bends on this session")
+    (text,) = exported("ros", "--model", "tinygc").values()
+    gyro = yaml.safe_load(text)["/**"]["ros__parameters"]["gyroscope"]
+    agree(MEASURED @ np.reshape(gyro["matrix"], (3, 3)).T + gyro["offset"], net)

@@ -76,6 +76,8 @@ def read_context(folder: Path, method: str | None = None, say: Callable[[str], N
     """
     config = read_config(folder / "session.toml")
     path = _model_path(folder, method)
+    if method is None and (folder / "fit" / "model_physics.json").exists():
+        say("least squares is exported; the fit holds physics as well: --model physics")
     model = models.load(path)
     table = json.loads(path.read_text(encoding="utf-8"))
     beside = path.parent / "fit.json"

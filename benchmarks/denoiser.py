@@ -79,7 +79,7 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=8, help="simulated sessions (%(default)s)")
     parser.add_argument("--seed", type=int, default=5000, help="of the first session (%(default)s)")
     parser.add_argument("--recordings", type=Path, default=RECORDINGS, metavar="DIR", help="folder of recorded sessions (%(default)s)")
-    parser.add_argument("--bent", action="store_true", help="leaky ReLUs of slope 0.3 and 0.01, too: AdamW, slow")
+    parser.add_argument("--bent", action="store_true", help="leaky ReLUs of slope 0.7, 0.3 and 0.01, too: AdamW, slow")
     args = parser.parse_args()
     folders = sorted(path.parent for path in args.recordings.glob("*/session.toml"))
     jobs = [(folder, args.bent) for folder in (*folders, *range(args.seed, args.seed + args.sessions))]
@@ -118,9 +118,8 @@ def _figures(session: Session, bent: bool) -> dict:
         filters[f"neighbours, {delay} samples"] = _trained(seen, net, DenoiseOptions(delay=delay))
         filters[f"Butterworth, {delay}"] = butterworth(delay)
         filters[f"Savitzky–Golay, {delay}"] = savitzky_golay(delay)
-    for slope in (0.3, 0.01) if bent else ():
-        filters[f"neighbours, 12, slope {slope:g}, AdamW"] = _trained(seen, net, DenoiseOptions(slope=slope))
-    filters |= {"neighbours, 12, AdamW": _trained(seen, net, DenoiseOptions(optimizer="adamw"))} if bent else {}
+    for slope in (0.7, 0.3, 0.01) if bent else ():
+        filters[f"neighbours, 12 samples, slope {slope:g}"] = _trained(seen, net, DenoiseOptions(slope=slope))
     return {name: _judge(unseen, run, net, model, calibrated) for name, model in filters.items()}
 
 

@@ -129,15 +129,15 @@ def test_seeded_and_frozen(trained):
 
 
 @pytest.mark.parametrize("slope", [1.0, 0.3])
-def test_adamw_learns_of_the_neighbours(slope):
-    """Linear or bent, repeatable, with unit gain."""
+def test_adamw_goes_on_from_the_linear_solution(slope):
+    """Linear or bent, repeatable, with unit gain; bent, it has something to mend."""
     seen, _ = material(count=8)
-    options = DenoiseOptions(slope=slope, optimizer="adamw", epochs=40)
+    options = DenoiseOptions(slope=slope, optimizer="adamw", epochs=30)
     first, second = (train_denoiser(seen, bias_only(), options) for _ in range(2))
     assert first.loss == second.loss
-    assert first.loss[-1] < 0.5 * first.loss[0]
+    assert min(first.loss) < (0.9 if slope < 1 else 1.0001) * first.loss[0]
     np.testing.assert_allclose(first.model.denoiser.gain, 1, atol=1e-12)
-    assert at_rest(first.model).min() > 1.3
+    assert at_rest(first.model).min() > (3.0 if slope == 1 else 2.0)
 
 
 def test_adamw_on_the_endpoint_keeps_its_best_epoch():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tinygc import closure, denoise_risk
@@ -19,7 +21,7 @@ def train_adamw(material: Material, calibration, options, progress, checkpoint=N
     """As ``denoise_training.train_denoiser``.  For a bent net the shared noise is measured by a second dose of it (Ramani 2008)."""
     import torch
 
-    from tinygc.denoise_training import DenoiserTraining, start
+    from tinygc.denoise_training import DenoiserTraining, start, train_denoiser
 
     batch, smoothing, where = material.batch, options.loss != "endpoint", device()
     delay = options.delay if options.loss == "neighbours" else 0
@@ -44,10 +46,14 @@ def train_adamw(material: Material, calibration, options, progress, checkpoint=N
             loss = loss + (scale * ((y - target) ** 2 + 2 * shared).mean((0, 1))).sum()
         return loss
 
-    # The best epoch counts: it begins at the identity, where the endpoint loss is near its least already.
+    begin = start(options.seed, options.slope).vector
+    if options.loss == "neighbours":
+        # From the identity, a delay of 0, hundreds of epochs do not come near: it begins at the linear solution of the second order.
+        begin = train_denoiser(material, calibration, replace(options, slope=1.0, optimizer="second-order")).model.denoiser.vector
+    # The best epoch counts: at the identity the endpoint loss is near its least already.
     _, best, losses = minimise(
         loss_of,
-        start(options.seed, options.slope).vector,
+        begin,
         epochs=options.epochs,
         learning_rate=LEARNING_RATE,
         identity=[context, batch.dt, batch.earth, batch.start, batch.end, material.sigma, np.array(list(repr(options).encode()))],

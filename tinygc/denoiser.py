@@ -12,9 +12,8 @@ axis, f of a constant 1, is the gain at *every* constant rate.  ``normalised`` d
 
 **The mean of any signal.**  That holds for constants.  Of a moving rate the integral, which is what an attitude is made of, is kept for
 every signal if and only if f is linear: the default slope is 1, where L passes both signs as they are, f(x) = g(x), one pass is
-enough, and the subnet is a filter of 49 taps made of three short ones.  A smaller slope may be had (the paper's), and is measured in
-benchmarks/denoiser.py: it rectifies noise where the rate is small, and gains nothing, since a homogeneous net cannot tell rest from
-motion by size.
+enough, and the subnet is a filter of 49 taps made of three short ones.  A smaller slope may be had (the paper's); it does not keep
+that promise, and being homogeneous it cannot tell rest from motion by size.
 
 Before the first sample the input is taken to have stood at its value: a log that begins at rest begins without a transient.
 """

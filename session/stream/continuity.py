@@ -16,6 +16,7 @@ from session.stream.events import Trouble
 
 TIME_WRAP, SEQUENCE_WRAP = 2**32, 2**16
 CHAIN = 3  #: readings that must go on from each other before they count
+TEXT_RESET_CHAIN = 8  #: damaged digits look like a reset more easily than damaged frames
 NUMBERED_TOLERANCE = 0.35  #: periods; stamps of 25 us ticks at 6667 Hz scatter by 0.17
 TEXT_TOLERANCE = 0.7  #: periods; below one, or a lost line would pass
 GAP_TOLERANCE = 0.005  #: of a gap; the period is known better
@@ -126,8 +127,11 @@ class Continuity:
             self._leave_out(len(self._chain) - len(kept), out)
             self._chain = kept
         self._chain.append(one)
-        if len(self._chain) >= CHAIN:
+        if len(self._chain) >= (TEXT_RESET_CHAIN if self._looks_like_text_reset() else CHAIN):
             self._lock(out)
+
+    def _looks_like_text_reset(self) -> bool:
+        return self._chain[0].sequence is None and self._last is not None and self._gap(self._chain[0]) is None
 
     def _step(self, last: Readings, one: Readings) -> tuple[int, int] | None:
         """Time and sample periods from the last that counted; None where they do not fit."""
@@ -155,7 +159,7 @@ class Continuity:
             return rate is not None
         before = _rate(self._chain[-2], self._chain[-1], self._infos)
         tolerance = TEXT_TOLERANCE if one.sequence is None else NUMBERED_TOLERANCE
-        return abs(rate - before) <= tolerance * max(rate, before)
+        return abs(rate - before) <= tolerance * min(rate, before)
 
     def _lock(self, out: list) -> None:
         """The chain counts: the stream begins, or begins anew, or goes on after a gap."""

@@ -18,6 +18,8 @@ from session.stream.text import COLUMNS, LONGEST_LINE, parse_comment, parse_head
 
 #: neither a frame nor a line is longer
 LONGEST = LONGEST_LINE
+#: bytes looked at in one go: each change of mode looks at the rest again
+PIECE = 65_536
 #: lines of another width that must come one after the other before they are believed
 WIDTH_CHANGE = 3
 
@@ -42,6 +44,7 @@ class StreamDecoder:
         self._width, self._order = 0, tuple(range(len(COLUMNS)))
         self._other_width, self._other_count = 0, 0
         self._last_us: int | None = None
+        self._numbered_before: bool | None = None
 
     @property
     def measured_odr_hz(self) -> float | None:
@@ -50,12 +53,12 @@ class StreamDecoder:
 
     def feed(self, data: bytes) -> list[Event]:
         """Events of these bytes and of what was kept from before; never raises, whatever the bytes."""
-        self._buffer += data
         out = _Collector()
-        going = True
-        while going:
-            step = {"frames": self._frames, "text": self._text, None: self._search}[self.mode]
-            going = step(out)
+        for start in range(0, len(data), PIECE):
+            self._buffer += data[start : start + PIECE]
+            going = True
+            while going:
+                going = {"frames": self._frames, "text": self._text, None: self._search}[self.mode](out)
         return out.events()
 
     def finish(self) -> list[Event]:
@@ -73,20 +76,22 @@ class StreamDecoder:
         """No mode yet: look at every delimiter for a frame or a line that ends there."""
         data = self._buffer
         codes = np.frombuffer(data, np.uint8)
-        zero = line = 0  # where a frame, where a line would begin
-        for place in np.flatnonzero((codes == 0) | (codes == 10)).tolist():
-            if data[place] == 0:
-                begin = max(zero, place - frames.SAMPLE_BYTES)
-                if place - zero == frames.INFO_BYTES or place - begin == frames.SAMPLE_BYTES:
-                    _, good = frames.decode_blocks(codes[None, begin:place])
-                    if good[0]:
-                        return self._found("frames", begin, out)
-                zero = line = place + 1
-            else:
-                if place - line <= LONGEST and self._is_line(data[line:place].rstrip(b"\r")):
-                    return self._found("text", line, out)
-                line = place + 1
-        keep = max(min(zero, line), len(data) - LONGEST - 1)
+        places = np.flatnonzero((codes == 0) | (codes == 10))
+        is_zero = codes[places] == 0
+        # Where a frame and where a line that ends here would begin: behind the last zero, and behind the last delimiter of either kind.
+        zeros = np.concatenate([[0], np.maximum.accumulate(np.where(is_zero, places + 1, 0))])
+        lines = np.concatenate([[0], places + 1])
+        lengths = places - np.where(is_zero, zeros[:-1], lines[:-1])
+        worth_a_look = np.where(is_zero, lengths >= frames.INFO_BYTES, (lengths > 0) & (lengths <= LONGEST))
+        for k in np.flatnonzero(worth_a_look).tolist():
+            place = int(places[k])
+            if is_zero[k]:
+                begin = place - (frames.INFO_BYTES if lengths[k] == frames.INFO_BYTES else frames.SAMPLE_BYTES)
+                if begin >= zeros[k] and frames.decode_blocks(codes[None, begin:place])[1][0]:
+                    return self._found("frames", begin, out)
+            elif self._is_line(data[lines[k] : place].rstrip(b"\r")):
+                return self._found("text", int(lines[k]), out)
+        keep = max(int(min(zeros[-1], lines[-1])), len(data) - LONGEST - 1)
         self._garbage(keep, out)
         self._buffer = data[keep:]
         return False
@@ -165,7 +170,7 @@ class StreamDecoder:
             readings = Readings(
                 part["sequence"].astype(np.int64), part["t_us"].astype(np.int64), part["registers"].astype(np.int16), damaged[begin:stop]
             )
-            self._pass_on(self._continuity.take(readings), out)
+            self._take(readings, out)
 
     def _info_frame(self, body: np.ndarray, out: _Collector) -> None:
         info = frames.decode_info(body.tobytes())
@@ -252,7 +257,16 @@ class StreamDecoder:
     def _stamped(self, values: np.ndarray, out: _Collector) -> None:
         damaged = np.zeros(len(values), bool)
         damaged[0], self._damaged = self._damaged, False
-        self._pass_on(self._continuity.take(Readings(None, values[:, 0], values[:, 1:].astype(np.int16), damaged)), out)
+        self._take(Readings(None, values[:, 0], values[:, 1:].astype(np.int16), damaged), out)
+
+    def _take(self, readings: Readings, out: _Collector) -> None:
+        numbered = readings.sequence is not None
+        if self._numbered_before not in (None, numbered):
+            # The board was told to speak otherwise: what was before has no sequence to go on from.
+            self._pass_on(self._continuity.finish(), out)
+            self._pass_on([Trouble("reset", 1, self._last_us)], out)
+        self._numbered_before = numbered
+        self._pass_on(self._continuity.take(readings), out)
 
     def _garbage(self, count: int, out: _Collector, damages: bool = True) -> None:
         if count:

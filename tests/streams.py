@@ -1,0 +1,67 @@
+"""Streams for the tests of the decoder and the recorder: what was sent is known sample by sample."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.stream import frames
+from session.stream.decoder import StreamDecoder
+from session.stream.events import Chunk, Event, Info
+
+PERIOD_US = 600
+INFO = Info(500.0, 4.0, 1666.5, "77")
+
+
+def smooth_registers(count: int, seed: int = 0) -> np.ndarray:
+    """Registers (count, 7) int16 that turn and tremble as a sensor's do."""
+    rng = np.random.default_rng(seed)
+    k = np.arange(count)[:, None]
+    swing = 4000 * np.sin(2 * np.pi * k / np.array([1500, 1900, 2300, 5000, 7000, 9000, 1e9]))
+    return np.rint(swing + rng.normal(0, [6, 6, 6, 12, 12, 12, 2], (count, 7))).astype(np.int16)
+
+
+def sent(count: int, start_us: int = 1_000_000, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Device times (count,), unrolled, and registers (count, 7)."""
+    return start_us + PERIOD_US * np.arange(count), smooth_registers(count, seed)
+
+
+def frame_list(t_us: np.ndarray, registers: np.ndarray, first: int = 0) -> list[bytes]:
+    return [row.tobytes() for row in frames.encode_samples(first + np.arange(len(t_us)), t_us, registers)]
+
+
+def line_list(t_us: np.ndarray, registers: np.ndarray, end: str = "\n") -> list[bytes]:
+    rows = np.column_stack([t_us % 2**32, registers]).tolist()
+    return [(",".join(map(str, row)) + end).encode() for row in rows]
+
+
+def decode(data: bytes, cuts=None) -> tuple[StreamDecoder, list[Event]]:
+    """Decode bytes, whole or in pieces that end at ``cuts``, and finish."""
+    decoder, events = StreamDecoder(), []
+    edges = [0, *sorted(cuts or []), len(data)]
+    for start, stop in zip(edges, edges[1:], strict=False):
+        events += decoder.feed(data[start:stop])
+    return decoder, events + decoder.finish()
+
+
+def samples(events: list[Event]) -> tuple[np.ndarray, np.ndarray]:
+    """Device times (n,) and registers (n, 7) of all chunks."""
+    chunks = [event for event in events if isinstance(event, Chunk)]
+    if not chunks:
+        return np.zeros(0, np.int64), np.zeros((0, 7), np.int16)
+    return np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks])
+
+
+def strangers(events: list[Event], t_us: np.ndarray, registers: np.ndarray) -> int:
+    """How many samples came out that were not sent: times ``t_us`` increasing."""
+    got_us, got = samples(events)
+    place = np.searchsorted(t_us, got_us).clip(0, len(t_us) - 1)
+    return int(((t_us[place] != got_us) | (registers[place] != got).any(axis=1)).sum())
+
+
+def troubles(events: list[Event]) -> dict[str, int]:
+    """Counts by kind."""
+    total: dict[str, int] = {}
+    for event in events:
+        if hasattr(event, "kind"):
+            total[event.kind] = total.get(event.kind, 0) + event.count
+    return total

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from session.stream import frames
@@ -38,7 +40,7 @@ def decode(data: bytes, cuts=None) -> tuple[StreamDecoder, list[Event]]:
     """Decode bytes, whole or in pieces that end at ``cuts``, and finish."""
     decoder, events = StreamDecoder(), []
     edges = [0, *sorted(cuts or []), len(data)]
-    for start, stop in zip(edges, edges[1:], strict=False):
+    for start, stop in itertools.pairwise(edges):
         events += decoder.feed(data[start:stop])
     return decoder, events + decoder.finish()
 

@@ -112,7 +112,7 @@ def test_text_with_carriage_returns_comments_a_header_and_further_columns():
     lines[50:50] = [b"# hello, world\r\n", b"\r\n", f"# {INFO.text}\r\n".encode()]
     _, events = decode(b"t_us,gx,gy,gz,ax,ay,az,temp,vbat,state\r\n" + b"".join(lines))
     assert same(events, t_us, registers)
-    assert [event for event in events if isinstance(event, Comment)][0] == Comment("hello, world")
+    assert next(event for event in events if isinstance(event, Comment)) == Comment("hello, world")
     assert [event for event in events if isinstance(event, Info)] == [INFO]
     assert troubles(events) == {}
 
@@ -251,7 +251,7 @@ def test_a_reset_in_the_middle(encode):
     got_us, _ = samples(events[:at])
     assert np.array_equal(got_us, first[0][: len(got_us)])
     assert len(got_us) >= 998
-    got_us, got = samples(events[at:])
+    got_us, _got = samples(events[at:])
     assert np.array_equal(got_us, second[0][-len(got_us) :])
     assert len(got_us) >= 999
     assert decoder.resets == 1
@@ -291,7 +291,7 @@ def test_a_damaged_frame_with_a_good_check_and_a_wrong_number_or_stamp_is_left_o
     messages = frame_list(t_us, registers)
     sequence, stamp = field.get("sequence", 500), field.get("t_us", int(t_us[500]))
     messages[500] = frames.encode_samples(np.array([sequence]), np.array([stamp]), registers[500:501])[0].tobytes()
-    decoder, events = decode(b"".join(messages))
+    _, events = decode(b"".join(messages))
     others = np.arange(1000) != 500
     assert same(events, t_us[others], registers[others])
     assert troubles(events) == {"implausible": 1, "lost": 1}
@@ -303,7 +303,7 @@ def test_a_register_that_stands_alone_is_left_out_on_a_wire_that_spoils_frames(r
     wrong = registers.copy()
     wrong[500, register] += step
     messages = frame_list(t_us, wrong)
-    clean_decoder, events = decode(b"".join(messages))
+    _, events = decode(b"".join(messages))
     assert same(events, t_us, wrong)  # without any damage it is a knock
     messages[400] = flipped(messages[400][:-1], 0.1, rng(8)) + b"\0"
     decoder, events = decode(b"".join(messages))
@@ -389,7 +389,7 @@ def test_two_halves_of_lines_that_look_whole_do_not_enter():
     lines = line_list(t_us, registers)
     for column in range(1, 8):
         head, tail = lines[150].split(b","), lines[152].split(b",")
-        halves = b",".join(head[:column] + [head[column][:1] + tail[column][1:]] + tail[column + 1 :])
+        halves = b",".join([*head[:column], head[column][:1] + tail[column][1:], *tail[column + 1 :]])
         data = b"".join([*lines[:150], halves, *lines[153:]])
         _, events = decode(data)
         assert strangers(events, t_us, registers) == 0

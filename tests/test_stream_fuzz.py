@@ -16,6 +16,7 @@ COUNT = 60
 T_US, REGISTERS = sent(COUNT, start_us=2**32 - 20_000)
 FRAMES = b"".join(frame_list(T_US, REGISTERS))
 LINES = b"".join(line_list(T_US, REGISTERS))
+HEADER = b"t_us,gx,gy,gz,ax,ay,az,temp\n"
 INFO_FRAME = frames.encode_info(0, INFO)
 SETTINGS = settings(max_examples=120, deadline=None, derandomize=True)
 
@@ -33,7 +34,7 @@ pieces = st.one_of(
 def agree(data: bytes, where) -> list:
     """Decode whole and cut: the same; returns the events."""
     whole, events = decode(data)
-    cut, parts = decode(data, [place for place in where if place < len(data)])
+    _, parts = decode(data, [place for place in where if place < len(data)])
     for a, b in zip(samples(events), samples(parts), strict=True):
         assert np.array_equal(a, b)
     assert troubles(events) == troubles(parts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import queue
 import termios
@@ -14,9 +15,15 @@ from dataclasses import dataclass
 import serial
 
 from session.errors import CalibrationError, DeviceError
+from session.recording.ports import identity_of, name_of
 
 #: what pyserial raises when a cable is pulled: SerialException is an OSError, termios.error is none
 UNPLUGGED = (OSError, serial.SerialException, termios.error)
+HINTS = {
+    errno.EACCES: ": your user may not use it; join the group that owns it, usually dialout",
+    errno.EAGAIN: ": another program has it open",
+    errno.EBUSY: ": another program has it open",
+}
 READ_S = 0.2
 RETRY_S = 0.25
 
@@ -54,6 +61,7 @@ class Port:
 
     def __init__(self, name: str, baudrate: int = 921600, keep: Callable[[object], None] = lambda item: None):
         self.name, self.baudrate, self._keep = name, baudrate, keep
+        self._identity = identity_of(name)
         self.items: queue.SimpleQueue = queue.SimpleQueue()
         self._stop = threading.Event()
         try:
@@ -98,6 +106,8 @@ class Port:
             try:
                 self._serial = self._open()
             except UNPLUGGED:
+                # A board that comes back may come back as another device: ttyACM1 for ttyACM0.
+                self.name = name_of(self._identity) or self.name
                 continue
             self._hand_over(Opened(time.monotonic_ns(), self.name))
             return
@@ -109,5 +119,8 @@ def _close(port: serial.Serial) -> None:
 
 
 def _reason(error: Exception) -> str:
-    number = getattr(error, "errno", None)
-    return os.strerror(number) if isinstance(number, int) else str(error)
+    """What happened, in the system's words, and what to do where that is known."""
+    number = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
+    if not isinstance(number, int):
+        return str(error)
+    return os.strerror(number) + HINTS.get(number, "")

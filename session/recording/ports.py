@@ -69,6 +69,19 @@ def only_candidate() -> KnownPort:
     return boards[0]
 
 
+def identity_of(name: str) -> tuple | None:
+    """What a USB device keeps when it comes back under another name: vendor, product, serial number; None where it has none."""
+    port = next((port for port in list_ports.comports() if port.device == name), None)
+    return (port.vid, port.pid, port.serial_number) if port and port.serial_number else None
+
+
+def name_of(identity: tuple | None) -> str | None:
+    """The port that a USB device has now, or None."""
+    if identity is None:
+        return None
+    return next((port.device for port in list_ports.comports() if (port.vid, port.pid, port.serial_number) == identity), None)
+
+
 def _known(port) -> KnownPort:
     if port.vid is None:
         what = port.description if port.description not in (None, "n/a") else "no USB device"

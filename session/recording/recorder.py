@@ -10,12 +10,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from session.errors import CalibrationError
-from session.recording.logwriter import LogWriter
+from session.recording.clock import ClockComparison
+from session.recording.logwriter import NEW_LOG, LogWriter
 from session.recording.port import Closed, Opened, Port, Received
 from session.recording.rawfile import RAW, RawFile
 from session.recording.replay import new_connection, stream
 from session.stream.decoder import StreamDecoder
-from session.stream.events import Event
+from session.stream.events import Chunk, Event, Trouble
 
 
 class Recorder:
@@ -27,6 +28,7 @@ class Recorder:
 
     def __init__(self, folder: Path, name: str, baudrate: int = 921600):
         self.decoder, self.logs = StreamDecoder(), LogWriter(folder)
+        self.clock = ClockComparison()
         self.resumed: list[Event] = []
         if (folder / RAW).exists():
             for _, events in stream(folder / RAW, self.decoder, self.logs):
@@ -80,18 +82,40 @@ class Recorder:
         events: list[Event] = []
         for kind, group in itertools.groupby(items, type):
             if kind is Received:
-                data = b"".join(item.data for item in group)
+                arrivals = list(group)
+                data = b"".join(item.data for item in arrivals)
                 self._decoded += len(data)
                 fresh = self.decoder.feed(data)
+                self._compare(fresh, arrivals[-1].host_ns)
             else:
                 fresh = [event for item in group for event in self._take_state(item)]
             self.logs.write(fresh)
             events += fresh
         return events
 
+    def _compare(self, events: list[Event], host_ns: int) -> None:
+        if any(isinstance(event, Trouble) and event.kind in NEW_LOG for event in events):
+            self.clock.restart()
+        elif chunks := [event for event in events if isinstance(event, Chunk)]:
+            self.clock.add(host_ns, int(chunks[-1].t_us[-1]))
+
+    @property
+    def odr_hz(self) -> float | None:
+        """The true data rate: as the board says it, else as its stamps show it."""
+        return self.decoder.info.odr_hz if self.decoder.info else self.decoder.measured_odr_hz
+
+    @property
+    def odr_by_host_hz(self) -> float | None:
+        """Samples in a second of this machine's clock; None in the first seconds."""
+        measured, ratio = self.decoder.measured_odr_hz, self.clock.device_seconds_per_second
+        return measured * ratio if measured and ratio else None
+
     def _take_state(self, item: Opened | Closed | Exception) -> list[Event]:
         if isinstance(item, Exception):
             raise item
         self.connected = isinstance(item, Opened)
         self.why = "" if self.connected else item.why
-        return new_connection(self.decoder) if self.connected else []
+        if not self.connected:
+            return []
+        self.clock.restart()
+        return new_connection(self.decoder)

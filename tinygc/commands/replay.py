@@ -1,4 +1,4 @@
-"""``replay``: what is on the card becomes a session folder."""
+"""``replay``: what is on the card, or what a port gave, becomes a session folder."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from pathlib import Path
 from tinygc.commands._log_options import add_log_options, answers_of
 from tinygc.commands._results import output, write_json
 
-SUMMARY = "make a session folder of what a logger wrote to its card"
+SUMMARY = "make a session folder of what a logger wrote to its card, or of a recording's raw bytes"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="the log; or the gyroscope's and the accelerometer's")
+    command.add_argument(
+        "logs", type=Path, nargs="+", metavar="LOG", help="the log; or the gyroscope's and the accelerometer's; or raw.bin"
+    )
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="session folder to make")
     command.add_argument("--add", choices=("log", "closure"), help="add to the session that is there, as a further log or a closure run")
     command.add_argument("--sensor", default="", metavar="NAME", help="what the sensor is")
@@ -24,8 +26,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """What is on the card becomes a session folder."""
     from session.dialects.convert import convert
+    from session.recording.from_raw import convert_raw, is_raw
 
-    made = convert(args.logs, args.out, answers_of(args), args.add, args.sensor, args.serial)
+    if len(args.logs) == 1 and is_raw(args.logs[0]):
+        made = convert_raw(args.logs[0], args.out, args.odr, args.gyro_fs, args.accel_fs)
+    else:
+        made = convert(args.logs, args.out, answers_of(args), args.add, args.sensor, args.serial)
     console = output(args)
     console.print(f"{made.log}: {made.samples} samples, {' and '.join(made.dialects)}", soft_wrap=True)
     for note in made.notes:

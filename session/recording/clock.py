@@ -12,7 +12,7 @@ STRETCH_NS = 500_000_000
 FEWEST = 6  #: stretches, 3 s, before anything is said
 
 
-class ClockComparison:
+class ComparisonOfClocks:
     """``add`` arrivals, ``restart`` where device time begins anew."""
 
     def __init__(self):

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from session.errors import CalibrationError
-from session.recording.clock import ClockComparison
+from session.recording.clock import ComparisonOfClocks
 from session.recording.logwriter import NEW_LOG, LogWriter
 from session.recording.port import Closed, Opened, Port, Received
 from session.recording.rawfile import RAW, RawFile
@@ -28,7 +28,7 @@ class Recorder:
 
     def __init__(self, folder: Path, name: str, baudrate: int = 921600):
         self.decoder, self.logs = StreamDecoder(), LogWriter(folder)
-        self.clock = ClockComparison()
+        self.clock = ComparisonOfClocks()
         self.resumed: list[Event] = []
         if (folder / RAW).exists():
             for _, events in stream(folder / RAW, self.decoder, self.logs):

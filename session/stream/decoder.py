@@ -34,6 +34,7 @@ class StreamDecoder:
     def __init__(self):
         self.samples = self.lost = self.crc_errors = self.garbage = self.implausible = self.resets = 0
         self.info = None
+        self._period_us: float | None = None
         self._begin()
 
     def _begin(self) -> None:
@@ -48,8 +49,9 @@ class StreamDecoder:
 
     @property
     def measured_odr_hz(self) -> float | None:
-        """Samples per second of device time, as the stamps show it; None before the first samples."""
-        return 1e6 / self._continuity.period_us if self._continuity.period_us else None
+        """Samples per second of device time, as the stamps of this connection show it, or else of the last; None before the first."""
+        period_us = self._continuity.period_us or self._period_us
+        return 1e6 / period_us if period_us else None
 
     def feed(self, data: bytes) -> list[Event]:
         """Events of these bytes and of what was kept from before; never raises, whatever the bytes."""
@@ -64,6 +66,7 @@ class StreamDecoder:
     def finish(self) -> list[Event]:
         """The stream ends here, or the port was closed: what is incomplete is dropped, what follows begins anew."""
         out = _Collector()
+        self._period_us = self._continuity.period_us or self._period_us
         self._garbage(len(self._buffer), out)
         self._pass_on(self._continuity.finish(), out)
         self._add(self._steps.finish(), out)

@@ -16,7 +16,7 @@ from tinygc.board.terminal import Terminal
 
 TICK_S = 0.004
 RESET_S = 0.5  #: a board starts up in about this time
-UNPLUGGED_S = 2.0  #: host time that a pulled cable stays out
+UNPLUGGED_S = 1.0  #: host time that a pulled cable stays out
 
 
 @dataclass

@@ -1,0 +1,151 @@
+"""The virtual board: what it streams, what it spoils, that it never waits for its reader; ``board`` and ``ports``."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from streams import INFO, samples, smooth_registers
+
+import calibrate
+from session.errors import CalibrationError
+from session.recording.recorder import Recorder
+from session.stream.events import Chunk, Info
+from tinygc.board.board import Board
+from tinygc.board.faults import Faults, flipped, spoil
+from tinygc.board.source import Source, recorded
+from tinygc.board.terminal import Terminal
+
+SOURCE = Source(smooth_registers(2000), INFO)
+RUNS = {"speed": 4.0, "lead_s": 1.0, "tail_s": 0.5}
+
+
+def recorded_from(tmp_path, source=SOURCE, **settings):
+    """Run a board and a recorder until the board is done: the board, the recorder (closed), the events."""
+    with Terminal(tmp_path / "port") as terminal:
+        board = Board(source, terminal, **{**RUNS, **settings})
+        recorder, events = Recorder(tmp_path / "s", str(terminal.name)), []
+        thread = threading.Thread(target=board.run, daemon=True)
+        thread.start()
+        while thread.is_alive():
+            events += recorder.poll(0.02)
+        time.sleep(0.2)
+        events += recorder.poll(0)
+        recorder.close()
+    return board, recorder, events
+
+
+@pytest.mark.parametrize("frames", [True, False])
+def test_all_of_a_session_arrives_with_still_time_around_it(frames, tmp_path):
+    board, recorder, events = recorded_from(tmp_path, frames=frames)
+    t_us, registers = samples(events)
+    assert recorder.decoder.lost == recorder.decoder.crc_errors == board.terminal.dropped == 0
+    assert board.sent - 1 <= recorder.decoder.samples <= board.sent
+    assert board.sent == pytest.approx(2000 + 1.5 * INFO.odr_hz, abs=2)
+    lead = round(INFO.odr_hz)
+    begin = len(t_us) - (board.sent - lead) + (0 if frames or len(t_us) == board.sent else 1)
+    assert np.array_equal(registers[begin : begin + 2000], SOURCE.rows)
+    still = registers[:begin]
+    assert (still[:, None] == SOURCE.rows[None, : round(0.8 * INFO.odr_hz)]).all(axis=2).any(axis=1).all()
+    assert (1e6 * (len(t_us) - 1) / (t_us[-1] - t_us[0])) == pytest.approx(INFO.odr_hz, rel=1e-4)
+    assert INFO in [event for event in events if isinstance(event, Info)]
+
+
+def test_resets_and_a_pulled_cable_begin_new_logs(tmp_path):
+    board, recorder, events = recorded_from(
+        tmp_path, Source(smooth_registers(60_000), INFO), speed=10.0, frames=True, faults=Faults(reset=5.0, unplug=14.0, garbage=100)
+    )
+    kinds = [event.kind for event in events if not isinstance(event, Chunk | Info) and event.kind in ("reset", "reconnect")]
+    assert kinds.count("reconnect") == 1
+    assert kinds.count("reset") >= 2
+    assert board.starts >= 4
+    assert len(recorder.logs.paths) == 1 + len(kinds)
+    assert recorder.decoder.garbage >= 200
+
+
+def test_a_reader_that_does_not_read_is_not_waited_for(tmp_path):
+    with Terminal(tmp_path / "port") as terminal:
+        assert not terminal.has_reader
+        assert not terminal.write(b"nobody")
+        reader = os.open(terminal.name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        assert terminal.has_reader
+        began = time.monotonic()
+        for _ in range(2000):
+            terminal.write(bytes(1000))
+        assert terminal.dropped > 1000
+        assert time.monotonic() - began < 5
+        os.close(reader)
+        assert not terminal.has_reader
+        reader = os.open(terminal.name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)  # opened again
+        assert terminal.write(b"hello again")
+        os.close(reader)
+    assert not os.path.lexists(terminal.name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_name_is_taken_by_one_board_only(tmp_path):
+    (tmp_path / "port").symlink_to("/dev/null")  # left by a board that was killed
+    with Terminal(tmp_path / "port") as terminal:
+        assert os.readlink(terminal.name) != "/dev/null"
+        with pytest.raises(CalibrationError, match="another virtual board"):
+            Terminal(tmp_path / "port")
+    with pytest.raises(CalibrationError, match="--link"):
+        Terminal(tmp_path / "nowhere" / "port")
+
+
+def test_a_recorded_session_streams_as_its_registers(simulated):
+    folder = simulated()
+    source = recorded(folder)
+    rows = np.loadtxt(folder / "log0001.csv.gz", delimiter=",", comments="#", skiprows=2, dtype=np.int64)
+    assert np.array_equal(source.rows[: len(rows)], rows[:, 1:])
+    assert source.info.odr_hz == pytest.approx(1e6 * (len(rows) - 1) / (rows[-1, 0] - rows[0, 0]), rel=1e-9)
+    assert (source.info.gyro_fs_dps, source.info.accel_fs_g) == (500, 4)
+
+
+def test_faults_are_as_frequent_as_asked_and_repeat_with_the_seed():
+    messages = [bytes([k % 256]) * 25 for k in range(20_000)]
+    run = lambda **faults: spoil(messages, Faults(**faults), np.random.default_rng(1))  # noqa: E731
+    assert len(run(lost=0.05)) == pytest.approx(0.95 * 500_000, rel=0.005)
+    assert len(run(torn=0.1)) == pytest.approx(500_000 * (0.9 + 0.1 * 0.48), rel=0.01)
+    data = np.frombuffer(b"".join(messages), np.uint8)
+    changed = np.unpackbits(np.frombuffer(run(flip=0.01), np.uint8) ^ data).mean()
+    assert changed == pytest.approx(0.01, rel=0.02)
+    assert run(lost=0.05, flip=0.01, torn=0.1) == run(lost=0.05, flip=0.01, torn=0.1)
+    assert flipped(b"", 0.5, np.random.default_rng(0)) == b""
+
+
+@pytest.mark.parametrize("text", ["lost", "lost=x", "loss=0.1", "lost=1.5", "flip=-1", "reset=nan"])
+def test_faults_that_are_none(text, capsys):
+    assert calibrate.main(["board", "--faults", text]) == 2
+    assert capsys.readouterr().err.startswith("calibrate: --faults")
+
+
+def test_the_command_streams_until_it_is_told_to_stop(tmp_path):
+    link = tmp_path / "port"
+    command = [sys.executable, "calibrate.py", "board", "--segments", "1", "--link", str(link), "--config", str(tmp_path / "c.toml")]
+    board = subprocess.Popen([*command, "--json", str(tmp_path / "j")], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert board.stdout.readline() == f"{link}\n"
+    reader = os.open(link, os.O_RDONLY | os.O_NOCTTY)
+    assert sum(len(os.read(reader, 100)) for _ in range(40)) > 400
+    board.send_signal(signal.SIGINT)
+    _, said = board.communicate(timeout=20)
+    os.close(reader)
+    assert board.returncode == 130
+    assert "Traceback" not in said
+    assert "samples sent" in said
+    assert json.loads((tmp_path / "j").read_text())["samples"] > 0
+    assert not os.path.lexists(link)
+    assert "gyro_fs_dps = 500" in (tmp_path / "c.toml").read_text()
+
+
+def test_ports_as_json(capsys):
+    assert calibrate.main(["ports", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["schema"] == "tinygc-ports/1"

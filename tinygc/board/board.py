@@ -15,6 +15,7 @@ from tinygc.board.source import Source
 from tinygc.board.terminal import Terminal
 
 TICK_S = 0.004
+CATCH_UP_S = 0.02  #: of lateness made up for in a tick
 RESET_S = 0.5  #: a board starts up in about this time
 UNPLUGGED_S = 1.0  #: host time that a pulled cable stays out
 
@@ -60,6 +61,8 @@ class Board:
                 self.say(f"a reader is there: {self.lead_s:g} s still, then the session")
                 self._start(self.uptime_s)
             due = -lead + int((time.monotonic() - began) * odr_hz * self.speed)
+            # A board that the machine let wait catches up in small steps: a burst would overrun its own memory.
+            due = min(due, self._position + max(64, int(CATCH_UP_S * odr_hz * self.speed)))
             self._send(due if last is None else min(due, last))
             if not told and self._position >= length:
                 told = True

@@ -17,7 +17,7 @@ from session.errors import CalibrationError
 from session.recording.ports import VIRTUAL_STEM, lock_of
 
 #: what a board with some memory can hold back while its host is busy
-BUFFER_BYTES = 32_768
+BUFFER_BYTES = 65_536
 DRAIN_S = 0.3
 
 

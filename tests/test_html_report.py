@@ -107,10 +107,10 @@ def test_its_figures_are_those_of_fit(simulated, tmp_path):
     assert report["closure"]["runs"][0]["rmse_deg"] == pytest.approx(fit["closure_runs"][0]["least_squares"]["rmse_deg"])
     page = out.read_text(encoding="utf-8")
     assert numbers.degrees(report["closure"]["holdout_tilt_rms_deg"] * DEG) in page
-    for entry in report["parameters"]:
-        if entry["value"] is not None:
-            value, expanded = numbers.with_uncertainty(entry["value"], entry["expanded_uncertainty"])
-            assert f"{value} <small>± {expanded}</small>" in page
+    for entry in (entry for entry in report["parameters"] if entry["value"] is not None):
+        largest = max(other["expanded_uncertainty"] or 0 for other in report["parameters"] if other["parameter"] == entry["parameter"])
+        value, expanded = (numbers.fixed(entry[which], numbers.decimals_for(largest)) for which in ("value", "expanded_uncertainty"))
+        assert f"{value} <small>± {expanded}</small>" in page
     for digest in report["inputs"].values():
         assert digest in page
 
@@ -253,7 +253,13 @@ def test_colours_stand_out_from_the_page(shade):
     ],
 )
 def test_numbers_have_the_digits_that_are_known(value, expanded, said):
-    assert numbers.with_uncertainty(value, expanded) == said
+    decimals = numbers.decimals_for(expanded)
+    assert (numbers.fixed(value, decimals), numbers.fixed(expanded, decimals)) == said
+
+
+@pytest.mark.parametrize(("lo", "hi", "said"), [(0, 300, "0 100 200 300"), (-150, 150, "−100 0 100"), (0, 0.35, "0.0 0.1 0.2 0.3")])
+def test_axes_have_round_marks(lo, hi, said):
+    assert " ".join(text for _, text in Axis(lo, hi).marks(190)) == said
 
 
 def test_a_chart_places_what_it_is_given():

@@ -208,9 +208,9 @@ def _round_down(value: float) -> float:
 
 
 def _round_marks(lo: float, hi: float, most: int) -> list[tuple[float, str]]:
-    rough = (hi - lo) / most
-    power = 10.0 ** floor(log10(rough))
-    step = next(m * power for m in (1, 2, 5, 10) if m * power >= rough * (1 - 1e-9))
+    power = 10.0 ** floor(log10((hi - lo) / most / 2))
+    steps = (m * power for m in (1, 2, 5, 10, 20, 50, 100))
+    step = next(step for step in steps if floor(hi / step + 1e-9) - ceil(lo / step - 1e-9) <= most)
     decimals = max(0, -floor(log10(step) + 1e-9))
     return [(k * step, fixed(k * step, decimals)) for k in range(ceil(lo / step - 1e-9), floor(hi / step + 1e-9) + 1)]
 

@@ -31,10 +31,9 @@ def decimals_for(expanded: float) -> int:
     return 0 if not isfinite(expanded) or expanded <= 0 else max(0, 1 - floor(log10(expanded) + 1e-12))
 
 
-def with_uncertainty(value: float, expanded: float) -> tuple[str, str]:
-    """A value and its uncertainty, both to the uncertainty's second digit."""
-    decimals = decimals_for(expanded)
-    return fixed(value, decimals), fixed(expanded, decimals)
+def aligned_decimals(floor_deg: float) -> int:
+    """Decimals for a column of closures in degrees: a digit beyond the floor's second."""
+    return decimals_for(floor_deg) + 1
 
 
 def degrees(angle_rad: float) -> str:

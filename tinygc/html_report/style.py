@@ -8,9 +8,9 @@ COLOURS = {
     "raw": ("#8a6d3b", "#cfae74"),
     "raw_bias_removed": ("#5b7a1f", "#a9c76a"),
     "least_squares": ("#1f5fbf", "#79adf7"),
-    "pso": ("#8a4fa8", "#c99be0"),
+    "pso": ("#6f4fc4", "#b39df2"),
     "tinygc": ("#0b7a75", "#5cc7c1"),
-    "tinygc_denoised": ("#9c4a86", "#df97cc"),
+    "tinygc_denoised": ("#a83a78", "#ee92c4"),
     "physics": ("#b03a55", "#f58fa5"),
     "tinygc_physics": ("#3f6f8f", "#86b7d8"),
     "before": ("#8a6d3b", "#cfae74"),
@@ -57,6 +57,7 @@ p{margin:.7rem 0}
 .soft,figcaption,.caption{color:var(--soft)}
 a{color:var(--k-least_squares)}
 strong{font-weight:640}
+.unseen{position:absolute;width:1px;height:1px;overflow:hidden;clip-path:inset(50%);white-space:nowrap}
 .answer{margin-top:2rem;border:1px solid var(--rule);border-radius:10px;background:var(--panel);padding:1.5rem 1.6rem 1.2rem}
 .verdict{display:flex;flex-wrap:wrap;align-items:center;gap:.5rem .9rem;margin:0 0 1.2rem}
 .stamp{display:inline-flex;align-items:center;gap:.5rem;font-weight:660;font-size:1.02rem;padding:.22rem .8rem .22rem .65rem;

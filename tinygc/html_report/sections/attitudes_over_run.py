@@ -11,9 +11,11 @@ from tinygc.html_report.chart import Axis, Chart, log_axis
 from tinygc.html_report.decision import rmse
 from tinygc.html_report.evidence import Evidence
 from tinygc.html_report.markup import Section, escape, figure, key, paragraph, table
-from tinygc.html_report.numbers import degrees, probability, significant
+from tinygc.html_report.numbers import aligned_decimals, degrees, fixed, probability
 from tinygc.linear import bias_only
 from tinygc.report import TITLES
+
+DENOISED = "tinygc_denoised"
 
 
 def section(evidence: Evidence) -> Section | None:
@@ -35,7 +37,8 @@ def _run(evidence: Evidence, number: int, run: ClosureRun) -> str:
     rates = _rates(evidence, run)
     tracks = {name: closure.attitudes(run.batch, rate[None])[0] for name, rate in rates.items()}
     t = np.concatenate([[0.0], np.cumsum(run.batch.dt[0])])
-    moved = [name for name in tracks if name != adopted.name]
+    # The denoised rate is late, and its attitude with it: it has strayed only as far as it is late.
+    moved = [name for name in tracks if name not in (adopted.name, DENOISED)]
     html = f"<h3>{escape(run.file)}, {run.duration_s:.0f} s</h3>"
     html += figure(
         lambda width: _attitude(t, tracks[adopted.name], tracks.get("raw"), width),
@@ -48,12 +51,14 @@ def _run(evidence: Evidence, number: int, run: ClosureRun) -> str:
         "How far each method’s attitude has strayed from that of this report’s calibration.",
         [*(key(name, escape(TITLES.get(name, name)), "line") for name in moved), key("floor", "noise of the integrated rate, 1σ", "dash")],
     )
-    rows = []
+    rows, decimals = [], aligned_decimals(float(run.floor_rad.min()) / DEG)
     for name in rates:
         error = _error(evidence, run, name, number) / DEG
-        rows.append((escape(TITLES.get(name, name)), *(_signed(value) for value in error), significant(np.sqrt(np.mean(error**2)))))
+        rows.append(
+            (escape(TITLES.get(name, name)), *(_signed(value, decimals) for value in error), fixed(np.sqrt(np.mean(error**2)), decimals))
+        )
     floor = run.floor_rad / DEG
-    rows.append(("<small>noise floor, 1σ</small>", *(f"<small>{significant(v, 2)}</small>" for v in (*floor, np.sqrt(np.mean(floor**2))))))
+    rows.append(("<small>noise floor, 1σ</small>", *(f"<small>{fixed(v, decimals)}</small>" for v in (*floor, np.sqrt(np.mean(floor**2))))))
     html += table(("At the return, degrees", "roll", "pitch", "yaw", "RMSE"), rows, marked=[list(rates).index(adopted.name)])
     html += paragraph(
         "Noise, the uncertainty of the parameters, and a bias that has wandered on since the session together allow an error of "
@@ -91,8 +96,9 @@ def _error(evidence: Evidence, run: ClosureRun, name: str, number: int) -> np.nd
     return known[name] if name in known else run.errors(bias_only())
 
 
-def _signed(value: float) -> str:
-    return ("+" if value > 0 else "") + significant(value)
+def _signed(value: float, decimals: int) -> str:
+    text = fixed(value, decimals)
+    return text if value <= 0 or not text.strip("0.") else f"+{text}"
 
 
 def _euler_deg(q: np.ndarray) -> np.ndarray:
@@ -126,7 +132,7 @@ def _attitude(t: np.ndarray, q: np.ndarray, raw: np.ndarray | None, width: int) 
 def _straying(t: np.ndarray, tracks: dict[str, np.ndarray], adopted: str, run: ClosureRun, width: int) -> str:
     apart = {}
     for name, q in tracks.items():
-        if name != adopted:
+        if name not in (adopted, DENOISED):
             away = rotation.multiply(rotation.conjugate(tracks[adopted]), q)
             apart[name] = 2 * np.arctan2(np.linalg.norm(away[:, 1:], axis=1), np.abs(away[:, 0])) / DEG
     noise = np.linalg.norm(run.floor_rad) / DEG * np.sqrt(t / t[-1])

@@ -8,7 +8,7 @@ from tinygc.html_report.chart import Axis, Chart, log_axis
 from tinygc.html_report.decision import rmse
 from tinygc.html_report.evidence import Evidence
 from tinygc.html_report.markup import Section, escape, figure, key, paragraph, table
-from tinygc.html_report.numbers import NONE, degrees, significant, tilt_rms
+from tinygc.html_report.numbers import NONE, aligned_decimals, degrees, fixed, significant, tilt_rms
 from tinygc.report import TITLES
 
 
@@ -67,20 +67,20 @@ def _rows(evidence: Evidence) -> list[tuple]:
 
 def _cells(row: tuple, floor: float, runs: bool) -> list[str]:
     name, parameters, fitted, held_out, errors, seconds = row
-    figures = closure_figures(held_out)
+    figures, decimals = closure_figures(held_out), aligned_decimals(floor / DEG)
     tilt = figures["tilt_rms_deg"]
     cells = [
         escape(TITLES.get(name, name)),
         str(parameters),
-        NONE if fitted is None else significant(tilt_rms(fitted) / DEG),
-        significant(tilt),
+        NONE if fitted is None else fixed(tilt_rms(fitted) / DEG, decimals),
+        fixed(tilt, decimals),
     ]
     cells += [significant(tilt * DEG / floor)]
     cells += [
-        NONE if figures[f"{angle}_rms_deg"] is None else significant(figures[f"{angle}_rms_deg"]) for angle in ("roll", "pitch", "yaw")
+        NONE if figures[f"{angle}_rms_deg"] is None else fixed(figures[f"{angle}_rms_deg"], decimals) for angle in ("roll", "pitch", "yaw")
     ]
     if runs:
-        cells.append(", ".join(significant(rmse(error) / DEG) for error in errors))
+        cells.append(", ".join(fixed(rmse(error) / DEG, decimals) for error in errors))
     return [*cells, NONE if seconds is None else f"{seconds:.2f}"]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from tinygc.field_parameters import Quantity
 from tinygc.html_report.evidence import Evidence
 from tinygc.html_report.markup import Section, escape, figure, key, paragraph
-from tinygc.html_report.numbers import significant, with_uncertainty
+from tinygc.html_report.numbers import decimals_for, fixed, significant
 from tinygc.html_report.sections.recording import temperature_words
 from tinygc.html_report.triad import enlargement, triad
 
@@ -85,25 +85,30 @@ def parameter_table(quantities: list[Quantity]) -> str:
     rows = []
     for word in sorted(by_word, key=list(MEANINGS).index):
         group = by_word[word]
+        decimals = common_decimals(group)
         for at in range(0, len(group), 3):
-            rows.append(_row(word, group[at : at + 3], at == 0))
+            rows.append(_row(word, group[at : at + 3], at == 0, decimals))
     head = '<thead><tr><th scope="col">Parameter</th><th scope="col">x</th><th scope="col">y</th><th scope="col">z</th></tr></thead>'
     return f'<div class="scroll" tabindex="0"><table class="parameters">{head}<tbody>{"".join(rows)}</tbody></table></div>'
 
 
-def _row(word: str, group: list[Quantity], first: bool) -> str:
+def common_decimals(group: list[Quantity]) -> int:
+    """Of all values of one word: two digits of the largest uncertainty."""
+    return decimals_for(max((quantity.expanded for quantity in group if quantity.observed), default=0.0))
+
+
+def _row(word: str, group: list[Quantity], first: bool, decimals: int) -> str:
     plain = [quantity.component for quantity in group] == ["x", "y", "z"]
     name = f'{escape(word)}, <span class="unit">{escape(group[0].unit)}</span><br><small>{escape(MEANINGS[word])}</small>' if first else ""
-    cells = "".join(f'<td data-of="{axis}">{_cell(quantity, plain)}</td>' for axis, quantity in zip("xyz", group, strict=False))
+    cells = "".join(f'<td data-of="{axis}">{_cell(quantity, plain, decimals)}</td>' for axis, quantity in zip("xyz", group, strict=False))
     notes = {quantity.note for quantity in group if quantity.note}
     note = f"<br><small>{escape('; '.join(sorted(notes)))}</small>" if notes and first else ""
     return f'<tr><th scope="row">{name}{note}</th>{cells}</tr>'
 
 
-def _cell(quantity: Quantity, plain: bool) -> str:
+def _cell(quantity: Quantity, plain: bool, decimals: int) -> str:
     of = "" if plain else f'<span class="of">{escape(quantity.component)}</span>'
     if not quantity.observed:
         most = f"; at most {significant(quantity.at_most, 2)}" if isfinite(quantity.at_most) else ""
         return f'{of}<span class="absent">not observable here{most}</span>'
-    value, expanded = with_uncertainty(quantity.value, quantity.expanded)
-    return f"{of}{value} <small>± {expanded}</small>"
+    return f"{of}{fixed(quantity.value, decimals)} <small>± {fixed(quantity.expanded, decimals)}</small>"

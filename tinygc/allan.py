@@ -14,6 +14,8 @@ import numpy as np
 FLICKER_FLOOR = 0.6643
 #: the angle random walk is read here: beyond the sensor's low-pass filter, and well within a still
 READ_S, READ_SAMPLES = 0.2, 20
+#: one sigma, as a share, of what still bends the curve there: the low-pass filter holds it down, the bias's own wander lifts it
+BENT_SHARE = 0.015
 #: a deviation with fewer degrees of freedom says nothing
 LEAST_FREEDOM = 5.0
 #: the curve's floor is looked for where it is known this well
@@ -86,7 +88,7 @@ def angle_random_walk(curve: AllanCurve, axis: int) -> Reading:
     k = _read_at(curve)
     value = float(curve.deviation[k, axis] * np.sqrt(curve.tau_s[k]))
     enough = curve.tau_s[k] >= 0.5 * READ_S and curve.freedom[k] >= LEAST_FREEDOM
-    return Reading(value, value * float(curve.relative_sigma[k]), bool(enough and value > 0))
+    return Reading(value, value * float(np.hypot(curve.relative_sigma[k], BENT_SHARE)), bool(enough and value > 0))
 
 
 def bias_instability(curve: AllanCurve, axis: int) -> Reading:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.units import DEG
+from tinygc.html_report.adopted import agrees
 from tinygc.html_report.chart import drawing, log_axis
 from tinygc.html_report.decision import rmse
 from tinygc.html_report.evidence import Evidence
@@ -61,7 +62,7 @@ def _heads(evidence: Evidence) -> list[str]:
                 f"RMSE of roll, pitch, yaw, {which}, never fitted; noise alone {degrees(run_floor)}",
             )
         )
-    heads.append(_head("Above the noise floor", f"{significant(after / floor, 3)} <small>×</small>", _why(evidence, after / floor)))
+    heads.append(_head("Above the noise floor", f"{significant(after / floor, 3)} <small>×</small>", _why(evidence)))
     return heads
 
 
@@ -69,11 +70,11 @@ def _head(name: str, figure_html: str, words: str) -> str:
     return f"<div><dt>{name}</dt><dd>{figure_html}</dd><dd>{words}</dd></div>"
 
 
-def _why(evidence: Evidence, ratio: float) -> str:
+def _why(evidence: Evidence) -> str:
     adopted = evidence.adopted
     with_physics = f"with {', '.join(escape(claim.effect.id) for claim in adopted.claims)} in the model; " if adopted.claims else ""
-    if ratio < 1.5:
-        return f"{with_physics}held-out segments cost a little more than fitted ones"
+    if agrees(adopted.closure_p):
+        return f"{with_physics}noise explains it: held-out segments cost a little more than fitted ones"
     if evidence.explanation is None:
         return f"{with_physics}something is missing from the model; explain has not been asked"
     return f"{with_physics}something is left that the model does not have"

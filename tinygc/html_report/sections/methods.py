@@ -94,7 +94,7 @@ def _picture(evidence: Evidence, rows: list[tuple], width: int) -> str:
     narrow = width < 500
     y = Axis(-0.7, count - 0.3, ticks=[] if narrow else [(count - 1 - i, _short(row[0])) for i, row in enumerate(rows)])
     chart = Chart(
-        width, (46 if narrow else 30) * count + 62, x, y, "Closure by method", left=8 if narrow else 190, right=20 if narrow else 14
+        width, (46 if narrow else 30) * count + 62, x, y, "Closure by method", left=18 if narrow else 190, right=20 if narrow else 14
     )
     chart.upright(floor, "floor")
     for i, (name, _, fitted, held_out, errors, _) in enumerate(rows):
@@ -102,7 +102,7 @@ def _picture(evidence: Evidence, rows: list[tuple], width: int) -> str:
         kind, title = name if name in TITLES else "ink", TITLES.get(name, name)
         if narrow:
             _, (b,) = chart.at([x.lo], [level + 0.5])
-            chart.text(10, float(b) + 6, title)
+            chart.text(20, float(b) + 6, title)
         chart.across(level, "quiet", style="grid")
         for error in errors:
             chart.dots([rmse(error) / DEG], [level], "physics", [f"{title}, closure run: {degrees(rmse(error))}"], radius=3)

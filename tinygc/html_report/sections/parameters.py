@@ -31,7 +31,7 @@ def section(evidence: Evidence) -> Section:
     """Picture and tables."""
     M = np.linalg.inv(evidence.adopted.linear.E)
     html = paragraph(
-        f"Of {_what(evidence)}, at {escape(temperature_words(evidence.problem))}. Each value ± its expanded uncertainty, <i>k</i> "
+        f"Of {_what(evidence)}, {escape(_at(temperature_words(evidence.problem)))}. Each value ± its expanded uncertainty, <i>k</i> "
         "= 2 (about 95 %). "
         'They say what the <em>sensor</em> does; <a href="#apply">Apply it</a> has what undoes it. Reference axes are those of the '
         "accelerometer as it was calibrated before."
@@ -60,6 +60,10 @@ def section(evidence: Evidence) -> Section:
         "soft",
     )
     return Section("parameters", "Parameters", html)
+
+
+def _at(temperature: str) -> str:
+    return f"at {temperature}" if "°C" in temperature else f"at a temperature that was {temperature}"
 
 
 def _what(evidence: Evidence) -> str:

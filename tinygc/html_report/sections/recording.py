@@ -52,13 +52,13 @@ def _facts(evidence: Evidence) -> str:
         ("Turns used", f"{used} of {found}"),
         ("True data rate", f"{1 / np.median(periods):.2f} Hz"),
         ("Fastest", f"{_fastest_dps(problem):.0f} dps"),
-        ("Reference", "table dials" if problem.batch.yaw_known else "gravity: roll and pitch"),
+        ("Reference", "table dials" if problem.batch.yaw_known else "gravity"),
     ]
     return facts((name, escape(value)) for name, value in pairs) + paragraph(escape(_sentence(earth_words(evidence.fit))), "soft")
 
 
 def _sentence(words: str) -> str:
-    return words[:1].upper() + words[1:] + "."
+    return words[:1].upper() + words[1:].replace(" -", " −") + "."
 
 
 def _fastest_dps(problem: Problem) -> float:
@@ -88,7 +88,8 @@ def _over_time(problem: Problem, width: int) -> str:
     minutes = began[-1] > 600
     unit = 60.0 if minutes else 1.0
     sizes = [np.linalg.norm(log.samples.gyro, axis=1) / DEG for log in problem.logs]
-    top = max(float(size.max()) for size in sizes) * 1.05
+    # By what was used: a sensor that is picked up at the end must not make the session small.
+    top = max(float(sizes[s.log][s.start : s.stop].max()) for s in problem.used) * 1.1
     # A fifth of the frame, below zero, is the lane of stills and turns.
     floor = -0.22 * top
     ticks = [tick for tick in Axis(0, top).marks(260) if tick[0] >= 0]
@@ -203,7 +204,7 @@ def _direction(vector: np.ndarray) -> str:
 
 
 def temperature_words(problem: Problem) -> str:
-    """Start, end and range, of all logs."""
+    """Range, start and end, of all logs."""
     logs = [log for log in problem.logs if _has_temperature(log)]
     if not logs:
         return "not recorded"

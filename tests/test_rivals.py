@@ -1,13 +1,9 @@
 """A curve without a name that does better than every name: then no name is given."""
 
 import numpy as np
-import pytest
 
-from session.folder import read_session
 from session.units import DEG
 from tinygc.explain.explain import explain_session
-from tinygc.explain.movement import conditions, movement_of
-from tinygc.problem import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -32,14 +28,3 @@ def test_a_straight_line_in_temperature_keeps_its_name(tmp_path):
     result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer(temp - MIDDLE_C, 2 * CURVE))
     assert [claim.effect.id for claim in result.claimed] == ["gyro.thermal_bias"]
     assert result.findings == []
-
-
-def test_the_energy_of_a_broad_vibration_is_whole(tmp_path):
-    """0.2 g rms on each axis is 0.04 g^2, however many samples the hand's own movement is averaged over."""
-    session = read_session(write_session(OPTIONS, tmp_path / "session"))
-    samples = session.logs[0].samples
-    known = conditions(build_problem(session))
-    quiet = movement_of(samples, samples.gyro, known).vibration_g2
-    shaken = samples.accel + 0.2 * 9.80665 * np.random.default_rng(1).standard_normal(samples.accel.shape)
-    energy = movement_of(type(samples)(samples.t_ns, samples.gyro, shaken, samples.temp_c), samples.gyro, known).vibration_g2
-    assert energy.mean() - quiet.mean() == pytest.approx(0.04, rel=0.01)

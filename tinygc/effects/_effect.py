@@ -71,6 +71,7 @@ class Effect:
     needs: "temperature" where a log without it cannot show the effect; regime: variable and unit that it lives along;
     variants(times) -> one effect for each value of a shape parameter that is scanned, its value in ``shape``;
     begin: where a refit begins, SI: zero, unless zero is a saddle;
+    known_to: share to which the variable that it follows can be known, which no residual shows: it widens the stated std;
     basis(movement) -> (N, K): where the zero of each axis follows K known curves whatever the rate, parameter i * 3 + axis the share of
     curve i: the same as ``columns``, without the zeros.
     """
@@ -88,6 +89,7 @@ class Effect:
     variants: Callable[[np.ndarray], list[Effect]] | None = None
     needs: str | None = None
     begin: float = 0.0
+    known_to: float = 0.0
     exact_correct: Callable[[np.ndarray, Movement, np.ndarray], np.ndarray] | None = None
     exact_distort: Callable[[Movement, np.ndarray], np.ndarray] | None = None
     basis: Callable[[Movement], np.ndarray] | None = None

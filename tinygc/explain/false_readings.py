@@ -21,7 +21,9 @@ BEYOND = 8.0
 #: the cubic may miss the readings that carry it by this share of the excursion; one that does not come back is missed by half of it
 CAME_BACK = 0.12
 #: an excursion is off the straight lines of both sides by this share of itself
-SHARE = 0.4
+SHARE = 0.5
+#: a cubic misses the readings that carry it by this many times their scatter at most, if nothing but noise is in them
+NOISE_MISSES = 2.5
 #: standard deviation of a third difference of white noise
 THIRD = np.sqrt(20.0)
 #: a row that repeats says nothing where the noise is this small, in registers
@@ -100,7 +102,7 @@ def _excursion(values: np.ndarray, scatter: np.ndarray, first: int, last: int) -
     if _off_both_sides(values, start, stop, noise) < SHARE * away.max():
         return None  # a corner, as where a rate is clipped: each reading continues one side or the other
     count = int(false[-1] - false[0]) + 1
-    came_back = np.linalg.norm(missed[:, :3], axis=1).max() < max(CAME_BACK * away.max(), BEYOND / 2)
+    came_back = np.linalg.norm(missed[:, :3], axis=1).max() < max(CAME_BACK * away.max(), NOISE_MISSES)
     return (start + int(false[0]), count, False) if came_back and count <= LONGEST else None
 
 

@@ -59,20 +59,11 @@ def without_vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
 
 
 def _vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
-    """(N,) g^2: mean square of what is faster than a hand, mean of the axes.
-
-    A mean over n samples takes 1/n of a broad vibration's energy with it, as a variance does: the rest is made whole.
-    """
+    """(N,) g^2: mean square of what is faster than a hand, mean of the axes."""
     fast = force_g - without_vibration(force_g, dt_s)
-    n = _samples(HAND_S, dt_s, fewest=3)
-    return _mean(np.mean(fast**2, axis=1), ENERGY_S, dt_s) * n / (n - 1)
-
-
-def _samples(window_s: float, dt_s: float, fewest: int = 1) -> int:
-    return max(fewest, round(window_s / dt_s))
+    return _mean(np.mean(fast**2, axis=1), ENERGY_S, dt_s)
 
 
 def _mean(values: np.ndarray, window_s: float, dt_s: float) -> np.ndarray:
     """Moving mean along the samples."""
-    size = _samples(window_s, dt_s, fewest=1 if values.ndim == 1 else 3)
-    return uniform_filter1d(values, size, axis=0, mode="nearest")
+    return uniform_filter1d(values, max(1 if values.ndim == 1 else 3, round(window_s / dt_s)), axis=0, mode="nearest")

@@ -16,7 +16,7 @@ def readable(claim: Claim, covariance: np.ndarray) -> tuple[np.ndarray, dict, di
     if effect.id == "timing.axis_skew":
         covariance = _from_the_first(theta, covariance)
     parameter = effect.parameter
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0) + (effect.known_to * theta) ** 2)
     values, spread = ((x / parameter.si).reshape(parameter.shape).tolist() for x in (theta, sigma))
     return theta, {parameter.name: values, **effect.shape}, {parameter.name: spread}
 

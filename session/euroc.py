@@ -51,6 +51,12 @@ def read_sequence(euroc: Path, name: str) -> tuple[np.ndarray, np.ndarray, np.nd
         return file["t_ns"], file["gyro"], accel, truth
 
 
+def true_bias_rps(euroc: Path, name: str) -> np.ndarray:
+    """(3,): what a sequence's gyro reads at rest by its own ground truth, as the authors' evaluation is handed it."""
+    with np.load(sequence_path(euroc, name), allow_pickle=False) as file:
+        return -file["yaml_bias_added"]
+
+
 def write_sequences(euroc: Path, names: Sequence[str], folder: Path, segment_s: float = 5.0, truth_sigma_deg: float = 0.1) -> Path:
     """A session folder of whole sequences, each with all its moments of truth."""
     for name in names:

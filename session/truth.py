@@ -102,11 +102,9 @@ def cut_at_truth(samples: Samples, truth: Truth, sensor, protocol, *, log: int =
 
     Raises DataError where the truth's times are not the log's.
     """
+    moments_inside(samples, truth)  # or it is refused
     nearest = _nearest(samples, truth)
-    off_s = np.abs(samples.t_ns[nearest] - truth.t_ns) * 1e-9
-    there = off_s < samples.period_s
-    if not there.any():
-        raise DataError(f"{truth.path.name}: none of its {len(truth)} moments lies within the log; are its times on the log's clock?")
+    there = np.abs(samples.t_ns[nearest] - truth.t_ns) * 1e-9 < samples.period_s
     q = _at_samples(samples, truth, nearest)
     segments = []
     for first, last in _pairs(truth, protocol.segment_s):
@@ -117,13 +115,13 @@ def cut_at_truth(samples: Samples, truth: Truth, sensor, protocol, *, log: int =
     return segments
 
 
-def first_attitude(samples: Samples, truth: Truth) -> tuple[int, np.ndarray]:
-    """The first sample whose attitude the truth knows, and that ``q_nb`` (4,).  DataError where there is none."""
+def moments_inside(samples: Samples, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (K,) of the log that are nearest to the moments within it, and ``q_nb`` (K, 4) there.  DataError where there is none."""
     nearest = _nearest(samples, truth)
-    inside = np.flatnonzero(np.abs(samples.t_ns[nearest] - truth.t_ns) * 1e-9 < samples.period_s)
-    if not len(inside):
+    inside = np.abs(samples.t_ns[nearest] - truth.t_ns) * 1e-9 < samples.period_s
+    if not inside.any():
         raise DataError(f"{truth.path.name}: none of its {len(truth)} moments lies within the log; are its times on the log's clock?")
-    return int(nearest[inside[0]]), _at_samples(samples, truth, nearest)[inside[0]]
+    return nearest[inside], _at_samples(samples, truth, nearest)[inside]
 
 
 def _nearest(samples: Samples, truth: Truth) -> np.ndarray:

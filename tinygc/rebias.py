@@ -14,7 +14,7 @@ from session.check import check_session
 from session.errors import CalibrationError, SegmentError
 from session.folder import Session, read_session
 from session.rests import find_rests
-from session.truth import first_attitude
+from session.truth import moments_inside
 from session.units import DEG
 from tinygc import models
 from tinygc.bias_of_day import DAY_SIGMA_RPS, BiasOfDay, bias_from_gravity
@@ -124,8 +124,8 @@ def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.
     """Row of a log from which its attitude is known, q (4,) there, and the Earth's rate (3,) in that frame."""
     session, log = problem.session, problem.logs[number]
     if session.truths is not None:
-        row, q = first_attitude(log.samples, session.truths[number])
-        return row, q, problem.earth.rate_t
+        rows, q = moments_inside(log.samples, session.truths[number])
+        return int(rows[0]), q[0], problem.earth.rate_t
     first = next((i for i, still in enumerate(log.stills) if still.problem is None), None)
     if first is None:
         raise SegmentError(f"{session.folder}: a log without a still: from where should its attitude be carried?")

@@ -1,0 +1,69 @@
+"""EuRoC for the paper's tables: the training windows, the held-out ones and the test sequences, each through a session folder."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.euroc import write_sequences, write_test_windows, write_training_windows
+from session.folder import read_session
+from session.units import DEG
+from tinygc.days import Levelled, level_days
+from tinygc.orientation import absolute_orientation_error
+from tinygc.problem import Problem, build_problem
+
+EUROC = Path(__file__).resolve().parents[3] / "shared" / "euroc"
+TRAINING = ("MH_01", "MH_03", "MH_05", "V1_02", "V2_01", "V2_03")
+TEST = ("MH_02", "MH_04", "V1_01", "V1_03", "V2_02")
+
+
+@dataclass(frozen=True, eq=False)
+class Euroc:
+    """training: the 243 windows; with_mislabelled: all 261; held_out: the 198 windows of the test sequences; tests by name: whole
+    sequences, in segments of 5 s; days: the training windows with a bias for each sequence."""
+
+    training: Problem
+    with_mislabelled: Problem
+    held_out: Problem
+    tests: dict[str, Problem]
+    days: Levelled
+
+    def errors_deg(self, model) -> np.ndarray:
+        """AOE (5,) of one model, or of one for each test sequence (by name), in degrees."""
+        each = model if isinstance(model, dict) else dict.fromkeys(self.tests, model)
+        return np.array([sequence_error_deg(problem, each[name]) for name, problem in self.tests.items()])
+
+
+def sequence_error_deg(problem: Problem, model) -> float:
+    """AOE of a whole sequence, in degrees."""
+    session = problem.session
+    return absolute_orientation_error(session.logs[0].samples, session.truths[0], model) / DEG
+
+
+@contextmanager
+def euroc_folders() -> Iterator[Path]:
+    """A place for session folders, gone afterwards."""
+    with tempfile.TemporaryDirectory(prefix="tinygc-euroc-") as parent:
+        yield Path(parent)
+
+
+def read_euroc(parent: Path) -> Euroc:
+    """Write the session folders below ``parent``, and read them as any other."""
+    training = build_problem(read_session(write_training_windows(EUROC, parent / "training")))
+    return Euroc(
+        training=training,
+        with_mislabelled=build_problem(read_session(write_training_windows(EUROC, parent / "all", mislabelled=True))),
+        held_out=build_problem(read_session(write_test_windows(EUROC, parent / "held_out"))),
+        tests={name: read_sequence(parent, name) for name in TEST},
+        days=level_days(training),
+    )
+
+
+def read_sequence(parent: Path, name: str, segment_s: float = 5.0) -> Problem:
+    """A whole sequence."""
+    return build_problem(read_session(write_sequences(EUROC, [name], parent / name, segment_s)))

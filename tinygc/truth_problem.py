@@ -65,7 +65,7 @@ def build_truth_problem(
         )
     ends = [ends for (_, ends), ok in zip(cut, used, strict=True) if ok]
     accepted = [segment for segment, ok in zip(segments, used, strict=True) if ok]
-    batch = _batch(logs, accepted, ends)
+    batch = batch_of(logs, accepted, ends)
     model = _first_fit(session, logs, batch)
     earth = _earth(session) if use_earth else no_earth()
     at = attitudes(batch, model(batch.rate))
@@ -97,7 +97,7 @@ def _noise_in_motion(samples: Samples) -> Noise:
     return Noise(density(samples.gyro), density(samples.accel))
 
 
-def _batch(logs: list[StillSet], segments: list[Segment], ends: list[Ends]) -> Batch:
+def batch_of(logs: list[StillSet], segments: list[Segment], ends: list[Ends]) -> Batch:
     longest = max(segment.stop - segment.start for segment in segments)
     rate, dt = np.zeros((len(segments), longest, 3)), np.zeros((len(segments), longest - 1))
     for i, segment in enumerate(segments):
@@ -122,7 +122,7 @@ def _first_fit(session: Session, logs: list[StillSet], batch: Batch) -> LinearMo
             for pair in cut_at_truth(log.samples, truth, session.config.sensor, short, log=number)
             if pair[0].accepted
         ]
-        inside = _batch(logs, [segment for segment, _ in cut], [ends for _, ends in cut])
+        inside = batch_of(logs, [segment for segment, _ in cut], [ends for _, ends in cut])
         model = fit_least_squares(inside, np.full(len(inside), 1e-3), model).model
     return fit_least_squares(batch, np.full(len(batch), 1e-3), model).model
 

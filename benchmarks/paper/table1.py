@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 from common import markdown
-from paper.euroc import EUROC, TEST, Euroc
 from scipy.optimize import minimize
 
+from paper.euroc import EUROC, TEST, Euroc
 from session.euroc import true_bias_rps
 from session.units import DEG
 from tinygc.denoise_material import of_problem

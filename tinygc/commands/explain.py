@@ -21,6 +21,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Why recording and simulation differ."""
+    if _has_truth(args.folder):
+        return _against_truth(args)
     from tinygc.console import progress_bar
     from tinygc.explain.explain import explain_session
     from tinygc.explain.pages import explanation_page
@@ -33,4 +35,31 @@ def run(args: argparse.Namespace) -> int:
     output(args).print(explanation_page(explanation))
     output(args).print(f"written: {folder}", soft_wrap=True)
     write_json(args.json, to_json(explanation))
+    return 1 if args.strict and explanation.verdict != "no_mismatch" else 0
+
+
+def _has_truth(folder: Path) -> bool:
+    """Whether the session's reference is a truth file; what cannot be read is said later."""
+    from session.config import read_config
+    from session.errors import CalibrationError
+
+    try:
+        return read_config(folder / "session.toml").protocol.reference == "truth"
+    except CalibrationError:
+        return False
+
+
+def _against_truth(args: argparse.Namespace) -> int:
+    """What is wrong with the sensor, what with the truth, what with their clocks."""
+    from tinygc.console import progress_bar
+    from tinygc.explain.truth import explain_truth
+    from tinygc.explain.truth_result import save_truth, truth_page, truth_to_json
+
+    try_destinations(args, "explain")
+    with progress_bar(args.quiet) as progress:
+        explanation = explain_truth(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
+    folder = save_truth(explanation, args.out)
+    output(args).print(truth_page(explanation))
+    output(args).print(f"written: {folder}", soft_wrap=True)
+    write_json(args.json, truth_to_json(explanation))
     return 1 if args.strict and explanation.verdict != "no_mismatch" else 0

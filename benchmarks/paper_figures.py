@@ -1,16 +1,19 @@
 """The paper's figures from our own runs, as PNG: python benchmarks/paper_figures.py [7 8 …]
 
+5   the training loss on the EuRoC windows, by step or epoch
+6   the orientation error over each EuRoC test sequence
 7   a denoised rate in time: a still, the beginning of a turn, and the same with the delay taken out
 8   its spectrum: at rest, before and after; and the amplitude response
 11  the attitude through a closure run, by method, and what is left at its end
 12  noise at rest, before and after: the distribution, and what is left when it is averaged
 
-The session is data/session1 (simulated); the denoiser has seen it, and the closure run was never fitted.
+5 and 6 need ../shared/euroc, and 5 takes some minutes. For the others the session is data/session1 (simulated); the denoiser has seen it, and the closure run was never fitted.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -19,6 +22,8 @@ import numpy as np
 from closure_table import TITLES, fit_model
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from paper.euroc import EUROC
+from paper.figures_euroc import figure5, figure6
 from scipy.signal import freqz, welch
 
 from session.folder import read_session
@@ -190,7 +195,7 @@ def _euler_deg(q: np.ndarray) -> np.ndarray:
     return np.stack(angles, -1) / DEG
 
 
-FIGURES = {7: figure7, 8: figure8, 11: figure11, 12: figure12}
+FIGURES = {5: figure5, 6: figure6, 7: figure7, 8: figure8, 11: figure11, 12: figure12}
 
 
 def main() -> None:
@@ -201,6 +206,9 @@ def main() -> None:
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     for number in args.numbers or FIGURES:
+        if number in (5, 6) and not EUROC.is_dir():
+            print(f"figure {number}: left out, {EUROC} is not there", file=sys.stderr)
+            continue
         path = args.out / f"figure{number}.png"
         FIGURES[number](args.session).savefig(path, dpi=90)
         print(path)

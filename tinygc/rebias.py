@@ -85,6 +85,8 @@ def rebias_session(
 def with_change(model, change: np.ndarray):
     """A model whose calibrated rate is everywhere greater by ``change`` (3,) rad/s.  CalibrationError for kinds that have no such bias."""
     names = {field.name for field in fields(model)} if is_dataclass(model) else set()
+    if "slope2" in names and not np.allclose(model.slope2, 1):
+        raise CalibrationError("the stored net bends behind its bias (published variant): its bias cannot be moved; give another model")
     for name in ("B", "b2"):
         if name in names:
             return replace(model, **{name: getattr(model, name) + change})

@@ -1,4 +1,4 @@
-"""``explain`` on the EuRoC sequences, each alone and in pairs: what is wrong with the sensor, what with the truth, what with their clocks."""
+"""``explain`` on the EuRoC sequences, alone and in pairs: what is wrong with the sensor, what with the truth, what with their clocks."""
 
 from __future__ import annotations
 

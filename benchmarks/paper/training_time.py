@@ -17,8 +17,9 @@ from tinygc import closure, rotation
 from tinygc.closure import Batch
 from tinygc.distance import distance_weights, mean_distance
 from tinygc.integrate import steps
-from tinygc.network import CalibrationNet
-from tinygc.training import TIES, train_adamw, train_second_order
+from tinygc.network import TIES, CalibrationNet
+from tinygc.training import train_second_order
+from tinygc.training_adamw import train_adamw
 
 TIMED_EPOCHS = 3
 PASSES = 4

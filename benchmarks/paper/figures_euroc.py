@@ -1,0 +1,78 @@
+"""Figures 5 and 6 of the paper on EuRoC: how the loss falls in training, and how the orientation error grows over each test sequence."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from paper.euroc import EUROC, Euroc, euroc_folders, read_euroc
+from session.euroc import true_bias_rps
+from session.units import DEG
+from tinygc.distance import fit_distance
+from tinygc.network_published import PublishedNet
+from tinygc.orientation import orientation_error
+from tinygc.rebias import from_gravity, with_change
+from tinygc.training import train_second_order
+from tinygc.training_adamw import train_adamw
+
+EPOCHS = 2000
+EVERY = 20
+
+
+@cache
+def euroc() -> Euroc:
+    """The recordings, read once."""
+    with euroc_folders() as parent:
+        return read_euroc(parent)
+
+
+def figure5(folder: Path, epochs: int = EPOCHS) -> Figure:
+    """Training loss by step or epoch: second order and AdamW, the paper's 27 parameters and the published 26."""
+    batch, sigma = euroc().training.batch, euroc().training.floor.sigma
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axis = figure.subplots()
+    for title, start in (("27 parameters", None), ("26, published", PublishedNet.identity())):
+        first = np.array(train_adamw(batch, sigma, epochs=epochs, start=start).loss)
+        axis.plot(np.arange(1, len(first) + 1), first, label=f"AdamW, {title}")
+    linear = np.array(train_second_order(batch, sigma, ties=(0.0,)).loss)
+    axis.plot(np.arange(1, len(linear) + 1), linear, "o-", label="second order, to the linear solution")
+    loose = np.array(train_second_order(batch, sigma, ties=(0.0, 0.3, 3.0)).loss)
+    axis.plot(np.arange(len(linear), len(loose) + 1), loose[len(linear) - 1 :], ".-", label="second order, bending ever more freely")
+    axis.set(xscale="log", yscale="log", xlabel="epoch or step", ylabel="training loss, squared sigmas per angle")
+    axis.set_title("243 windows of EuRoC: training loss")
+    axis.legend()
+    axis.grid(alpha=0.3)
+    return figure
+
+
+def figure6(folder: Path) -> Figure:
+    """Orientation error over time, from the first true attitude, for each test sequence."""
+    data = euroc()
+    batch, sigma = data.training.batch, data.training.floor.sigma
+    squared = train_second_order(batch, sigma).net
+    distance = fit_distance(batch, sigma, lambda part, weights: train_second_order(part, weights, ties=(0.0,)).net)
+    days = train_second_order(data.days.batch, data.days.sigma).net
+    figure = Figure(figsize=(8, 11), layout="constrained")
+    axes = figure.subplots(len(data.tests), 1, sharex=True)
+    for axis, (name, problem) in zip(axes, data.tests.items(), strict=True):
+        session = problem.session
+        gravity = with_change(days, from_gravity(problem, days, data.days.sigma_rps).change)
+        truth = with_change(days, -days(true_bias_rps(EUROC, name)))
+        named = {
+            "27 parameters, squared loss": squared,
+            "27, the paper's loss": distance,
+            "27, bias of the day from gravity": gravity,
+            "27, true bias of the day": truth,
+        }
+        for title, model in named.items():
+            t_s, error = orientation_error(session.logs[0].samples, session.truths[0], model)
+            axis.plot(t_s[::EVERY], np.linalg.norm(error[::EVERY], axis=1) / DEG, label=title, linewidth=1.2)
+        axis.set_ylabel(f"{name}, °")
+        axis.grid(alpha=0.3)
+    axes[0].legend(fontsize=8, ncols=2)
+    axes[0].set_title("Orientation error of the gyro alone, from the first true attitude")
+    axes[-1].set_xlabel("s")
+    return figure

@@ -1,0 +1,147 @@
+"""``explain`` where a truth file is the reference: sensor, truth and clocks, each wrong by a known amount."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import DEG, Table
+from scipy.spatial.transform import Rotation
+
+import calibrate
+from session.folder import read_session
+from tinygc.days import level_days
+from tinygc.distance import fit_distance
+from tinygc.explain.truth import explain_truth
+from tinygc.least_squares import fit_least_squares
+from tinygc.orientation import absolute_orientation_error
+from tinygc.problem import build_problem
+
+TOML = """schema = "tinygc-session/1"
+[sensor]
+odr_hz = 208.0
+gyro_fs_dps = 500
+accel_fs_g = 4
+[protocol]
+segment_s = 2.0
+reference = "truth"
+truth_sigma_deg = 0.02
+"""
+
+
+def write(folder, *, seed=1, drift_dps=(0, 0, 0), late_s=0.0, frame_deg=(0, 0, 0), jumps=(), bias_dps=(0.5, -0.3, 0.6), name="0001"):
+    """60 s of turning without a rest, seen every 0.1 s by a truth with 0.02 deg of noise of its own; and what is wrong with them."""
+    table, rng = Table(), np.random.default_rng(seed)
+    for _ in range(30):
+        table.turn(rng.uniform(40, 120), rng.normal(size=3), 2.0)
+    samples = table.samples(seed=seed, bias_dps=bias_dps, registers=False)
+    gyro = samples.gyro + np.multiply(drift_dps, DEG) * (samples.t_s / samples.t_s[-1])[:, None]
+    moments = np.arange(0.3, table.duration_s - 0.3, 0.1)
+    _, attitude = table.truth(moments - late_s)
+    attitude = (
+        attitude * Rotation.from_rotvec(rng.normal(size=(len(moments), 3)) * 0.02 * DEG) * Rotation.from_rotvec(np.multiply(frame_deg, DEG))
+    )
+    for at in jumps:
+        row = int(np.argmin(np.abs(moments - at)))
+        attitude[row] = attitude[row] * Rotation.from_rotvec([3 * DEG, 0, -2 * DEG])
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "session.toml").write_text(TOML)
+    rows = np.column_stack([samples.t_ns * 1e-9, gyro, samples.accel])
+    header = "t_s,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"
+    np.savetxt(folder / f"log{name}.csv", rows, fmt="%.10f", delimiter=",", header=header, comments="")
+    q = np.column_stack([moments, attitude.as_quat(scalar_first=True)])
+    np.savetxt(folder / f"truth{name}.csv", q, fmt="%.10f", delimiter=",", header="t_s,qw,qx,qy,qz", comments="")
+    return folder
+
+
+def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
+    found = [explain_truth(write(tmp_path / str(seed), seed=seed)) for seed in range(4)]
+    assert sum(e.verdict == "no_mismatch" for e in found) >= 3
+    for e in found:
+        assert abs(e.offset[0]) < 4 * e.offset[1] < 0.4e-3
+        assert np.abs(e.turned / e.turned_sigma).max() < 4
+        assert not e.jumps
+        assert 0.012 < e.truth_rad / DEG < 0.03
+        assert e.neighbours[0] < -0.1  # the truth's own noise
+
+
+def test_a_late_truth(tmp_path):
+    e = explain_truth(write(tmp_path, late_s=0.008))
+    claim = next(claim for claim in e.claims if claim.effect.id == "timing.truth_offset")
+    assert abs(claim.theta[0]) == pytest.approx(0.008, abs=4 * claim.sigma[0] + 2e-4)
+    assert e.offset[0] == pytest.approx(claim.theta[0], abs=6e-4)
+    assert "late" in claim.says
+
+
+def test_a_bias_that_drifts(tmp_path):
+    e = explain_truth(write(tmp_path, drift_dps=(0.2, 0, -0.15)))
+    named = {claim.effect.id: claim for claim in e.claims}
+    assert set(named) & {"gyro.bias_drift", "unknown.slow_bias"}
+    if "gyro.bias_drift" in named:
+        claim = named["gyro.bias_drift"]
+        assert np.abs((claim.theta / DEG - [0.2, 0, -0.15]) / (claim.sigma / DEG)).max() < 4
+    assert e.closure_rms[1] < 0.6 * e.closure_rms[0]
+
+
+def test_a_turned_frame_is_asked_for_by_gyro_and_accelerometer(tmp_path):
+    e = explain_truth(write(tmp_path, frame_deg=(2.0, -1.0, 0.5)))
+    claim = next(claim for claim in e.claims if claim.effect.id == "reference.truth_frame")
+    assert np.abs(np.abs(claim.theta / DEG) - [2.0, 1.0, 0.5]).max() < 0.1
+    assert np.linalg.norm(e.force.turned) < 0.3 * np.linalg.norm(e.force.bias)
+
+
+def test_wrong_moments_are_found_and_left_out(tmp_path):
+    e = explain_truth(write(tmp_path, jumps=(20.3, 40.3)))
+    assert sorted(round(at) for _, at in e.jumps) == [20, 40]
+    assert e.closure_rms[0] < 0.1 * DEG
+
+
+def test_the_command_says_it_and_writes_it(tmp_path, capsys):
+    folder = write(tmp_path, late_s=0.008)
+    assert calibrate.main(["explain", str(folder), "--quiet", "--strict"]) == 1
+    table = json.loads((folder / "explain" / "explain.json").read_text())
+    assert table["schema"] == "tinygc-explain/1"
+    assert "timing.truth_offset" in [effect["id"] for effect in table["effects"]]
+    assert calibrate.main(["explain", str(folder)]) == 0
+    assert "cannot know" in capsys.readouterr().out
+
+
+def test_each_day_has_its_bias_and_the_stored_one_is_the_median(tmp_path):
+    """Four days, one far off: E is common, and the offsets are the days' own."""
+    biases = [(0.5, -0.3, 0.6), (0.52, -0.31, 0.58), (0.49, -0.28, 0.61), (0.9, -0.7, 0.2)]
+    for day, bias in enumerate(biases):
+        write(tmp_path, seed=day, bias_dps=bias, name=f"{day:04}")
+    problem = build_problem(read_session(tmp_path))
+    levelled = level_days(problem)
+    expected = np.median(biases, axis=0) - biases
+    # 0.02 deg at both ends of 30 segments of 2 s know a bias to 0.0026 dps; three of that.
+    assert np.abs(levelled.offsets / DEG - expected).max() < 0.008
+    model = fit_least_squares(levelled.batch, levelled.sigma, problem.first).model
+    assert np.abs(model.B / DEG + np.median(biases, axis=0)).max() < 0.008
+    assert np.abs(model.E - np.eye(3)).max() < 3e-4
+    one = fit_least_squares(problem.batch, problem.floor.sigma, problem.first).model
+    assert np.abs(one.B / DEG + np.median(biases, axis=0)).max() > 0.05
+
+
+def test_the_distance_is_a_median_where_the_square_is_a_mean(tmp_path):
+    for day, bias in enumerate([(0.5, -0.3, 0.6), (0.5, -0.3, 0.6), (0.8, -0.3, 0.6)]):
+        write(tmp_path, seed=day, bias_dps=bias, name=f"{day:04}")
+    problem = build_problem(read_session(tmp_path))
+
+    def fit(batch, sigma):
+        return fit_least_squares(batch, sigma, problem.first).model
+
+    squared, distance = (
+        -model.B[0] / DEG for model in (fit(problem.batch, problem.floor.sigma), fit_distance(problem.batch, problem.floor.sigma, fit))
+    )
+    assert squared == pytest.approx(0.6, abs=0.03)
+    assert distance == pytest.approx(0.5, abs=0.03)
+
+
+def test_absolute_orientation_error_of_a_known_bias(tmp_path):
+    """An error of 0.02 dps about a body axis grows to 1.2 deg in 60 s wherever the body turns slowly: AOE at most that over root three."""
+    session = read_session(write(tmp_path))
+    samples, truth = session.logs[0].samples, session.truths[0]
+    bias = np.multiply((0.5, -0.3, 0.6), DEG)
+    assert absolute_orientation_error(samples, truth, lambda rate: rate - bias) < 0.1 * DEG
+    wrong = absolute_orientation_error(samples, truth, lambda rate: rate - bias + [0.02 * DEG, 0, 0])
+    assert 0.2 * DEG < wrong < 1.2 / np.sqrt(3) * DEG

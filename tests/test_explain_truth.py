@@ -118,6 +118,10 @@ def test_each_day_has_its_bias_and_the_stored_one_is_the_median(tmp_path):
     model = fit_least_squares(levelled.batch, levelled.sigma, problem.first).model
     assert np.abs(model.B / DEG + np.median(biases, axis=0)).max() < 0.008
     assert np.abs(model.E - np.eye(3)).max() < 3e-4
+    assert calibrate.main(["fit", str(tmp_path), "--bias-per-log", "--methods", "least_squares", "--quiet"]) == 0
+    saved = json.loads((tmp_path / "fit" / "model_least_squares.json").read_text())
+    assert np.allclose(saved["weights"]["B"], model.B, atol=0.002 * DEG)
+    assert np.allclose(np.array(saved["bias_sigma_rps"]) / DEG, np.sqrt(np.sum(expected**2, axis=0) / 3), atol=0.01)
     one = fit_least_squares(problem.batch, problem.floor.sigma, problem.first).model
     assert np.abs(one.B / DEG + np.median(biases, axis=0)).max() > 0.05
 

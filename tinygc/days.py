@@ -14,6 +14,7 @@ import numpy as np
 from tinygc import closure
 from tinygc.closure import Batch
 from tinygc.distance import distance_weights
+from tinygc.floor import Floor
 from tinygc.least_squares import fit_least_squares
 from tinygc.problem import Problem
 
@@ -47,6 +48,14 @@ def level_days(problem: Problem) -> Levelled:
         sigma = problem.floor.sigma * distance_weights(batch, model)[:, None]
     known = offsets[np.isfinite(offsets).all(axis=1)]
     return Levelled(batch, sigma, offsets, np.sqrt(np.sum(known**2, axis=0) / max(len(known) - 1, 1)))
+
+
+def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
+    """The problem with each log's bias levelled, for any method to be fitted to, and the biases' spread (3,) rad/s."""
+    days = level_days(problem)
+    factor = (days.sigma / problem.floor.sigma)[:, 0]
+    floor = Floor(problem.floor.own * factor[:, None, None] ** 2, problem.floor.shared * (factor[:-1] * factor[1:])[:, None, None])
+    return replace(problem, batch=days.batch, floor=floor), days.sigma_rps
 
 
 def bias_by_log(problem: Problem, model, sigma: np.ndarray | None = None) -> np.ndarray:

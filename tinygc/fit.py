@@ -35,7 +35,7 @@ class FitResult:
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
     ``goodness.excess``; other_choice: least squares with the opposite choice of still rates; first_order_rad: the largest error of
     the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
-    were not fitted again, but taken from what had been saved.
+    were not fitted again, but taken from what had been saved; bias_sigma_rps (3,): spread of the logs' biases, where each had its own.
     """
 
     problem: Problem
@@ -51,6 +51,7 @@ class FitResult:
     warnings: list[Finding]
     physics: PhysicsFit | None = None
     reused: tuple[str, ...] = ()
+    bias_sigma_rps: np.ndarray | None = None
 
     @property
     def session(self) -> Session:
@@ -74,7 +75,11 @@ def fit_session(
     findings = check_session(session)
     stop_at_errors(findings)
     problem = build_problem(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
-    runs = read_closure_runs(problem)
+    runs, spread = read_closure_runs(problem), None
+    if options.bias_per_log:
+        from tinygc.days import levelled
+
+        problem, spread = levelled(problem)
     known = {} if saved is None else saved_fit.saved_methods(saved, problem, options, input_hashes(session))
     fits: dict[str, MethodFit] = {}
     for name in options.methods:
@@ -115,6 +120,7 @@ def fit_session(
         covariance=covariance,
         other_choice=other,
         warnings=[finding for finding in findings if finding.level == "warning"],
+        bias_sigma_rps=spread,
         reused=tuple(name for name in options.methods if name in known),
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
     )
@@ -212,6 +218,8 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
         if fit is result.linear:
             more["covariance"] = result.covariance.tolist()
             more["unobserved"] = fit.notes.get("unobserved", [])
+        if result.bias_sigma_rps is not None:
+            more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
         write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
     made = saved_fit.made_from(result.options, input_hashes(result.session), result.methods)
     write_whole(folder / "fit.json", to_json(result))

@@ -35,7 +35,8 @@ class FitOptions:
     integrator; optimizer and epochs of the network; earth: whether its rotation is taken off; exclude: numbers of segments to leave
     out; physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none; denoise: of tinygc_denoised;
     variant of the calibration subnet; parts: segments that its training carries the attitude through; conditions that a further
-    net is told; checkpoints: folder where AdamW leaves what it can go on from, and resume: whether it does."""
+    net is told; checkpoints: folder where AdamW leaves what it can go on from, and resume: whether it does; bias_per_log: each log
+    has a bias of its own, and the median is kept."""
 
     methods: tuple[str, ...] = METHODS
     folds: int = 5
@@ -53,6 +54,7 @@ class FitOptions:
     conditions: tuple[str, ...] = ()
     checkpoints: Path | None = None
     resume: bool = False
+    bias_per_log: bool = False
 
     def checkpoint(self, name: str):
         """Of one training, or None."""

@@ -17,9 +17,10 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def input_files(session: Session) -> list[Path]:
-    """Every file of a session that a result depends on: session.toml, logs, closure runs, dial readings."""
+    """Every file of a session that a result depends on: session.toml, logs, closure runs, dial readings, truth."""
     dials = [session.folder / "attitudes.csv"] if session.attitudes is not None else []
-    return [session.folder / "session.toml", *(log.path for log in (*session.logs, *session.closures)), *dials]
+    truths = [truth.path for truth in session.truths or ()]
+    return [session.folder / "session.toml", *(log.path for log in (*session.logs, *session.closures)), *dials, *truths]
 
 
 def input_hashes(session: Session) -> dict[str, str]:

@@ -35,6 +35,9 @@ def add_fit_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--conditions", type=conditions, default=(), metavar="temperature,force", help="fit a TinyGC-Net that is told these, too"
     )
+    command.add_argument(
+        "--bias-per-log", action="store_true", help="each log has a bias of its own, as of several days; their median is kept"
+    )
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
         "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
@@ -60,4 +63,5 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
         variant=args.variant,
         parts=args.parts,
         conditions=args.conditions,
+        bias_per_log=args.bias_per_log,
     )

@@ -7,7 +7,8 @@
 11  the attitude through a closure run, by method, and what is left at its end
 12  noise at rest, before and after: the distribution, and what is left when it is averaged
 
-5 and 6 need ../shared/euroc, and 5 takes some minutes. For the others the session is data/session1 (simulated); the denoiser has seen it, and the closure run was never fitted.
+5 and 6 need ../shared/euroc, and 5 takes some minutes.  For the others the session is data/session1 (simulated); the denoiser has seen it,
+and the closure run was never fitted.
 """
 
 from __future__ import annotations

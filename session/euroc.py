@@ -6,6 +6,7 @@ the sequences has them, are written as exact zeros, which no accelerometer in th
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -130,3 +131,26 @@ def _write_truth(folder: Path, name: str, t_ns, q_nb, window=None) -> None:
         file.write("t_ns,qw,qx,qy,qz" + (",window" if window is not None else "") + "\n")
         for k, (t, q) in enumerate(zip(t_ns.tolist(), q_nb.tolist(), strict=True)):
             file.write(f"{t},{','.join(map(repr, q))}" + (f",{window[k]}" if window is not None else "") + "\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """``python -m session.euroc EUROC OUT V1_01 …`` writes sequences; ``windows`` for a name, the paper's 243 training windows."""
+    parser = argparse.ArgumentParser(prog="python -m session.euroc", description="EuRoC recordings as a session folder.")
+    parser.add_argument("euroc", type=Path, help="folder of euroc_*.npz")
+    parser.add_argument("out", type=Path, help="session folder to write")
+    parser.add_argument("names", nargs="+", help="sequences such as V1_01, or the one word: windows")
+    parser.add_argument("--segment-s", type=float, default=2.0, help="length of a segment of a sequence (%(default)g s)")
+    args = parser.parse_args(arguments)
+    try:
+        if args.names == ["windows"]:
+            write_training_windows(args.euroc, args.out)
+        else:
+            write_sequences(args.euroc, args.names, args.out, args.segment_s)
+    except (FormatError, OSError) as error:
+        parser.exit(2, f"euroc: {error}\n")
+    print(args.out)
+    return 0
+
+
+if __name__ == "__main__":
+    main()

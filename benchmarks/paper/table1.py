@@ -14,6 +14,7 @@ from common import markdown
 from scipy.optimize import minimize
 
 from paper.euroc import EUROC, TEST, Euroc
+from paper.training_time import adamw_curve
 from session.euroc import true_bias_rps
 from session.units import DEG
 from tinygc.denoise_material import of_problem
@@ -49,7 +50,7 @@ def table1(euroc: Euroc, progress: Callable[[str], None] = lambda what: None, *,
     squared = train_second_order(batch, sigma).net
     row("least squares, squared loss", 12, "gyro", fit_least_squares(batch, sigma, euroc.training.first).model)
     row("TinyGC-Net, squared loss", 27, "gyro", squared)
-    row(f"… by AdamW, {epochs} epochs", 27, "gyro", train_adamw(batch, sigma, epochs=epochs).net)
+    row(f"… by AdamW, {epochs} epochs", 27, "gyro", adamw_curve(euroc, epochs).net)
     for title, net in _published(euroc, epochs):
         row(title, 26, "gyro", net)
     distance = fit_distance(batch, sigma, lambda part, weights: train_second_order(part, weights, ties=(0.0, 1.0)).net)

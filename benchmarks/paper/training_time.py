@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from common import markdown
@@ -36,8 +37,9 @@ class Curve:
     held_out: float
 
 
+@cache
 def adamw_curve(euroc: Euroc, epochs: int) -> Curve:
-    """AdamW with the tree product, from the identity."""
+    """AdamW with the tree product, from the identity; once, however often it is asked for."""
     batch, sigma = euroc.training.batch, euroc.training.floor.sigma
     began = time.process_time()
     trained = train_adamw(batch, sigma, epochs=epochs)

@@ -21,8 +21,9 @@ def run_denoised(problem: Problem, options: FitOptions, calibrated: MethodFit, p
     """Train on all segments, then on all but each fold with that fold's calibration, which saw none of it either."""
     material = of_problem(problem)
     how = replace(options.denoise, optimizer=options.optimizer, seed=options.seed)
-    if not material.stills:
-        how = replace(how, loss="endpoint")  # a session that never rests shows no noise to learn from
+    if not material.stills or problem.session.truths is not None:
+        # A session that never rests shows no noise to learn from, and a vehicle's few stills not the noise of its flight.
+        how = replace(how, loss="endpoint")
     steps = len(calibrated.parts) + 1
     began = time.perf_counter()
     trained = train_denoiser(material, calibrated.model, how, partial(_tell, progress, 0, steps), options.checkpoint("denoiser_whole"))

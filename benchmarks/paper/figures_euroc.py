@@ -70,9 +70,10 @@ def figure6(folder: Path) -> Figure:
         for title, model in named.items():
             t_s, error = orientation_error(session.logs[0].samples, session.truths[0], model)
             axis.plot(t_s[::EVERY], np.linalg.norm(error[::EVERY], axis=1) / DEG, label=title, linewidth=1.2)
-        axis.set_ylabel(f"{name}, °")
+        axis.set_title(name, loc="left", fontsize=9)
         axis.grid(alpha=0.3)
     axes[0].legend(fontsize=8, ncols=2)
-    axes[0].set_title("Orientation error of the gyro alone, from the first true attitude")
+    figure.suptitle("Orientation error of the gyro alone, from the first true attitude")
+    figure.supylabel("°")
     axes[-1].set_xlabel("s")
     return figure

@@ -136,9 +136,13 @@ class GuidedRecording:
     def _hear_coach(self) -> None:
         """Take the coach's last word, and give it what has come since."""
         if self._coaching is not None and self._coaching.done():
-            advice, self._coaching = self._coaching.result(), None
-            for change in self.guide.advise(advice):
-                self._view.change(change)
+            coaching, self._coaching = self._coaching, None
+            if (error := coaching.exception()) is not None:  # whatever it is, it must not end a recording
+                self._view.change(Change(Kind.WARNING, f"the coach has failed ({type(error).__name__}: {error}); any turn will do"))
+                self._coach, self._to_coach, self.guide.coached = None, [], False
+            else:
+                for change in self.guide.advise(coaching.result()):
+                    self._view.change(change)
         if self._coaching is None and self._to_coach:
             self._coaching = self._thread.submit(self._coach, self._to_coach)
             self._to_coach = []

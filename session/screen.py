@@ -80,11 +80,15 @@ class PlainLines:
 
 def view(guide: Guide, title: str, changes) -> Group:
     """The whole screen, at most 22 lines of 80 columns."""
-    said = [
-        Text(f"{change.at_s:6.1f} s  {change.text}", style=STYLES.get(change.kind, ""), overflow="ellipsis", no_wrap=True)
-        for change in changes
-    ]
-    return Group(_instruction(guide, title), _state(guide), *said)
+    said = Table.grid(padding=(0, 2))
+    said.add_column(justify="right", width=8)
+    said.add_column()
+    for number, change in enumerate(changes, start=1):
+        style, newest = STYLES.get(change.kind, ""), number == len(changes)
+        # The newest is said in full, the ones before it in a line each.
+        text = Text(change.text, style=style, overflow="fold" if newest else "ellipsis", no_wrap=not newest)
+        said.add_row(Text(f"{change.at_s:.1f} s", style="dim"), text)
+    return Group(_instruction(guide, title), _state(guide), said)
 
 
 def _instruction(guide: Guide, title: str) -> Panel:
@@ -108,7 +112,7 @@ def _state(guide: Guide) -> Table:
     table.add_column(style="dim")
     table.add_column(overflow="fold")
     table.add_row("segments", _segments(guide))
-    table.add_row("coach", guide.advice.reason if guide.advice else "–")
+    table.add_row("coach", _coach(guide))
     table.add_row("stream", _stream(health))
     table.add_row("faults", _faults(health))
     table.add_row("warmth", _warmth(health))
@@ -132,6 +136,15 @@ def _segments(guide: Guide) -> Table:
         f"{guide.accepted} of {guide.segments} accepted{rejected}",
     )
     return row
+
+
+def _coach(guide: Guide) -> str:
+    if guide.advice is None:
+        return "–"
+    if not guide.advice.missing:
+        return guide.advice.reason
+    worst = guide.advice.missing[0].replace(" times its target", "×")
+    return f"{len(guide.advice.missing)} parameters above target; {worst}"
 
 
 def _stream(health: Health) -> Text:

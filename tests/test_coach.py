@@ -38,7 +38,7 @@ def test_all_at_once_or_one_by_one_it_says_the_same(taken):
     assert at_once(segments[:8]) == last
     assert last.words
     assert "times its target" in last.reason
-    assert last.missing[0].split(" (")[0] == last.reason.split(" is known worst")[0]
+    assert last.reason == f"it helps the {last.missing[0]}"
     assert not last.reached
 
 

@@ -121,6 +121,20 @@ def test_a_hand_on_the_table_is_named_with_number_bar_and_axis():
     assert guide.stage is Stage.TURN
 
 
+def test_a_hand_that_stays_on_the_table_after_the_turn_is_named():
+    """It must not wait in silence for the turn to end: 0.3 s after it has stopped turning it asks for hands off."""
+    samples = with_hand(Table().rest(3).turn(120, (1, 0, 0), 3).rest(6).samples(), 5.5, 8.5)
+    guide = guide_of()
+    play(guide, samples.between(0, 7 * 208))
+    now = guide.instruction
+    assert now.stage is Stage.HOLD_STILL
+    assert "rate scatter" in now.why
+    assert now.why.endswith("s: hands off?")
+    assert 0.5 < float(now.why.split(" s: hands")[0].split()[-1]) < 1.6
+    play(guide, samples.between(7 * 208, len(samples)))
+    assert guide.accepted == 1
+
+
 def test_a_table_that_always_trembles_is_no_dead_end():
     """Four times the sensor's noise, from a fan: after a minute its own calmest blocks are the yardstick."""
     guide = guide_of()

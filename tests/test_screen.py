@@ -13,7 +13,7 @@ from session.screen import LiveScreen, PlainLines, view
 
 LONG = Advice(
     "turn left about the vertical (-x axis up) by 270°, then at once about the sensor's y axis (z towards x) by 180°; about 4 s",
-    "misalignment of z towards y is known worst, 12.3 times its target",
+    "it helps the misalignment of z towards y (12.3 times its target)",
 )
 
 
@@ -98,7 +98,7 @@ def test_without_a_terminal_there_are_lines_and_no_control_signs():
     assert "\x1b" not in text
     assert "\a" not in text
     said = [line.strip() for line in text.splitlines()]
-    assert said[0].startswith("wait: the stream is being looked at (1 s of samples")
+    assert said[0].startswith("wait: the stream is being looked at (0.1 of 1.0 s of samples seen")
     assert any("the stream is good: 208.0 Hz" in line for line in said)
     assert said.count("hold still: hands off the table") == 2
     assert any("turn 1 accepted: 120°" in line for line in said)

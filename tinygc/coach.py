@@ -18,6 +18,7 @@ from tinygc.turns import Turn, columns, turns_from
 from tinygc.uncertainty import covariance_from_columns
 
 UNKNOWN = 10.0  #: times its target: while something is as uncertain, the volume of all uncertainty is made small (D-optimality)
+UNSEEN = 100.0
 SHARPNESS = 6  #: afterwards: power of the sigmas in what is made small: 2 would look at all alike, a large one at the worst alone
 
 
@@ -36,13 +37,11 @@ class Coach:
             self.add(segment)
         sigma = self.sigma
         worst = np.argsort(-sigma)
-        missing = tuple(f"{parameter_words(linear.NAMES[i])} ({_times(sigma[i])} its target)" for i in worst if sigma[i] > 1)
+        missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
         if not missing:
             return Advice("", f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it", reached=True)
         turn = self.best_turn(taken[-1].segment.last.accel_mean)
-        return Advice(
-            turn.words, f"{parameter_words(linear.NAMES[worst[0]])} is known worst, {_times(sigma[worst[0]])} its target", missing=missing
-        )
+        return Advice(turn.words, f"it helps the {_said(worst[0], sigma[worst[0]])}", missing=missing)
 
     @property
     def covariance(self) -> np.ndarray:
@@ -81,5 +80,7 @@ class Coach:
         self._middle_s.append(taken.middle_s)
 
 
-def _times(sigma: float) -> str:
-    return "hundreds of times" if sigma >= 100 else f"{sigma:.1f} times"
+def _said(parameter: int, sigma: float) -> str:
+    """A parameter and how far it is from its target."""
+    far = "not seen in any turn yet" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
+    return f"{parameter_words(linear.NAMES[parameter])} ({far})"

@@ -61,6 +61,7 @@ def turns_from(accel: np.ndarray) -> list[Turn]:
         Turn((first, second))
         for first in _parts(accel, (90, 180, 270), DOUBLE_S)
         for second in _parts(first.carries(accel), (90, 180, 270), DOUBLE_S)
+        if abs(first.axis @ second.axis) < VERTICAL  # on about the same axis would be one turn
     ]
     return singles + doubles
 

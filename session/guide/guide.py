@@ -109,7 +109,9 @@ class Guide:
         if self.stage is Stage.FIND_PORT:
             return Instruction(self.stage, "connect the board", self._waits or "no port is open yet", good=False)
         if self.stage is Stage.CHECK_STREAM:
-            return Instruction(self.stage, "wait: the stream is being looked at", self._waits or f"{CHECK_S:g} s of samples", good=False)
+            seen_s = sum(part.duration_s for part in self._pending)
+            waits = self._waits or f"{min(seen_s, CHECK_S):.1f} of {CHECK_S:.1f} s of samples seen"
+            return Instruction(self.stage, "wait: the stream is being looked at", waits, good=False)
         if self.stage is Stage.DONE:
             return Instruction(self.stage, "done: the table may be left", f"{self.accepted} segments accepted")
         if self.stage is Stage.TURN:
@@ -117,7 +119,7 @@ class Guide:
         held = self._movement.still_s
         why, good = self._objection, False
         if self._movement.moving:
-            why = f"{self._why} for {self._movement.moving_s:.1f} s: hands off?"
+            why = f"{self._why} for {self._movement.restless_s or self._movement.moving_s:.1f} s: hands off?"
         elif not why:
             why, good = f"still for {held:.1f} of {self.hold_s:.1f} s", True
         return Instruction(
@@ -130,7 +132,7 @@ class Guide:
         do = self.advice.words if self.advice and self.advice.words else ANY_TURN
         if not self._movement.moving:
             why = self.advice.reason if self.advice and self.advice.reason else f"segment {self.accepted + 1} of {self.segments}"
-            return Instruction(self.stage, do, f"waiting for the turn: {why}")
+            return Instruction(self.stage, do, f"waiting for the turn; {why}")
         peak_dps, bar_dps = self._movement.peak_rps / DEG, PEAK_FULL_SCALE * self.sensor.gyro_fs_dps
         turned = f"turned {self._movement.path_rad / DEG:.0f}° so far"
         if peak_dps > bar_dps:
@@ -173,18 +175,16 @@ class Guide:
         self._why = block.why
         ended_s = self._movement.feed(block, self._stillness.zero_rps)
         if self.stage is Stage.TURN:
-            self._turning(block)
+            self._turning()
         elif block.quiet:
             self._holding(block)
         elif ended_s:
             self._let_go(ended_s)
 
-    def _turning(self, block: Block) -> None:
-        if not block.quiet:
-            return
+    def _turning(self) -> None:
         if self._movement.path_rad < STIR_DEG * DEG:
             self._window.rest(self._movement.still_s)
-        elif self._movement.still_s >= SETTLING_S:
+        elif max(self._movement.still_s, self._movement.restless_s) >= SETTLING_S:
             self.stage, self._objection = Stage.HOLD_STILL, ""
             self._say(Kind.STAGE, f"turned {self._movement.path_rad / DEG:.0f}°: now hold still")
 

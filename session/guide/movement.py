@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.guide.stillness import Block
-from session.stills import BUMP_RAD, BUMP_S
+from session.guide.stillness import UNKNOWN_ZERO_RPS, Block
+from session.stills import BUMP_RAD, BUMP_S, TURNING_RPS
 
 BUMP_SLACK_RAD = 2 * BUMP_RAD  #: blocks of 0.1 s see an angle no better; the log's own judgement comes later
 
 
 class Movement:
-    """still_s: of the present still, bumps included; moving: whether it is not still now, for moving_s; path_rad, peak_rps:
+    """still_s: of the present still, bumps included; moving: whether it is not still now, for moving_s, the last restless_s of it without
+    turning (a hand rests on the table); path_rad, peak_rps:
     of the movement since the last reference still."""
 
     def __init__(self):
-        self.still_s = self.moving_s = 0.0
+        self.still_s = self.moving_s = self.restless_s = 0.0
         self.path_rad = self.peak_rps = 0.0
         self._bump, self._bump_path = np.zeros(3), 0.0
         self._in_bump = False
@@ -37,6 +38,8 @@ class Movement:
             return 0.0
         rate = block.gyro_mean if zero_rps is None else block.gyro_mean - zero_rps
         self.moving_s += block.duration_s
+        turning = np.abs(rate).max() > (UNKNOWN_ZERO_RPS if zero_rps is None else TURNING_RPS)
+        self.restless_s = 0.0 if turning else self.restless_s + block.duration_s
         self._bump = self._bump + rate * block.duration_s
         angle = float(np.linalg.norm(rate)) * block.duration_s
         if self.still_s > 0.0:
@@ -62,7 +65,8 @@ class Movement:
         self._calm()
 
     def _calm(self) -> None:
-        self.moving_s, self._in_bump = 0.0, False
+        self.moving_s = self.restless_s = 0.0
+        self._in_bump = False
         self._bump, self._bump_path = np.zeros(3), 0.0
 
     def _count(self, angle_rad: float, block: Block) -> None:

@@ -121,7 +121,7 @@ def _missing(guide) -> str:
     """What the coach would still ask for."""
     if guide.advice is None or not guide.advice.missing:
         return ""
-    return f"not yet at their target sigma: {', '.join(guide.advice.missing[:4])}{', …' if len(guide.advice.missing) > 4 else ''}"
+    return f"not yet at their target sigma: {'; '.join(guide.advice.missing[:4])}{'; …' if len(guide.advice.missing) > 4 else ''}"
 
 
 def _table(guide, folder: Path, recorder) -> dict:

@@ -101,7 +101,7 @@ class GuidedRecording:
                 return
             if waited_s > UNKNOWN_S:
                 raise CalibrationError(
-                    f"{UNKNOWN_S:g} s of samples without a word of their ranges: give --gyro-fs-dps, --accel-fs-g, --odr, or a session.toml"
+                    f"{UNKNOWN_S:g} s of samples without a word of their ranges: give --gyro-fs, --accel-fs, --odr, or a session.toml"
                 )
             self.guide.waits(Stage.CHECK_STREAM, "the board has not yet said its ranges (an info frame, or a # line)")
             return

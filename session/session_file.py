@@ -16,6 +16,7 @@ NAME = "session.toml"
 #: Hz, the ASM330LHH's data rates
 NOMINAL_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0, 1667.0, 3333.0, 6667.0)
 NOMINAL_WITHIN = 0.2  #: INTERNAL_FREQ_FINE reaches so far
+FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
 
@@ -53,9 +54,7 @@ class SessionFile:
                 self._require_agreement(self._own.sensor, said, "the board")
             for name, value in said.items():
                 if self._said[name] not in (None, value):
-                    raise CalibrationError(
-                        f"the board says {name} = {value:g}, --{name.replace('_', '-')} says {self._said[name]:g}: leave it out"
-                    )
+                    raise CalibrationError(f"the board says {name} = {value:g}, {FLAGS[name]} says {self._said[name]:g}: leave it out")
         if self._own is None:
             sensor = self._sensor(info, waited_s)
             if sensor is None:

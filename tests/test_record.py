@@ -164,9 +164,9 @@ def test_what_cannot_be_is_one_line(tmp_path, words, code, says):
 
 def test_a_range_that_contradicts_the_board_ends_it_with_the_bytes_kept(board, tmp_path):
     port = board("--segments", 2, "--frames")
-    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--gyro-fs-dps", 1000)
+    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--gyro-fs", 1000)
     assert result.returncode == 2
-    assert "the board says gyro_fs_dps = 500, --gyro-fs-dps says 1000" in result.stderr.splitlines()[-1]
+    assert "the board says gyro_fs_dps = 500, --gyro-fs says 1000" in result.stderr.splitlines()[-1]
     assert "kept in" in result.stderr.splitlines()[-1]
     assert "Traceback" not in result.stderr
     assert (tmp_path / "s" / "raw.bin").exists()

@@ -67,7 +67,7 @@ def test_a_board_that_contradicts_is_not_believed_in_silence(tmp_path):
         file_of(tmp_path).configure(Info(1000.0, 4.0, 416.0, ""))
     with pytest.raises(CalibrationError, match=r"sensor.accel_fs_g is 4, the command line says 8"):
         file_of(tmp_path, accel_fs_g=8.0)
-    with pytest.raises(CalibrationError, match=r"the board says gyro_fs_dps = 500, --gyro-fs-dps says 250: leave it out"):
+    with pytest.raises(CalibrationError, match=r"the board says gyro_fs_dps = 500, --gyro-fs says 250: leave it out"):
         file_of(tmp_path / "new", gyro_fs_dps=250.0).configure(INFO)
     assert not (tmp_path / "new" / "session.toml").exists()
 

@@ -22,8 +22,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
     command.add_argument("--like", type=Path, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
     command.add_argument("--odr", type=positive, metavar="HZ", help="data rate, where the board does not say")
-    command.add_argument("--gyro-fs-dps", type=positive, metavar="DPS", help="full scale, where the board does not say")
-    command.add_argument("--accel-fs-g", type=positive, metavar="G", help="full scale, where the board does not say")
+    command.add_argument("--gyro-fs", dest="gyro_fs_dps", type=positive, metavar="DPS", help="full scale, where the board does not say")
+    command.add_argument("--accel-fs", dest="accel_fs_g", type=positive, metavar="G", help="full scale, where the board does not say")
     command.add_argument("--no-coach", action="store_true", help="any turn will do")
     command.add_argument("--mute", action="store_true", help="no bell")
 
@@ -78,9 +78,10 @@ def _require_place(folder: Path, resume: bool) -> None:
     from session.recording.rawfile import RAW
 
     raw = folder / RAW
+    recorded = raw.exists() and raw.stat().st_size > 0
     if resume and not raw.exists():
         raise FormatError(f"{folder}: no recording to resume ({RAW} is not there); give its folder with --out, or leave --resume out")
-    if not resume and raw.exists():
+    if not resume and recorded:
         raise FormatError(f"{folder}: holds a recording; --resume goes on with it, or give another --out")
     if not resume and folder.is_dir() and (logs := log_paths(folder, "log")):
         raise FormatError(f"{folder}: holds {logs[0].name}; give another --out")

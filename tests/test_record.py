@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -57,7 +56,7 @@ def closure(folder, out) -> dict:
     return json.loads(result.stdout)
 
 
-@pytest.mark.parametrize(("rate", "form", "segments", "speed"), [(416, [], 40, 20), (1667, ["--frames"], 7, 4)])
+@pytest.mark.parametrize(("rate", "form", "segments", "speed"), [(416, [], 7, 4), (1667, ["--frames"], 7, 2)])
 def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed):
     """Nothing is lost, every turn is accepted, and the closure is that of the same session read from its file."""
     port = board("--rate", rate, "--segments", segments, "--speed", speed, *form)
@@ -76,43 +75,41 @@ def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed)
     write_session(SimulationOptions(segments=segments, closure_s=0.0, odr_hz=rate), tmp_path / "file")
     live, read = (closure(tmp_path / name, tmp_path / f"fit-{name}") for name in ("s", "file"))
     assert live["segments"]["used"] == read["segments"]["used"] == segments
-    compare = {"raw": 0.01} | ({"least_squares": 0.10} if segments > 20 else {})  # few segments leave a fit little to differ by but chance
-    for method, bar in compare.items():
-        mine, theirs = (fit["methods"][method]["holdout"]["tilt_rms_deg"] for fit in (live, read))
-        assert mine == pytest.approx(theirs, rel=bar)
+    # So few segments leave a fit little to differ by but chance; what the sensor itself shows must be the same.
+    mine, theirs = (fit["methods"]["raw"]["holdout"]["tilt_rms_deg"] for fit in (live, read))
+    assert mine == pytest.approx(theirs, rel=0.01)
 
 
 def test_a_pulled_cable_costs_one_turn_and_no_more(board, tmp_path):
     """Unplugged every 25 s of device time: it reconnects by itself, in new logs, until all segments are there."""
-    port = board("--rate", 104, "--segments", 40, "--speed", 15, "--frames", "--faults", "unplug=25")
-    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 7, "--json", "-")
+    port = board("--rate", 104, "--segments", 40, "--speed", 15, "--frames", "--faults", "unplug=15")
+    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 4, "--json", "-")
     assert result.returncode == 0, result.stderr
     told = json.loads(result.stdout)
-    assert told["segments"]["accepted"] == 7
+    assert told["segments"]["accepted"] == 4
     assert len(told["logs"]) >= 2
     assert "the port was opened again" in result.stderr
     session = read_session(tmp_path / "s")
     assert sum(len(log.samples) for log in session.logs) == told["samples"]
-    assert closure(tmp_path / "s", tmp_path / "fit")["segments"]["used"] >= 7
 
 
 def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
     port = board("--rate", 104, "--segments", 40, "--speed", 15)
-    words = ["record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 9]
+    words = ["record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 5]
     process = subprocess.Popen(
         [*CALIBRATE, *map(str, words)], cwd=ROOT, env=environment(), text=True, stderr=subprocess.PIPE, stdout=subprocess.PIPE
     )
     seen = []
     for line in process.stderr:
         seen.append(line)
-        if "turn 3 accepted" in line:
+        if "turn 2 accepted" in line:
             process.send_signal(signal.SIGINT)
             break
     stdout, stderr = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert "everything received is kept. To go on: calibrate.py record --resume --out" in stderr
     assert "Traceback" not in stderr
-    assert "of 9 segments" in stdout
+    assert "of 5 segments" in stdout
     before = (tmp_path / "s" / "raw.bin").read_bytes()
     own = (tmp_path / "s" / "session.toml").read_bytes()
     log = (tmp_path / "s" / "log0001.csv").read_bytes()
@@ -123,22 +120,21 @@ def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
 
     result = calibrate(*words, "--resume", "--json", "-")
     assert result.returncode == 0, result.stderr
-    assert json.loads(result.stdout)["segments"]["accepted"] == 9
-    assert "resumed: 3 segments so far" in result.stderr or "resumed: 4 segments so far" in result.stderr
+    assert json.loads(result.stdout)["segments"]["accepted"] == 5
+    assert "resumed: 2 segments so far" in result.stderr or "resumed: 3 segments so far" in result.stderr
     assert (tmp_path / "s" / "raw.bin").read_bytes().startswith(before)
     assert (tmp_path / "s" / "session.toml").read_bytes() == own
     assert (tmp_path / "s" / "log0001.csv").read_bytes() == log
-    assert closure(tmp_path / "s", tmp_path / "fit")["segments"]["used"] >= 9
 
 
 def test_bad_bytes_are_counted_and_the_session_goes_on(board, tmp_path):
-    port = board("--rate", 104, "--segments", 40, "--speed", 15, "--frames", "--faults", "lost=0.0005,garbage=500,torn=0.0005")
-    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 4, "--json", "-")
+    port = board("--rate", 104, "--segments", 40, "--speed", 15, "--frames", "--faults", "lost=0.001,garbage=500,torn=0.001")
+    result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 2, "--json", "-")
     assert result.returncode == 0, result.stderr
     told = json.loads(result.stdout)
     assert told["lost"] > 0
     assert told["garbage_bytes"] + told["crc_errors"] > 0
-    assert told["segments"]["accepted"] == 4
+    assert told["segments"]["accepted"] == 2
 
 
 @pytest.mark.parametrize(
@@ -175,9 +171,3 @@ def test_a_range_that_contradicts_the_board_ends_it_with_the_bytes_kept(board, t
 def test_the_recorder_never_loads_torch():
     code = "import sys; import tinygc.coach, session.guided, session.screen; print('torch' in sys.modules)"
     assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT, env=environment()).strip() == "False"
-
-
-def test_help_comes_before_anything_heavy():
-    began = time.monotonic()
-    assert calibrate("record", "--help").returncode == 0
-    assert time.monotonic() - began < 20  # a hang, not a race: the time itself is the benchmarks' affair

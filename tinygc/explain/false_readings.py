@@ -99,20 +99,24 @@ def _excursion(values: np.ndarray, scatter: np.ndarray, first: int, last: int) -
     false = np.flatnonzero(away > max(BEYOND, 0.1 * away.max()))
     if not len(false) or np.linalg.norm(beyond[:, 3:], axis=1).max() > away.max():
         return None
-    if _off_both_sides(values, start, stop, noise) < SHARE * away.max():
+    excursion = beyond[np.argmax(away), :3] / away.max()
+    if _off_both_sides(values, start, stop, excursion / noise[:3]) < SHARE * away.max():
         return None  # a corner, as where a rate is clipped: each reading continues one side or the other
     count = int(false[-1] - false[0]) + 1
     came_back = np.linalg.norm(missed[:, :3], axis=1).max() < max(CAME_BACK * away.max(), NOISE_MISSES)
     return (start + int(false[0]), count, False) if came_back and count <= LONGEST else None
 
 
-def _off_both_sides(values: np.ndarray, start: int, stop: int, noise: np.ndarray) -> float:
-    """The farthest that a gyro reading in start:stop is from the straight lines of both sides."""
+def _off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray) -> float:
+    """The farthest that a gyro reading in start:stop is, ``along`` a direction (3,), from the straight lines of both sides.
+
+    Along the excursion alone: a turn that bends about another axis leaves its straight lines, too.
+    """
     off = []
     for at in (np.arange(start - SIDE, start), np.arange(stop, stop + SIDE)):
-        line = np.polynomial.polynomial.polyfit(at - start, values[at, :3], 1)
-        predicted = np.polynomial.polynomial.polyval(np.arange(stop - start), line).T
-        off.append(np.linalg.norm((values[start:stop, :3] - predicted) / noise[:3], axis=1))
+        line = np.polynomial.polynomial.polyfit(at - start, values[at, :3] @ along, 1)
+        predicted = np.polynomial.polynomial.polyval(np.arange(stop - start), line)
+        off.append(np.abs(values[start:stop, :3] @ along - predicted))
     return float(np.minimum(*off).max())
 
 

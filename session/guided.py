@@ -58,8 +58,11 @@ class GuidedRecording:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="coach")
         self._heard_s = self._shown_s = time.monotonic()
 
-    def lead(self) -> None:
-        """Take in what an earlier recording left, then follow the port until done.  Errors and Ctrl-C pass through."""
+    def lead(self, interrupted: Callable[[], bool] = lambda: False) -> None:
+        """Take in what an earlier recording left, then follow the port until done; KeyboardInterrupt when ``interrupted``.
+
+        That is asked between two steps only: what has been taken from the port is in the log by then.
+        """
         self._view.show(self.guide)
         try:
             self._take(self.recorder.resumed)
@@ -67,6 +70,8 @@ class GuidedRecording:
                 self.guide.new_log()
                 self._view.change(Change(Kind.STAGE, f"resumed: {self.guide.accepted} segments so far"))
             while self.guide.stage is not Stage.DONE:
+                if interrupted():
+                    raise KeyboardInterrupt
                 self._take(self.recorder.poll())
                 self._look_at_port()
                 self._hear_coach()

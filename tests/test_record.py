@@ -2,19 +2,29 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from session.folder import read_session
+from session.config import Config
+from session.folder import Session, read_session
+from session.logfile import Log
+from session.samples import Samples
+from tinygc.methods import FitOptions, closure_angles, run_method
+from tinygc.problem import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 ROOT = Path(__file__).resolve().parent.parent
 CALIBRATE = [sys.executable, str(ROOT / "calibrate.py")]
+LEAD_S = 3
+#: more turns than any test needs, however late the recorder comes
+SLOW_SENSOR = ("--rate", 104, "--segments", 120, "--speed", 8)
 PATIENCE_S = 240  #: of a machine with other work
 
 
@@ -35,7 +45,7 @@ def board(tmp_path):
 
     def start(*words) -> Path:
         port = tmp_path / "port"
-        command = [*CALIBRATE, "board", "--link", port, "--config", tmp_path / "bench.toml", "--lead", "3", *words]
+        command = [*CALIBRATE, "board", "--link", port, "--config", tmp_path / "bench.toml", "--lead", str(LEAD_S), *words]
         process = subprocess.Popen(
             list(map(str, command)), cwd=ROOT, env=environment(), text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
         )
@@ -50,16 +60,17 @@ def board(tmp_path):
         process.stdout.close()
 
 
-def closure(folder, out) -> dict:
-    result = calibrate("fit", folder, "--methods", "raw,least_squares", "--out", out, "--json", "-")
-    assert result.returncode == 0, result.stderr
-    return json.loads(result.stdout)
+def closures(samples: Samples, config: Config) -> tuple[np.ndarray, np.ndarray]:
+    """Closure angles (S, 3) of each segment: raw, and calibrated by least squares."""
+    problem = build_problem(Session(Path("made"), config, (Log(Path("log0001.csv"), samples, raw=True),), ()))
+    return tuple(closure_angles(problem.batch, run_method(name, problem, FitOptions()).model) for name in ("raw", "least_squares"))
 
 
-@pytest.mark.parametrize(("rate", "form", "segments", "speed"), [(416, [], 7, 4), (1667, ["--frames"], 7, 2)])
+@pytest.mark.parametrize(("rate", "form", "segments", "speed"), [(416, [], 7, 8), (1667, ["--frames"], 7, 3)])
 def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed):
-    """Nothing is lost, every turn is accepted, and the closure is that of the same session read from its file."""
-    port = board("--rate", rate, "--segments", segments, "--speed", speed, *form)
+    """Nothing is lost, every turn is accepted, and the session is, sample by sample, the one that can be read from its file."""
+    spare = 2  # turns, so that one that is missed fails here and not by waiting for ever
+    port = board("--rate", rate, "--segments", segments + spare, "--speed", speed, *form)
     result = calibrate(
         "record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", segments, "--json", "-"
     )
@@ -69,20 +80,31 @@ def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed)
     assert told["segments"] == {"wanted": segments, "accepted": segments, "rejected": 0}
     assert told["lost"] == told["crc_errors"] == told["garbage_bytes"] == told["implausible"] == told["resets"] == 0
     assert "\x1b" not in result.stderr
-    (log,) = read_session(tmp_path / "s").logs
-    assert len(log.samples) == told["samples"]
-    assert log.samples.dt_s.max() < 1.5 * log.samples.period_s
-    write_session(SimulationOptions(segments=segments, closure_s=0.0, odr_hz=rate), tmp_path / "file")
-    live, read = (closure(tmp_path / name, tmp_path / f"fit-{name}") for name in ("s", "file"))
-    assert live["segments"]["used"] == read["segments"]["used"] == segments
-    # So few segments leave a fit little to differ by but chance; what the sensor itself shows must be the same.
-    mine, theirs = (fit["methods"]["raw"]["holdout"]["tilt_rms_deg"] for fit in (live, read))
-    assert mine == pytest.approx(theirs, rel=0.01)
+    live = read_session(tmp_path / "s")
+    ((samples,), config) = (log.samples for log in live.logs), live.config
+    assert len(samples) == told["samples"]
+    assert samples.dt_s.max() < 1.5 * samples.period_s
+    options = SimulationOptions(segments=segments + spare, closure_s=0.0, odr_hz=rate)
+    (file,) = read_session(write_session(options, tmp_path / "file")).logs
+    # Live there are some seconds of stillness more before the first turn, and it ends when the last one has been accepted: that moves the
+    # middles of the first and the last still, where their segments begin and end.  In between, all is the same.
+    lead = round(LEAD_S * (len(samples) - 1) / samples.duration_s)
+    count = min(len(samples) - lead, len(file.samples))
+    mine, theirs = samples.between(lead, lead + count), file.samples.between(0, count)
+    for name in ("gyro", "accel", "temp_c"):
+        assert np.array_equal(getattr(mine, name), getattr(theirs, name))
+    assert np.abs((mine.t_ns - mine.t_ns[0]) - (theirs.t_ns - theirs.t_ns[0])).max() <= 1000
+    for one, other in zip(closures(mine, config), closures(theirs, config), strict=True):
+        assert len(one) == segments
+        assert one == pytest.approx(other, abs=2e-6)  # rad, of 0.06 uncalibrated and 2e-4 calibrated: what 1 us in a stamp does
+    fit = calibrate("fit", tmp_path / "s", "--methods", "raw,least_squares", "--json", "-")
+    assert fit.returncode == 0, fit.stderr
+    assert json.loads(fit.stdout)["segments"]["used"] == segments
 
 
 def test_a_pulled_cable_costs_one_turn_and_no_more(board, tmp_path):
-    """Unplugged every 25 s of device time: it reconnects by itself, in new logs, until all segments are there."""
-    port = board("--rate", 104, "--segments", 40, "--speed", 15, "--frames", "--faults", "unplug=15")
+    """Unplugged every 15 s of device time: it reconnects by itself, in new logs, until all segments are there."""
+    port = board(*SLOW_SENSOR, "--frames", "--faults", "unplug=15")
     result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 4, "--json", "-")
     assert result.returncode == 0, result.stderr
     told = json.loads(result.stdout)
@@ -94,7 +116,7 @@ def test_a_pulled_cable_costs_one_turn_and_no_more(board, tmp_path):
 
 
 def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
-    port = board("--rate", 104, "--segments", 40, "--speed", 15)
+    port = board(*SLOW_SENSOR)
     words = ["record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 5]
     process = subprocess.Popen(
         [*CALIBRATE, *map(str, words)], cwd=ROOT, env=environment(), text=True, stderr=subprocess.PIPE, stdout=subprocess.PIPE
@@ -109,7 +131,7 @@ def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
     assert process.returncode == 130
     assert "everything received is kept. To go on: calibrate.py record --resume --out" in stderr
     assert "Traceback" not in stderr
-    assert "of 5 segments" in stdout
+    (accepted,) = re.findall(r"(\d) of 5 segments", stdout)
     before = (tmp_path / "s" / "raw.bin").read_bytes()
     own = (tmp_path / "s" / "session.toml").read_bytes()
     log = (tmp_path / "s" / "log0001.csv").read_bytes()
@@ -121,14 +143,15 @@ def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
     result = calibrate(*words, "--resume", "--json", "-")
     assert result.returncode == 0, result.stderr
     assert json.loads(result.stdout)["segments"]["accepted"] == 5
-    assert "resumed: 2 segments so far" in result.stderr or "resumed: 3 segments so far" in result.stderr
+    (resumed,) = re.findall(r"resumed: (\d) segments so far", result.stderr)
+    assert int(accepted) <= int(resumed) <= int(accepted) + 1  # what came while it stopped may have completed one
     assert (tmp_path / "s" / "raw.bin").read_bytes().startswith(before)
     assert (tmp_path / "s" / "session.toml").read_bytes() == own
     assert (tmp_path / "s" / "log0001.csv").read_bytes() == log
 
 
 def test_bad_bytes_are_counted_and_the_session_goes_on(board, tmp_path):
-    port = board("--rate", 104, "--segments", 40, "--speed", 15, "--frames", "--faults", "lost=0.001,garbage=500,torn=0.001")
+    port = board(*SLOW_SENSOR, "--frames", "--faults", "lost=0.001,garbage=500,torn=0.001")
     result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 2, "--json", "-")
     assert result.returncode == 0, result.stderr
     told = json.loads(result.stdout)

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from session.errors import StorageError
+from session.errors import FormatError, StorageError
+from session.recording.growing import GrowingFile
 from session.stream.events import Chunk, Comment, Event, Info
 from session.stream.text import HEADER, parse_info
 
@@ -16,10 +17,13 @@ NEW_LOG = ("reset", "reconnect")
 
 
 class LogWriter:
-    """Writes what a stream says; paths: the logs so far, in order.  What it writes depends on the events alone."""
+    """Writes what a stream says; paths: the logs so far, in order.  What it writes depends on the events alone.
+
+    Logs that are there already grow (``growing``); put_aside: where those went that somebody had changed.
+    """
 
     def __init__(self, folder: Path, stem: str = "log"):
-        self.folder, self.stem, self.paths = folder, stem, []
+        self.folder, self.stem, self.paths, self.put_aside = folder, stem, [], []
         self._file = None
         self._info: Info | None = None
         self._waiting: list[str] = []  # comments before the first sample
@@ -49,6 +53,8 @@ class LogWriter:
     def _end(self) -> None:
         file, self._file, self._info, self._waiting = self._file, None, None, []
         if file:
+            if file.aside:
+                self.put_aside.append(file.aside)
             file.close()
 
     @contextlib.contextmanager
@@ -89,7 +95,9 @@ class LogWriter:
     def _open(self) -> None:
         number = 1 + sum(path.name.startswith(self.stem) for path in self.paths)
         path = self.folder / f"{self.stem}{number:04d}.csv"
-        self._file = path.open("w", encoding="utf-8", newline="\n")
+        if (packed := path.with_name(path.name + ".gz")).exists():
+            raise FormatError(f"{packed}: a recording goes on in plain logs only; unpack it first (gunzip)")
+        self._file = GrowingFile(path)
         self.paths.append(path)
         for text in self._waiting:
             self._file.write(f"# {text}\n")

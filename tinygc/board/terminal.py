@@ -17,19 +17,20 @@ from session.errors import CalibrationError
 from session.recording.ports import VIRTUAL_STEM, lock_of
 
 #: what a board with some memory can hold back while its host is busy
-BUFFER_BYTES = 65_536
+MEMORY_BYTES = 65_536
 DRAIN_S = 0.3
 
 
 class Terminal:
     """``name`` is a link to the present pseudo-terminal; it goes with ``unplug`` and comes back with ``plug``.
 
-    dropped: writes that did not fit, since nobody read.  Use as a context: the link goes with it.
+    memory: bytes that can wait for the reader; dropped: writes that did not fit, since nobody read.
+    Use as a context: the link goes with it.
     """
 
-    def __init__(self, link: Path | None = None):
+    def __init__(self, link: Path | None = None, memory: int = MEMORY_BYTES):
         self.name, self._lock = _claim([link] if link else _usual_links())
-        self.dropped = 0
+        self.dropped, self._memory = 0, memory
         self._master = -1
         self._waiting = b""
 
@@ -84,7 +85,7 @@ class Terminal:
         if not self.has_reader:
             self._waiting = b""
             return False
-        fits = len(self._waiting) + len(data) <= BUFFER_BYTES
+        fits = len(self._waiting) + len(data) <= self._memory
         self._waiting += data if fits else b""
         self.dropped += not fits
         with contextlib.suppress(OSError):

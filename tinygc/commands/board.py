@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.board.board import Board
     from tinygc.board.faults import Faults
     from tinygc.board.source import recorded, simulated
-    from tinygc.board.terminal import Terminal
+    from tinygc.board.terminal import MEMORY_BYTES, Terminal
     from tinygc.simulation.options import SimulationOptions
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the port's link goes with the board
@@ -52,7 +52,8 @@ def run(args: argparse.Namespace) -> int:
         source = simulated(SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed))
     if args.config and source.config:
         args.config.write_text(source.config, encoding="utf-8")
-    with Terminal(args.link) as terminal:
+    # A faster board must hold back more, for a host that is as fast as ever.
+    with Terminal(args.link, round(MEMORY_BYTES * max(1.0, args.speed))) as terminal:
         if not args.quiet and str(args.json) != "-":
             print(terminal.name, flush=True)
         say(f"{source.info.text}: open it with another program; Ctrl-C ends")

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from tinygc.arguments import count, positive
+from tinygc.commands._interruption import Interruption
 from tinygc.commands._results import output, write_json
 
 SUMMARY = "record a guided session from a serial port"
@@ -41,20 +42,23 @@ def run(args: argparse.Namespace) -> int:
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g)
-    recorder = Recorder(folder, port, args.baud)
-    guide = Guide(session_file.protocol, args.segments, args.stop_at_target)
     interrupted = False
-    try:
-        with _view(args, f"{folder} · {port}") as view:
-            GuidedRecording(guide, recorder, session_file.configure, None if args.no_coach else _coach(), view).lead()
-    except KeyboardInterrupt:
-        interrupted = True
-    except CalibrationError as error:
-        raise type(error)(f"{error}; kept in {folder}: {_so_far(guide, recorder)}") from None
-    finally:
-        recorder.close()
+    with Interruption() as wanted:
+        recorder = Recorder(folder, port, args.baud)
+        guide = Guide(session_file.protocol, args.segments, args.stop_at_target)
+        try:
+            with _view(args, f"{folder} · {port}") as view:
+                GuidedRecording(guide, recorder, session_file.configure, None if args.no_coach else _coach(), view).lead(wanted)
+        except KeyboardInterrupt:
+            interrupted = True
+        except CalibrationError as error:
+            raise type(error)(f"{error}; kept in {folder}: {_so_far(guide, recorder)}") from None
+        finally:
+            recorder.close()
     console = output(args)
     console.print(f"{folder}: {_so_far(guide, recorder)}", soft_wrap=True)
+    for path in recorder.logs.put_aside:
+        console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again", soft_wrap=True)
     if missing := _missing(guide):
         console.print(missing, soft_wrap=True)
     again = f"calibrate.py record --resume --out {folder} --port {port}"

@@ -1,0 +1,50 @@
+"""A log that only grows: what it holds already is never written again.
+
+After Ctrl-C or a crash the logs are made again from the raw bytes, and somebody may have fitted them meanwhile.  So what is there is
+compared with what would be written, and only what lies behind it is added; a log that somebody has changed is kept under another name.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ASIDE = ".changed"
+
+
+class GrowingFile:
+    """Write to it as to a new file.  aside: where a file went whose beginning was another one, or None.  Raises OSError."""
+
+    def __init__(self, path: Path):
+        self.path, self.aside = path, None
+        self._same = 0  # bytes of the old file that were found again
+        self._left = path.stat().st_size if path.is_file() else 0
+        self._file = path.open("r+b" if self._left else "wb")
+
+    def write(self, text: str) -> None:
+        data = text.encode()
+        if self._left:
+            there = self._file.read(min(len(data), self._left))
+            if there != data[: len(there)]:
+                self._put_aside()
+            else:
+                self._same, self._left, data = self._same + len(there), self._left - len(there), data[len(there) :]
+        if data:
+            self._file.write(data)
+
+    def flush(self) -> None:
+        self._file.flush()
+
+    def close(self) -> None:
+        self._file.close()
+
+    def _put_aside(self) -> None:
+        """Go on in a new file that begins as far as the old one did right."""
+        self._file.seek(0)
+        right, self._left = self._file.read(self._same), 0
+        self._file.close()
+        number = 1
+        while (aside := self.path.with_name(f"{self.path.name}{ASIDE}{number}")).exists():
+            number += 1
+        self.path.rename(aside)
+        self.aside, self._file = aside, self.path.open("xb")
+        self._file.write(right)

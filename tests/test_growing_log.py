@@ -1,0 +1,89 @@
+"""A log that has been written is not written again: it only grows, and what somebody changed in it is kept."""
+
+import gzip
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from streams import frame_list, sent
+
+from session.errors import FormatError
+from session.recording.growing import GrowingFile
+from session.recording.logwriter import LogWriter
+from session.recording.replay import stream
+from session.stream.decoder import StreamDecoder
+
+TEXT = "".join(f"{i},a line of it\n" for i in range(2000))
+
+
+def written(path: Path, text: str, portions=(1, 50, 10_000)) -> GrowingFile:
+    file, start, k = GrowingFile(path), 0, 0
+    while start < len(text):
+        file.write(text[start : start + portions[k % len(portions)]])
+        file.flush()
+        start, k = start + portions[k % len(portions)], k + 1
+    file.close()
+    return file
+
+
+@pytest.mark.parametrize("there", [0, 1, 51, 20_000, len(TEXT) - 1])
+def test_it_goes_on_where_it_ended(tmp_path, there):
+    path = tmp_path / "log0001.csv"
+    path.write_text(TEXT[:there])
+    assert written(path, TEXT).aside is None
+    assert path.read_text() == TEXT
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_whole_is_not_touched(tmp_path):
+    path = tmp_path / "log0001.csv"
+    path.write_text(TEXT)
+    path.chmod(0o644)
+    os.utime(path, ns=(1, 1))
+    written(path, TEXT)
+    written(path, TEXT[:100])  # shorter: what is there stays
+    assert path.read_text() == TEXT
+    assert path.stat().st_mtime_ns == 1
+
+
+@pytest.mark.parametrize("at", [0, 30, 20_000, len(TEXT) - 2])
+def test_what_somebody_changed_is_kept_beside_it(tmp_path, at):
+    path, changed = tmp_path / "log0001.csv", TEXT[:at] + "#" + TEXT[at + 1 :]
+    for number in (1, 2):
+        path.write_text(changed)
+        file = written(path, TEXT)
+        assert path.read_text() == TEXT
+        assert file.aside == tmp_path / f"log0001.csv.changed{number}"
+        assert file.aside.read_text() == changed
+
+
+def test_the_logs_of_a_recording_grow_when_it_is_played_again(tmp_path):
+    """Whatever was cut off: as after a kill."""
+    rng = np.random.default_rng(0)
+    (tmp_path / "raw.bin").write_bytes(b"".join(frame_list(*sent(3000))))
+    for _ in range(5):
+        play(tmp_path)
+        log = tmp_path / "log0001.csv"
+        whole = log.read_bytes()
+        assert whole.count(b"\n") == 3001
+        log.write_bytes(whole[: rng.integers(len(whole))])
+    logs = play(tmp_path)
+    assert log.read_bytes() == whole
+    assert logs.put_aside == []
+    log.write_bytes(whole.replace(b",", b";", 1))
+    assert play(tmp_path).put_aside == [tmp_path / "log0001.csv.changed1"]
+    assert log.read_bytes() == whole
+    (tmp_path / "log0001.csv.gz").write_bytes(gzip.compress(whole))
+    log.unlink()
+    with pytest.raises(FormatError, match="gunzip"):
+        play(tmp_path)
+
+
+def play(folder: Path) -> LogWriter:
+    decoder, logs = StreamDecoder(), LogWriter(folder)
+    for _ in stream(folder / "raw.bin", decoder, logs):
+        pass
+    logs.write(decoder.finish())
+    logs.close()
+    return logs

@@ -184,10 +184,13 @@ def test_scores():
     missed = score("a", truth, said(verdict="unexplained"))
     assert (missed.wrong, missed.missed, missed.removed) == ((), ("gyro.bias_step",), None)
     null = score("a", {"effects": {}, "strength": None}, said(claim("gyro.bias_step")))
-    outside = score("a", {"effects": {"outside.telegraph": {}}, "strength": 1.0}, said(claim("gyro.bias_step")))
-    counts = totals([exact, stand_in, wrong, missed, null, replace(null, verdict="no_mismatch", claimed=()), outside])
-    asked = ("hidden", "named_exactly", "named_with_equivalents", "wrongly_named", "missed", "false_alarms", "outsiders_wrongly_named")
-    assert [counts[name] for name in asked] == [4, 1, 2, 1, 2, 1, 1]
+    nameless = {"effects": {"outside.telegraph": {}}, "strength": 1.0}
+    outside = score("a", nameless, said(claim("gyro.bias_step")))
+    undecided = score("a", nameless, said(claim("gyro.bias_step", equivalent=["unknown.curve_over_time"]), verdict="ambiguous"))
+    counts = totals([exact, stand_in, wrong, missed, null, replace(null, verdict="no_mismatch", claimed=()), outside, undecided])
+    asked = ("hidden", "named_exactly", "named_with_equivalents", "wrongly_named", "missed", "false_alarms")
+    assert [counts[name] for name in asked] == [4, 1, 2, 1, 2, 1]
+    assert [counts[f"outsiders{name}"] for name in ("", "_wrongly_named", "_undecided")] == [2, 1, 1]
 
 
 def test_parameter_errors_are_in_the_reported_sigmas():

@@ -11,15 +11,18 @@ NEAR = {"at_s": 0.5, "at": 4, "stills": 0}
 #: of the moments must be found, and as few may be invented
 FOUND = 0.8
 OUTSIDE = "outside."
+#: what `explain` calls a finding
+NAMELESS = "unknown."
 
 
 @dataclass(frozen=True)
 class Score:
     """truth, claimed: ids; verdict; and, of a session in which something is hidden: found, wrong, missed (ids).
 
-    sure: named exactly; found: hidden ones that are named, or in the equivalents of one that is; wrong: named ones that are not hidden
-    and have no hidden equivalent; sigmas: errors of the parameters in their reported std; within_tenth: whether each is within 3 of
-    them or 10 % of the truth; removed: share of the excess misfit that the refit took up, or None.
+    exact: named exactly; found: hidden ones that are named, or in the equivalents of one that is; wrong: named ones that are not hidden
+    and have no hidden equivalent (for what is in no catalogue: no shape without a name); sigmas: errors of the parameters in their
+    reported std; right: whether each is within 3 of them or 10 % of the truth; removed: share of the excess misfit that the refit took
+    up, or None.
     """
 
     name: str
@@ -70,12 +73,18 @@ def score(name: str, truth: dict, said: dict) -> Score:
         claimed=tuple(claims),
         exact=set(hidden) == set(claims),
         found=found,
-        wrong=tuple(claim for claim, ids in stands_for.items() if not ids & hidden.keys()),
+        wrong=tuple(claim for claim, ids in stands_for.items() if not _contains(ids, hidden)),
         missed=tuple(each for each in hidden if each not in found and not each.startswith(OUTSIDE)),
         sigmas=tuple(sigmas),
         right=tuple(right),
         removed=said["fit"]["excess_removed"] if claims and "fit" in said else None,
     )
+
+
+def _contains(ids: set[str], hidden: dict) -> bool:
+    """Whether the truth is among ids: by its name, or, where it has none, as a shape without a name."""
+    nameless = any(each.startswith(OUTSIDE) for each in hidden) and any(each.startswith(NAMELESS) for each in ids)
+    return nameless or bool(ids & hidden.keys())
 
 
 def parameter_errors(effect: dict, truth: dict) -> tuple[list[float], list[bool]]:

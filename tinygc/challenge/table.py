@@ -106,7 +106,8 @@ def totals(scores: list[Score]) -> dict:
         "missed": sum(bool(each.missed) for each in hidden),
         "outsiders": len(kinds["outside"]),
         "outsiders_seen": sum(each.alarmed for each in kinds["outside"]),
-        "outsiders_wrongly_named": sum(bool(each.claimed) for each in kinds["outside"]),
+        "outsiders_wrongly_named": sum(bool(each.wrong) for each in kinds["outside"]),
+        "outsiders_undecided": sum(bool(each.claimed) and not each.wrong for each in kinds["outside"]),
         "error_median_sigmas": float(np.median(sigmas)) if sigmas else None,
         "share_within_3_sigmas": float(np.mean(np.array(sigmas) < 3)) if sigmas else None,
         "share_within_3_sigmas_or_tenth": float(np.mean(right)) if right else None,
@@ -121,7 +122,8 @@ def sentences(scores: list[Score]) -> list[str]:
         f"{t['hidden']} sessions hide one or two effects: {t['named_exactly']} named exactly, {t['named_with_equivalents']} exactly or "
         f"with equivalents that contain the truth, {t['wrongly_named']} with a wrong name, {t['missed']} with something missed",
         f"{t['nulls']} hide nothing: {t['false_alarms']} false alarms",
-        f"{t['outsiders']} hide what no catalogue has: {t['outsiders_seen']} seen, {t['outsiders_wrongly_named']} wrongly given a name",
+        f"{t['outsiders']} hide what no catalogue has: {t['outsiders_seen']} seen, {t['outsiders_wrongly_named']} wrongly given a name, "
+        f"{t['outsiders_undecided']} said to be ambiguous between a name and a shape without one",
     ]
     if t["error_median_sigmas"] is not None:
         lines.append(

@@ -19,7 +19,7 @@ from tinygc.explain.mending import Mended, mend
 from tinygc.explain.naming import Naming, candidates, name_effects
 from tinygc.explain.parameters import readable
 from tinygc.explain.proof import Proof, prove
-from tinygc.explain.rivals import better_rival
+from tinygc.explain.rivals import BETTER, best_rival
 from tinygc.explain.selection import FAMILY_WISE, SHAPE_SHARE
 from tinygc.explain.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explain.twin import Twin
@@ -131,17 +131,24 @@ def bonferroni(p: dict[str, float]) -> float:
 
 
 def _refuse(twin, whiten, naming: Naming, mended_from: float, detected: float, left: dict[str, float], seed: int, progress):
-    """Keep the names only if they leave what noise allows, or next to nothing; else say what is there without a name."""
+    """Keep the names only if they leave what noise allows, or next to nothing, and no shape without a name does better; else say what
+    is there without a name."""
     if not naming.named and detected > FAMILY_WISE:
         return naming, [], left
     progress("beyond the catalogue")
     enough = bonferroni(left) > LEFT_P or _share(twin, whiten, naming, mended_from) >= RIGHT_SHARE
-    if enough and not (naming.named and better_rival(twin, whiten, naming, slow_candidates(twin), seed)):
-        return naming, [], left
+    rival, lead = best_rival(twin, whiten, naming, slow_candidates(twin), seed) if enough and naming.named else (None, -np.inf)
+    if enough and lead < BETTER:
+        return (naming if rival is None else _with_stand_in(naming, rival)), [], left
     bare = Naming(naming.first, naming.first_p, naming.first)
     beyond = name_effects(twin, whiten, unknown_candidates(twin), seed, most=MOST_FINDINGS, stand_ins=False)
     findings = _named_claims(twin, beyond)
     return bare, findings, channel_p_values(twin, whiten, naming.first.r, naming.first.J)
+
+
+def _with_stand_in(naming: Naming, rival: Effect) -> Naming:
+    """A shape that alone does as well as all names: each of them could be a part of it."""
+    return replace(naming, named=[replace(named, equivalent=(*named.equivalent, rival.id)) for named in naming.named])
 
 
 def _first_misfit(problem: Problem) -> float:

@@ -35,7 +35,13 @@ def explanation_page(e: Explanation) -> Group:
     for claim in e.findings:
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, f"   p {_p(claim.p_value)}"))
         parts.append(Text(f"  {claim.says}\n"))
-    parts += [_channels(e), Text(""), _where(e), _proof(e)]
+    parts += [
+        Text("Recorded less predicted, in sigmas of the noise (rms; 1 is noise alone)", "italic"),
+        _channels(e),
+        _gravity(e),
+        Text(""),
+    ]
+    parts += [*_where(e), _proof(e)]
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in e.warnings]
     if following := what_next(e):
         parts.append(Text.assemble(("next: ", "bold"), following))
@@ -66,24 +72,27 @@ def _numbers(value, std) -> str:
 
 def _channels(e: Explanation) -> Table:
     """Predicted beside recorded: the root mean square of each channel's difference in sigmas of its noise."""
-    table = Table(title="Recorded less predicted, in sigmas of the noise (rms; 1 is noise alone)", title_justify="left", box=None)
+    table = Table(box=None)
     for column in ("channel", "values", "before", "after"):
         table.add_column(column, justify="left" if column == "channel" else "right")
     for name, part in e.whiten.parts.items():
         before, after = ((fit.r[part] ** 2).mean() ** 0.5 for fit in (e.naming.first, e.naming.fit))
         table.add_row(CHANNELS[name], str(part.stop - part.start), f"{before:.2f}", f"{after:.2f}")
-    table.caption = (
-        f"gravity during the turns: {e.gravity.before_mps2 / (1e-3 * G):.1f} mg, {e.gravity.after_mps2 / (1e-3 * G):.1f} mg with lever arm "
-        f"{', '.join(f'{1e3 * x:.0f}' for x in e.gravity.lever_m)} mm and the gyro {1e3 * e.gravity.offset_s:+.2f} ms late"
-    )
-    table.caption_justify = "left"
     return table
 
 
-def _where(e: Explanation) -> Text:
+def _gravity(e: Explanation) -> Text:
+    lever = ", ".join(f"{1e3 * x:.0f}" for x in e.gravity.lever_m)
+    return Text(
+        f"gravity during the turns: {e.gravity.before_mps2 / (1e-3 * G):.1f} mg; {e.gravity.after_mps2 / (1e-3 * G):.1f} mg with lever arm "
+        f"{lever} mm and the gyro {1e3 * e.gravity.offset_s:+.2f} ms late"
+    )
+
+
+def _where(e: Explanation) -> list[Text]:
     place = where(e)
     if not place["phases"]:
-        return Text("")
+        return []
     words = [f"lives in: {', '.join(place['phases'])}"]
     if place["axes"]:
         words.append(f"axes {', '.join(place['axes'])}")
@@ -91,7 +100,7 @@ def _where(e: Explanation) -> Text:
         words.append(f"worst segments {', '.join(map(str, place['segments'][:6]))}")
     if regime := place["regime"]:
         words.append(f"{regime['variable']} {regime['from']:.3g} to {regime['to']:.3g} {regime['units']}")
-    return Text("; ".join(words))
+    return [Text("; ".join(words))]
 
 
 def _proof(e: Explanation) -> Text:

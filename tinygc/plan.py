@@ -7,16 +7,16 @@ least certain beside its target.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
-from session.folder import Session, read_session
+from session.folder import read_session
 from session.units import DEG
 from tinygc import closure, linear, rotation
+from tinygc.asked import asked
 from tinygc.closure import Batch
 from tinygc.problem import Problem, build_problem
 from tinygc.uncertainty import parameter_covariance
@@ -41,15 +41,7 @@ def propose(folder: Path, count: int = 5) -> tuple[list[Proposal], str | None]:
     session = read_session(folder)
     problem = build_problem(session)
     covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, middle_s=problem.middle_s)
-    return _greedy(problem, covariance, count), _asked(session)
-
-
-def _asked(session: Session) -> str | None:
-    """What the last explanation said should be recorded next."""
-    try:
-        return json.loads((session.folder / "explain" / "explain.json").read_text(encoding="utf-8")).get("next")
-    except (OSError, ValueError):
-        return None
+    return _greedy(problem, covariance, count), asked(session.folder)
 
 
 def parameter_words(name: str) -> str:

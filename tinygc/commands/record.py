@@ -42,6 +42,7 @@ def run(args: argparse.Namespace) -> int:
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g)
+    _say_what_was_asked(args, folder)
     interrupted = False
     with Interruption() as wanted:
         recorder = Recorder(folder, port, args.baud)
@@ -89,6 +90,16 @@ def _require_place(folder: Path, resume: bool) -> None:
         raise FormatError(f"{folder}: holds a recording; --resume goes on with it, or give another --out")
     if not resume and folder.is_dir() and (logs := log_paths(folder, "log")):
         raise FormatError(f"{folder}: holds {logs[0].name}; give another --out")
+
+
+def _say_what_was_asked(args: argparse.Namespace, folder: Path) -> None:
+    """What `explain` wants to see of this sensor: of this session when it is resumed, or of the one that it is like."""
+    from tinygc.asked import asked
+
+    for place in (folder, args.like.parent if args.like else None):
+        if place and (words := asked(place)) and not args.quiet:
+            print(f"explain asks ({place}): {words}", file=sys.stderr)
+            return
 
 
 def _view(args: argparse.Namespace, title: str):

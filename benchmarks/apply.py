@@ -1,8 +1,10 @@
-"""``calibrate.py apply`` on a long log: samples per second and peak memory; the models alone, reading alone, writing alone."""
+"""``calibrate.py apply`` on a long log: samples per second and peak memory; the models alone, reading alone, writing alone; and how long
+NumPy and Python's csv module take to read and write the same rows, without a calibration between."""
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import subprocess
 import sys
@@ -26,6 +28,8 @@ from tinygc.network import CalibrationNet  # noqa: E402
 
 RATE_HZ = 208.0
 PIECE = 1 << 14
+#: rows that the slow ways are timed on
+FEWER = 300_000
 
 
 def main() -> None:
@@ -64,6 +68,11 @@ def report(folder: Path, samples: int, repeat: int) -> None:
     columns, decimals = [piece.t_ns, *piece.gyro.T, *piece.accel.T, piece.temp], [0, 9, 9, 9, 6, 6, 6, 4]
     seconds = best(lambda: rows(columns, decimals), repeat)
     print(f"| writing as many, alone | {in_millions(len(piece.gyro), *seconds)} | |")
+    shorter = folder / "shorter.csv"
+    write_log(shorter, min(FEWER, samples), np.random.default_rng(1))
+    for name, copy in {"`numpy.loadtxt`, `numpy.savetxt`": by_numpy, "`csv.reader`, `float`, `csv.writer`": by_csv}.items():
+        seconds = best(lambda copy=copy: copy(shorter, folder / "copy.csv"), repeat)
+        print(f"| reading and writing by {name}, no calibration | {in_millions(min(FEWER, samples), *seconds)} | |")
     for name in made:
         runs = [run(folder / f"{name}.json", log, folder / "out.csv") for _ in range(repeat)]
         wall, cpu, memory = (choose(column) for choose, column in zip((min, min, max), zip(*runs, strict=True), strict=True))
@@ -78,6 +87,23 @@ def best(work, repeat: int) -> tuple[float, float]:
         work()
         times.append((time.perf_counter() - began[0], time.process_time() - began[1]))
     return min(wall for wall, _ in times), min(cpu for _, cpu in times)
+
+
+def by_numpy(log: Path, out: Path) -> None:
+    """Read all rows as floats and write them with the decimals that ``apply`` writes."""
+    table = np.loadtxt(log, delimiter=",", skiprows=1)
+    np.savetxt(out, table, delimiter=",", fmt=["%d", *["%.9f"] * 3, *["%.6f"] * 3, "%.4f"])
+
+
+def by_csv(log: Path, out: Path) -> None:
+    """The same, line by line."""
+    with log.open(newline="") as source, out.open("w", newline="") as target:
+        lines, writer = csv.reader(source), csv.writer(target)
+        writer.writerow(next(lines))
+        for t, *rest in lines:
+            gx, gy, gz, ax, ay, az, temp = map(float, rest)
+            force = (f"{ax:.6f}", f"{ay:.6f}", f"{az:.6f}")
+            writer.writerow((t, f"{gx:.9f}", f"{gy:.9f}", f"{gz:.9f}", *force, f"{temp:.4f}"))
 
 
 def run(model: Path, log: Path, out: Path) -> tuple[float, float, float]:

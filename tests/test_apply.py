@@ -2,10 +2,13 @@
 
 import gzip
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
-from conftest import DEG, SESSION_TOML, Table, write_session
+from conftest import DEG, ROOT, SESSION_TOML, Table, write_session
 
 import calibrate
 import tinygc
@@ -283,6 +286,50 @@ def test_bad_input_gets_one_line_and_leaves_no_output(arguments, words, folder, 
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
+def piped(tmp_path, data, *arguments):
+    """The command with bytes on its standard input."""
+    command = [sys.executable, ROOT / "calibrate.py", "apply", *arguments]
+    return subprocess.run(command, input=data, capture_output=True, cwd=tmp_path, timeout=60)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_a_stream_goes_in_and_comes_out(packed, folder, tmp_path):
+    """Standard input can be read but once, and has no name that says gzip."""
+    assert run(tmp_path, tmp_path / "denoised.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 0
+    data = (folder / "log0001.csv").read_bytes()
+    options = ("--gyro-fs", "500", "--accel-fs", "4")
+    done = piped(tmp_path, gzip.compress(data) if packed else data, "denoised.json", "-", "-o", "-", *options)
+    assert (done.returncode, done.stdout) == (0, (tmp_path / "out.csv").read_bytes())
+    assert b"samples, calibrated" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("data", "arguments", "words"),
+    [
+        (b"", ("-o", "-"), b"empty"),
+        (b"t_us,gx,gy,gz,ax,ay,az,temp\n", ("-o", "-"), b"no samples"),
+        (b"t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3,4,5,6,7,8\n9600,2,nan,4,5,6,7,8\n", ("-o", "-"), b"line 3: a value that is not finite"),
+        (b"t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3,4,5,6,7,8\n", ("-o", "-", "--json", "-"), b"both want standard output"),
+    ],
+)
+def test_a_bad_stream_gets_one_line(data, arguments, words, folder, tmp_path):
+    done = piped(tmp_path, data, "denoised.json", "-", *arguments, "--gyro-fs", "500", "--accel-fs", "4", "--quiet")
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert words in done.stderr
+    assert done.stderr.count(b"\n") == 1
+
+
+def test_a_pipe_is_written_to_and_not_put_away(folder, tmp_path):
+    """What stands where the output goes and is no file (a pipe, /dev/null) stays what it is."""
+    os.mkfifo(tmp_path / "out.pipe")
+    with (tmp_path / "read").open("wb") as file, subprocess.Popen(["cat", tmp_path / "out.pipe"], stdout=file) as reader:
+        assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.pipe", "--force") == 0
+        reader.wait(timeout=30)
+    assert (tmp_path / "out.pipe").is_fifo()
+    assert (tmp_path / "read").read_bytes().count(b"\n") == len(SAMPLES) + 1
+    assert [path.name for path in tmp_path.glob(".*partial")] == []
+
+
 def test_an_interruption_leaves_no_output(folder, tmp_path, monkeypatch):
     import tinygc.apply as module
 
@@ -295,15 +342,13 @@ def test_an_interruption_leaves_no_output(folder, tmp_path, monkeypatch):
 
 
 def test_a_full_disk_leaves_no_output(folder, tmp_path, capsys):
-    import os
-
     if not os.path.exists("/dev/full"):
         pytest.skip("no /dev/full here")
     import tinygc.apply as module
 
     opened = module._open
     try:
-        module._open = lambda path, packed: open("/dev/full", "wb")  # noqa: SIM115
+        module._open = lambda out: open("/dev/full", "wb")  # noqa: SIM115
         assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 2
     finally:
         module._open = opened

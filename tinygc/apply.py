@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import gzip
+import itertools
 import json
+import sys
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,6 +16,7 @@ import numpy as np
 
 from session.config import Accelerometer, read_config
 from session.dialects.layout import Answers, Layout
+from session.dialects.lines import STANDARD
 from session.dialects.reader import Piece, Reader, temperature_c
 from session.dialects.stamps import counted
 from session.errors import CalibrationError, DataError, FormatError
@@ -21,6 +24,7 @@ from session.fixed_point import rows
 from session.units import DEG, NS
 from tinygc import models
 from tinygc.calibration import Calibration, Stream
+from tinygc.files import whole
 
 #: what is written: below the noise of any MEMS sensor by three orders
 DECIMALS = {"rps": 9, "dps": 7, "mps2": 6, "c": 4}
@@ -52,7 +56,8 @@ def apply_model(
     """Write ``log`` again with calibrated rates, in ``unit`` (rps or dps), as a log that this tool reads.
 
     Full scales and the accelerometer's pre-calibration are those of ``session``, of the session.toml beside the log, or of the model
-    file, in this order.  ``out`` appears only when it is whole.  Raises FormatError, DataError, CalibrationError.
+    file, in this order.  ``out`` appears only when it is whole.  ``-`` is standard input
+    or output.  Raises FormatError, DataError, CalibrationError.
     """
     model = models.load(model_path)
     reader = Reader(log, answers)
@@ -68,8 +73,10 @@ def apply_model(
     pieces, rate_hz, notes = source.pieces(), None, []
     if getattr(model, "rate_hz", None) or Calibration(model, 1.0).uses_rate:
         first = next(pieces, None)
+        if first is None:
+            raise _no_samples(log)
         rate_hz = answers.odr_hz or _rate(first)
-        pieces = _chain(first, pieces)
+        pieces = itertools.chain([first], pieces)
         made_for = getattr(model, "rate_hz", None)
         if made_for and abs(rate_hz / made_for - 1) > RATE_WITHIN:
             notes.append(f"the denoiser was made for {made_for:g} samples a second, the log has {rate_hz:.4g}: it smooths otherwise here")
@@ -99,7 +106,7 @@ class _Surroundings:
 
 def _surroundings(model_path: Path, log: Path, session: Path | None) -> _Surroundings:
     folder = session or log.parent
-    if session is not None or (folder / "session.toml").exists():
+    if session is not None or (log.is_file() and (folder / "session.toml").exists()):
         config = read_config(folder / "session.toml")
         return _Surroundings(config.sensor.gyro_fs_dps, config.sensor.accel_fs_g, config.accelerometer)
     table = json.loads(model_path.read_text(encoding="utf-8"))
@@ -151,28 +158,25 @@ def _scale(layout: Layout, kind: str, full_scale: float | None, option: str, nam
     return layout.gyro_si(full_scale) if kind == "gyro" else layout.accel_si(full_scale)
 
 
-def _rate(first: Piece | None) -> float:
-    steps = np.diff(first.t_ns) if first is not None else np.zeros(0)
+def _rate(first: Piece) -> float:
+    steps = np.diff(first.t_ns)
     if not (steps > 0).any():
         raise DataError("the log's stamps do not say its data rate, which the model needs; give --odr HZ")
     usual = steps[(steps > 0) & (steps < 3 * np.median(steps[steps > 0]))]
     return float(1 / (usual.mean() * NS))
 
 
-def _chain(first: Piece | None, others):
-    if first is not None:
-        yield first
-    yield from others
+def _no_samples(log: Path) -> FormatError:
+    return FormatError(f"{log.name}: a header but no samples; was the recording stopped before it began?")
 
 
 def _write(out: Path, log: Path, source: _Source, pieces, stream: Stream, unit: str, progress: Progress) -> int:
     """All rows; how many.  The file has its name only once it is whole."""
     if out.is_dir():
         raise FormatError(f"{out}: that is a folder; give -o a file")
-    partial = out.with_name(f".{out.name}.partial")
-    size, count = max(log.stat().st_size, 1), 0
+    size, count = max(log.stat().st_size, 1) if log.is_file() else 1, 0
     try:
-        with _open(partial, out.name.endswith(".gz")) as file:
+        with _open(out) as file:
             waiting: deque[Piece] = deque()
             header = None
             for piece in pieces:
@@ -183,20 +187,25 @@ def _write(out: Path, log: Path, source: _Source, pieces, stream: Stream, unit: 
                 count += _drain(file, waiting, stream.push(piece.gyro, source.force(piece.accel), piece.temp), unit, count)
                 progress("applying", min(source.reader.position, size), size)
             if header is None:
-                raise FormatError(f"{log.name}: a header but no samples; was the recording stopped before it began?")
+                raise _no_samples(log)
             count += _drain(file, waiting, stream.flush(), unit, count)
-        partial.replace(out)
+    except BrokenPipeError:
+        raise
     except OSError as error:
         error.filename = error.filename or str(out)
         raise
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
     return count
 
 
-def _open(path: Path, packed: bool):
-    return gzip.open(path, "wb", compresslevel=3) if packed else path.open("wb")
+@contextlib.contextmanager
+def _open(out: Path):
+    """The bytes of ``out``, packed if its name says so; of standard output where it is ``-``."""
+    if str(out) == STANDARD:
+        yield sys.stdout.buffer
+        sys.stdout.buffer.flush()
+        return
+    with whole(out) as path, gzip.open(path, "wb", compresslevel=3) if out.name.endswith(".gz") else path.open("wb") as file:
+        yield file
 
 
 def _header(piece: Piece, unit: str) -> str:

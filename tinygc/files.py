@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 
@@ -13,9 +15,26 @@ def write_whole(path: Path, table: dict) -> None:
 
 def write_text_whole(path: Path, text: str) -> None:
     """Text, whole or not at all."""
-    partial = path.with_suffix(".partial")
-    try:
+    with whole(path) as partial:
         partial.write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Where to write what becomes ``path`` once the block ends well: a file beside it; a device or a pipe itself, which is no file to
+    put another in the place of."""
+    if is_stream(path):
+        yield path
+        return
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        yield partial
         partial.replace(path)
     finally:
-        partial.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def is_stream(path: Path) -> bool:
+    """Whether it is there and is a device, a pipe or a socket."""
+    return path.exists() and not path.is_file() and not path.is_dir()

@@ -10,6 +10,9 @@ from pathlib import Path
 
 from session.errors import FormatError
 
+#: in the place of a file name: standard input
+STANDARD = "-"
+GZIP = b"\x1f\x8b"
 PIECE_BYTES = 1 << 20
 READ_BYTES = 1 << 17
 
@@ -21,10 +24,12 @@ class Lines:
         """Raises FormatError for what cannot be opened."""
         self._path, self.note = path, ""
         try:
-            raw = path.open("rb")
+            raw = open(0, "rb", closefd=False) if str(path) == STANDARD else path.open("rb")  # noqa: SIM115
+            # A stream has no name that tells.
+            packed = path.suffix.lower() == ".gz" or (not path.is_file() and raw.peek(2)[:2] == GZIP)
         except OSError as error:
             raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-        self._file = gzip.GzipFile(fileobj=raw) if path.suffix.lower() == ".gz" else raw
+        self._file = gzip.GzipFile(fileobj=raw) if packed else raw
         self._raw = raw
         self._decode = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder("utf-8-sig")(errors="replace"), translate=True)
         self._rest, self._ended = "", False
@@ -46,8 +51,14 @@ class Lines:
 
     @property
     def position(self) -> int:
-        """Bytes of the file, as it lies on the disk, that were read so far."""
+        """Bytes of the file, as it lies on the disk, that were read so far; of a stream, none."""
+        if not self._path.is_file():
+            return 0
         return self._raw.tell() if not self._raw.closed else self._path.stat().st_size
+
+    def give_back(self, lines: list[str]) -> None:
+        """Let ``take`` begin with these lines, which it gave."""
+        self._rest = "".join(f"{line}\n" for line in lines) + self._rest
 
     def close(self) -> None:
         self._file.close()

@@ -39,6 +39,7 @@ class Reader:
     def __init__(self, path: Path, answers: Answers):
         """Raises FormatError: what cannot be read or told."""
         self.path, self.notes = path, []
+        self._stream: Lines | None = None  # what can be read but once: a pipe, standard input
         head = self._head()
         self.comments = dict(pair for line in head if line.lstrip().startswith("#") for pair in re.findall(r"(\w+)=(\S+)", line))
         if not any(line.strip() for line in head):
@@ -53,7 +54,7 @@ class Reader:
 
     def pieces(self) -> Iterator[Piece]:
         """All rows, a few ten thousand at a time.  Raises FormatError with the line that is at fault."""
-        with Lines(self.path) as file:
+        with self._stream or Lines(self.path) as file:
             self._file, number, skip, lines = file, 1, self.layout.first, file.take()
             while lines:
                 following = file.take()
@@ -65,8 +66,16 @@ class Reader:
                 self.notes.append(file.note)
 
     def _head(self) -> list[str]:
-        with Lines(self.path) as file:
-            lines = file.take(HEAD_BYTES)[:HEAD_LINES]
+        file = Lines(self.path)
+        try:
+            lines = file.take(HEAD_BYTES)
+        finally:
+            if self.path.is_file():
+                file.close()
+        if not self.path.is_file():
+            file.give_back(lines)
+            self._stream = file
+        lines = lines[:HEAD_LINES]
         if any("\0" in line for line in lines[:20]):
             raise FormatError(f"{self.path.name}: not a text log (UTF-16 or binary); expected CSV in UTF-8")
         return lines

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from tinygc.commands._log_options import add_log_options, answers_of
@@ -14,8 +15,8 @@ SUMMARY = "calibrate the rates of a log"
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("model", type=Path, help="model file, such as fit/model_least_squares.json of a session")
-    command.add_argument("log", type=Path, help="any log that replay reads")
-    command.add_argument("-o", "--out", type=Path, required=True, metavar="CSV", help="log to write (.csv or .csv.gz)")
+    command.add_argument("log", type=Path, help="any log that replay reads; -: standard input")
+    command.add_argument("-o", "--out", type=Path, required=True, metavar="CSV", help="log to write (.csv or .csv.gz); -: standard output")
     command.add_argument("--unit", choices=("rps", "dps"), default="rps", help="of the rates (%(default)s: rad/s)")
     command.add_argument("--session", type=Path, metavar="DIR", help="where session.toml is (beside the log)")
     command.add_argument("--force", action="store_true", help="write over a file that is there")
@@ -24,22 +25,28 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """A log with calibrated rates."""
+    from session.dialects.lines import STANDARD
     from session.errors import CalibrationError
     from tinygc.apply import apply_model
     from tinygc.console import progress_bar
 
-    if args.out.exists() and not args.out.is_dir():
+    to_stdout = str(args.out) == STANDARD
+    if to_stdout and str(args.json) == STANDARD:
+        raise CalibrationError("-o - and --json - both want standard output; give one of them a file")
+    if args.out.is_file():
         if any(path.exists() and args.out.samefile(path) for path in (args.log, args.model)):
             raise CalibrationError(f"{args.out}: is what is read; give -o another file")
         if not args.force:
             raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
     with progress_bar(args.quiet) as progress:
         done = apply_model(args.model, args.log, args.out, answers_of(args), args.session, args.unit, progress)
-    console = output(args)
     late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""
-    console.print(f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late})", soft_wrap=True)
-    for note in done.notes:
-        console.print(f"  {note}", soft_wrap=True)
+    said = [f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late})", *(f"  {note}" for note in done.notes)]
+    for line in said:
+        if not to_stdout:
+            output(args).print(line, soft_wrap=True)
+        elif not args.quiet:
+            print(line, file=sys.stderr)
     write_json(
         args.json,
         {

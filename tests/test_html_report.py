@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from conftest import Table, write_session
+from conftest import SESSION_TOML, Table, write_session, wxyz
 
 import calibrate
 from session.units import DEG
@@ -202,6 +202,36 @@ def test_what_a_session_lacks_is_said(tmp_path):
     parsed(page)
     assert "Not observable here:" in page
     assert 'id="runs"' not in page
+
+
+@pytest.mark.parametrize("reference", ["table", "truth"])
+def test_other_references_than_gravity(reference, tmp_path):
+    """The dials at each still; a truth file, between whose moments nothing needs to be still."""
+    plan = Table().tumble(12)
+    toml = f'{SESSION_TOML}[protocol]\nreference = "{reference}"\n'
+    folder = write_session(tmp_path / "s", plan.samples(seed=4), toml=toml)
+    if reference == "table":
+        _, attitude = plan.truth(np.array([(start + stop) / 2 for start, stop in plan.rests]))
+        dials = attitude.as_euler("ZYX", degrees=True)[:, ::-1]
+        rows = "".join(f"{i},{','.join(f'{angle:.3f}' for angle in row)}\n" for i, row in enumerate(dials))
+        (folder / "attitudes.csv").write_text("still,roll_deg,pitch_deg,yaw_deg\n" + rows)
+    else:
+        moments = np.arange(1.0, plan.duration_s, 2.5)
+        _, attitude = plan.truth(moments)
+        rows = "".join(f"{round(t * 1e6)},{','.join(map(repr, q.tolist()))}\n" for t, q in zip(moments, wxyz(attitude), strict=True))
+        (folder / "truth0001.csv").write_text("t_us,qw,qx,qy,qz\n" + rows)
+    out, said = tmp_path / "r.html", tmp_path / "r.json"
+    page = report_of(folder, out, "--methods", "raw,least_squares", "--quiet", "--json", str(said)).read_text(encoding="utf-8")
+    words = " ".join(parsed(page).words)
+    assert ("truth file" if reference == "truth" else "table dials") in words
+    assert ("Why recording and truth differ" in words) == (reference == "truth")
+    assert not re.search(r"\b(nan|inf|None)\b", words)
+    report = json.loads(said.read_text())
+    assert report["verdict"] is not None
+    # The made log has no Earth in it: up to 4.2 mdps.
+    bias = {entry["component"]: entry for entry in report["parameters"] if entry["parameter"] == "bias"}
+    for axis, true in zip("xyz", (0.5, -0.3, 0.6), strict=True):
+        assert bias[axis]["value"] == pytest.approx(true, abs=2 * bias[axis]["expanded_uncertainty"] + 0.005)
 
 
 def test_bad_destinations_are_refused_before_the_work(simulated, tmp_path, capfd):

@@ -127,31 +127,36 @@ def _evidence(e: TruthExplanation) -> Table:
     table = Table(title="Evidence", title_justify="left", box=None)
     table.add_column("of")
     table.add_column("it says", overflow="fold")
+    for row in evidence_rows(e):
+        table.add_row(*row)
+    return table
+
+
+def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
+    """What each line of evidence is of (empty: as the line above), and what it says."""
 
     def triple(values, digits: int = 2) -> str:
         return ", ".join(f"{value:.{digits}f}" for value in values)
 
-    table.add_row(
-        "closure", f"{len(e.problem.used)} segments, {e.closure_rms[0] / DEG:.3f}° rms before, {e.closure_rms[1] / DEG:.3f}° after"
-    )
     grown = "; ".join(f"{t:g} s: {np.sqrt(np.mean(row**2)) / DEG:.3f}" for t, row in zip(e.lengths_s, e.closure_rad, strict=True))
-    table.add_row("truth", f"{len(e.jumps)} wrong moments; closure per angle by length, degrees: {grown}")
-    table.add_row("", f"by this growth {e.truth_rad / DEG:.3f}° a moment of truth, {e.walk_rad / DEG:.3f}°/√s")
-    table.add_row("", _own_noise(e))
     before, after = e.neighbours
-    table.add_row(
-        "", f"neighbouring segments correlate {before:+.2f}, after {after:+.2f} (-0.5: the truth's noise, 0: the gyro's, more: slow)"
-    )
-    table.add_row("clocks", f"truth {1e3 * e.offset[0]:+.2f} ± {1e3 * e.offset[1]:.2f} ms against the gyro")
-    table.add_row("frames", f"gyro to truth {triple(e.turned / DEG)} ± {triple(e.turned_sigma / DEG)}°")
+    rows = [
+        ("closure", f"{len(e.problem.used)} segments, {e.closure_rms[0] / DEG:.3f}° rms before, {e.closure_rms[1] / DEG:.3f}° after"),
+        ("truth", f"{len(e.jumps)} wrong moments; closure per angle by length, degrees: {grown}"),
+        ("", f"by this growth {e.truth_rad / DEG:.3f}° a moment of truth, {e.walk_rad / DEG:.3f}°/√s"),
+        ("", _own_noise(e)),
+        ("", f"neighbouring segments correlate {before:+.2f}, after {after:+.2f} (-0.5: the truth's noise, 0: the gyro's, more: slow)"),
+        ("clocks", f"truth {1e3 * e.offset[0]:+.2f} ± {1e3 * e.offset[1]:.2f} ms against the gyro"),
+        ("frames", f"gyro to truth {triple(e.turned / DEG)} ± {triple(e.turned_sigma / DEG)}°"),
+    ]
     if (force := e.force) is not None:
         off = f"accelerometer off by {triple(force.bias / MG, 0)} mg ± {triple(force.sigma / MG, 0)}"
-        table.add_row("", f"{off}; turned as the gyro asks: {triple(force.turned / MG, 0)}")
+        rows.append(("", f"{off}; turned as the gyro asks: {triple(force.turned / MG, 0)}"))
     if (rests := e.rests) is not None:
         zero = f"zero there less in motion {triple(rests.difference / DEG, 3)} dps ± {triple(rests.sigma / DEG, 3)}"
-        table.add_row("rest", f"{rests.seconds:.0f} s; {zero}")
-        table.add_row("", f"vibration {rests.vibration_g2[0]:.4f} g² there, {rests.vibration_g2[1]:.4f} in motion")
-    return table
+        rows.append(("rest", f"{rests.seconds:.0f} s; {zero}"))
+        rows.append(("", f"vibration {rests.vibration_g2[0]:.4f} g² there, {rests.vibration_g2[1]:.4f} in motion"))
+    return [(of, says if "nan" not in says else f"{says.split(' ')[0]}: not known, too few segments") for of, says in rows]
 
 
 def _own_noise(e: TruthExplanation) -> str:

@@ -12,6 +12,7 @@ from session.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from tinygc.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
 from tinygc.beyond_linear import beyond_linear
 from tinygc.explain.explain import Explanation, explain_session
+from tinygc.explain.truth import TruthExplanation, explain_truth
 from tinygc.explain.twin import Twin
 from tinygc.explain.whitening import Whitener
 from tinygc.field_parameters import COVERAGE_FACTOR, Quantity
@@ -28,12 +29,14 @@ SHORTEST_PIECE = 16
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """fit; explanation or None; adopted: the calibration that is reported; decision; quantities: every number of the parameter
+    """fit; explanation, or against_truth where the reference is a truth file, or neither;
+    adopted: the calibration that is reported; decision; quantities: every number of the parameter
     tables, in the field's words; allan or None; hashes of the session's files; versions; made: when; limit_deg or None; reused: the
     methods that were taken from what ``fit`` had saved."""
 
     fit: FitResult
     explanation: Explanation | None
+    against_truth: TruthExplanation | None
     adopted: Adopted
     decision: Decision
     quantities: list[Quantity]
@@ -47,6 +50,12 @@ class Evidence:
     @property
     def problem(self) -> Problem:
         return self.fit.problem
+
+    @property
+    def verdict(self) -> str | None:
+        """Of ``explain``; None where it was not asked."""
+        found = self.explanation or self.against_truth
+        return None if found is None else found.verdict
 
 
 def gather(
@@ -63,14 +72,20 @@ def gather(
     Raises what ``fit_session`` and ``explain_session`` raise.
     """
     fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit")
-    explanation = explain_session(folder, seed=options.seed, use_earth=options.earth, progress=progress) if explain else None
+    truth = fit.session.config.protocol.reference == "truth"
+    how = {"seed": options.seed, "use_earth": options.earth, "progress": progress}
+    explanation = explain_session(folder, **how) if explain and not truth else None
+    against_truth = explain_truth(folder, **how) if explain and truth else None
     progress("what the session shows besides", 0, 1)
     adopted = adopt(fit, explanation)
     allan = stillness(fit.problem)
-    quantities = [*adopted.quantities, *_beyond(fit, explanation, adopted), *_noise(allan)]
+    # The twin rests on stills, which a session with a truth file need not have.
+    beyond = [] if truth else _beyond(fit, explanation, adopted)
+    quantities = [*adopted.quantities, *beyond, *_noise(allan)]
     return Evidence(
         fit=fit,
         explanation=explanation,
+        against_truth=against_truth,
         adopted=adopted,
         decision=decide(adopted, [run.file for run in fit.runs], limit_deg),
         quantities=quantities,

@@ -32,7 +32,7 @@ def summary(evidence: Evidence) -> dict:
                 for run, error, p in zip(evidence.fit.runs, adopted.run_errors, adopted.run_p, strict=True)
             ],
         },
-        "verdict": None if evidence.explanation is None else evidence.explanation.verdict,
+        "verdict": evidence.verdict,
         "parameters": [
             {
                 "parameter": q.word,

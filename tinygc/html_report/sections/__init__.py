@@ -9,6 +9,7 @@ from tinygc.html_report.sections import (
     correlations,
     denoising,
     explanation,
+    explanation_by_truth,
     methods,
     noise,
     parameters,
@@ -29,6 +30,7 @@ SECTIONS = tuple(
         noise,
         denoising,
         explanation,
+        explanation_by_truth,
         application,
         provenance,
     )

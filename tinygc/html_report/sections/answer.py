@@ -75,7 +75,7 @@ def _why(evidence: Evidence) -> str:
     with_physics = f"with {', '.join(escape(claim.effect.id) for claim in adopted.claims)} in the model; " if adopted.claims else ""
     if agrees(adopted.closure_p):
         return f"{with_physics}noise explains it: held-out segments cost a little more than fitted ones"
-    if evidence.explanation is None:
+    if evidence.verdict is None:
         return f"{with_physics}something is missing from the model; explain has not been asked"
     return f"{with_physics}something is left that the model does not have"
 

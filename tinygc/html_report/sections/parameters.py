@@ -46,6 +46,10 @@ def section(evidence: Evidence) -> Section:
     )
     html += f"{_unobserved(evidence.quantities)}</div></div>"
     html += parameter_table(evidence.quantities)
+    if evidence.problem.session.config.protocol.reference == "truth":
+        html += paragraph(
+            "Scale factor asymmetry and g-sensitivity are not measured against a truth file; explain names them if they are large.", "soft"
+        )
     widened = evidence.fit.goodness.excess if evidence.adopted.name == "least_squares" else 1.0
     if widened > 1:
         html += paragraph(
@@ -75,7 +79,7 @@ def _what(evidence: Evidence) -> str:
 def _unobserved(quantities: list[Quantity]) -> str:
     hidden = [f"{q.word} {q.component}" for q in quantities if not q.observed and q.word != "bias instability"]
     if not hidden:
-        return paragraph("All of them are shown by this session’s movements.", "soft")
+        return paragraph("Every parameter of the model is shown by this session’s movements.", "soft")
     return paragraph(
         f"<strong>Not observable here:</strong> {escape(', '.join(hidden))}. Turn about more axes, both ways, in more attitudes."
     )

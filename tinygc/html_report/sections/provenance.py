@@ -60,7 +60,7 @@ def _settings(evidence: Evidence) -> list[tuple[str, str]]:
         ("Net’s optimizer", options.optimizer),
         ("Rates of the stills as data", "yes" if options.still_rates else "no"),
         ("Earth’s rotation", "taken off" if options.earth and evidence.problem.earth.source != "none" else "left in"),
-        ("Explain", "asked" if evidence.explanation is not None else "not asked"),
+        ("Explain", "asked" if evidence.verdict else "not asked"),
     ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.segments import Segment
 from session.units import DEG
 from tinygc.html_report.chart import Axis, Chart, drawing, linear_axis
 from tinygc.html_report.evidence import Evidence
@@ -15,6 +16,7 @@ from tinygc.report import earth_words
 
 #: columns of the picture over time, two to a pixel of the wide one
 COLUMNS = 1600
+REFERENCES = {"gravity": "gravity", "table": "table dials", "truth": "truth file"}
 #: instants of a turn whose axis is drawn
 AXES_PER_TURN = 25
 
@@ -48,11 +50,11 @@ def _facts(evidence: Evidence) -> str:
     seconds = sum(log.samples.duration_s for log in problem.logs)
     pairs = [
         ("Length", f"{seconds / 60:.1f} min in {len(problem.logs)} log{'s' * (len(problem.logs) != 1)}"),
-        ("Stills", f"{len(good)}, median {np.median([still.duration_s for still in good]):.1f} s"),
-        ("Turns used", f"{used} of {found}"),
+        ("Stills", f"{len(good)}, median {np.median([still.duration_s for still in good]):.1f} s" if good else "none"),
+        ("Segments used" if problem.session.truths else "Turns used", f"{used} of {found}"),
         ("True data rate", f"{1 / np.median(periods):.2f} Hz"),
         ("Fastest", f"{_fastest_dps(problem):.0f} dps"),
-        ("Reference", "table dials" if problem.batch.yaw_known else "gravity"),
+        ("Reference", REFERENCES[problem.session.config.protocol.reference]),
     ]
     return facts((name, escape(value)) for name, value in pairs) + paragraph(escape(_sentence(earth_words(evidence.fit))), "soft")
 
@@ -62,10 +64,14 @@ def _sentence(words: str) -> str:
 
 
 def _fastest_dps(problem: Problem) -> float:
-    return (
-        max(float(np.abs(log.samples.gyro[s.first.stop : s.last.start + 1]).max()) for s in problem.used for log in [problem.logs[s.log]])
-        / DEG
-    )
+    return max(float(np.abs(problem.logs[s.log].samples.gyro[_turning(s)]).max()) for s in problem.used) / DEG
+
+
+def _turning(segment: Segment) -> slice:
+    """Its samples between two stills; all of it between moments of truth."""
+    if segment.first is None or segment.last.start < segment.first.stop:
+        return slice(segment.start, segment.stop)
+    return slice(segment.first.stop, segment.last.start + 1)
 
 
 def _has_temperature(log) -> bool:
@@ -106,7 +112,8 @@ def _over_time(problem: Problem, width: int) -> str:
         if number:
             chart.upright(began[number] / unit, "quiet")
     for segment in problem.segments:
-        start = began[segment.log] + segment.first.start_s + segment.first.duration_s
+        still = segment.first
+        start = began[segment.log] + (segment.start_s if still is None else still.start_s + still.duration_s)
         words = f"segment {segment.number}: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s"
         words += f", left out: {segment.problem}" if segment.problem else f", {segment.note}" if segment.note else ""
         chart.span(start / unit, (start + segment.turn_s) / unit, "bad" if segment.problem else "turn", words, 0.095, 0.15)
@@ -149,7 +156,7 @@ def _left_out(problem: Problem) -> str:
 
 def _coverage(problem: Problem) -> str:
     good = [(number, still) for number, still in enumerate(problem.stills) if still.problem is None]
-    down = np.array([-still.accel_mean for _, still in good])
+    down = np.array([-still.accel_mean for _, still in good]).reshape(-1, 3)
     axes, instants, share = _turn_axes(problem)
     down_titles = [f"still {number}: down is {_direction(d)}" for (number, _), d in zip(good, down, strict=True)]
     axis_titles = [f"segment {s.number}: about {_direction(a)}, {s.turn_deg:.0f}°" for s, a in zip(problem.used, axes, strict=True)]
@@ -187,9 +194,7 @@ def _turn_axes(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     axes, instants, total = [], [], np.zeros(3)
     for segment in problem.used:
         samples = problem.logs[segment.log].samples
-        rate = problem.first(samples.gyro[segment.first.stop : segment.last.start + 1])
-        if not len(rate):
-            rate = problem.first(samples.gyro[segment.start : segment.stop])
+        rate = problem.first(samples.gyro[_turning(segment)])
         second = rate.T @ rate
         main = np.linalg.eigh(second)[1][:, -1]
         axes.append(main * (1 if np.sum(rate @ main) >= 0 else -1))

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from session.errors import FitError
-from tinygc.adamw import Checkpoint, minimise
+from tinygc.adamw import Checkpoint, forget, minimise
 
 START = np.array([3.0, -2.0, 1.0])
 
@@ -45,7 +45,19 @@ def test_resumed_equals_uninterrupted(tmp_path):
     resumed = run(checkpoint=Checkpoint(path, resume=True))
     for a, b in zip(whole, resumed, strict=True):
         np.testing.assert_array_equal(a, b)
-    assert not path.exists()  # it has ended
+
+
+def test_what_has_ended_is_not_trained_again_until_it_is_forgotten(tmp_path):
+    """A fit is many trainings: one that is resumed in the second must not repeat the first."""
+    checkpoint, seen = Checkpoint(tmp_path / "checkpoint_first.json", resume=True), []
+    first = run(checkpoint=checkpoint)
+    again = run(checkpoint=checkpoint, progress=lambda done, of: seen.append(done))
+    for a, b in zip(first, again, strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert seen == []
+    (tmp_path / "model.json").write_text("{}")
+    forget(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["model.json"]
 
 
 def test_without_resume_it_begins_anew(tmp_path):

@@ -1,5 +1,7 @@
 """Training: the linear solution where the sensor is linear, better than it where the sensor is not, and the same every time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import Turns
@@ -7,6 +9,7 @@ from conftest import Turns
 from session.errors import FitError
 from session.units import DEG
 from tinygc import closure
+from tinygc.distance import fit_distance, mean_distance
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
 from tinygc.network import TIES, CalibrationNet
@@ -129,6 +132,29 @@ def test_adamw_starts_at_the_identity_and_approaches_the_second_order_loss():
     assert trained.loss[-1] < 1e-3 * trained.loss[0]
     assert trained.loss[-1] < 30 * max(best, 1.0)
     assert min(trained.loss) == pytest.approx(trained.loss[-1], rel=0.2)  # the decay lets it settle
+
+
+def of_two_days(seed=7, count=24):
+    """A third of the turns with another bias on x, by 0.5 dps."""
+    batch, sigma = recording(seed, count=count)
+    other = np.arange(count) % 3 == 0
+    rate = batch.rate + other[:, None, None] * np.array([-0.5, 0, 0]) * DEG
+    return replace(batch, rate=rate), sigma
+
+
+def test_adamw_on_the_distance_goes_where_the_reweighting_goes():
+    """The paper's loss is not squared: turns of another day pull less.  AdamW, which may bend, is at most a little lower."""
+    batch, sigma = of_two_days()
+    at_rest = -np.linalg.inv(MODEL.E) @ MODEL.B
+    squared = train_second_order(batch, sigma, ties=(0.0,)).net
+    distance = fit_distance(batch, sigma[:, None], lambda part, weights: train_second_order(part, weights, ties=(0.0,)).net)
+    adamw = train_adamw(batch, sigma, epochs=100, loss="distance", start=squared, learning_rate=0.001).net
+    off = [np.linalg.norm(net(at_rest)) / DEG for net in (squared, distance, adamw)]
+    assert off[0] > 0.1
+    assert max(off[1:]) < 0.85 * off[0]
+    least = mean_distance(batch, distance)
+    assert mean_distance(batch, squared) > 1.05 * least
+    assert 0.97 * least < mean_distance(batch, adamw) < 1.01 * least
 
 
 def test_still_rates_pin_the_rate_at_rest():

@@ -1,7 +1,8 @@
 """The paper's optimiser as one loop for both subnets: AdamW with a cosine decay, seeded by its start, resumable to the bit.
 
 Only this and what calls it import torch.  A checkpoint is JSON: numbers, the losses so far, and a fingerprint of what is being trained,
-so that no run is resumed with other data or settings.  It runs on the device of its tensors.
+so that no run is resumed with other data or settings.  That of a training that has ended stays until all that belongs to it has
+(``forget``): a fit is many trainings, and one that is resumed repeats none.  It runs on the device of its tensors.
 """
 
 from __future__ import annotations
@@ -20,13 +21,14 @@ from session.errors import FitError
 from tinygc.files import write_whole
 
 SCHEMA = "tinygc-checkpoint/1"
+NAME = "checkpoint_{}.json"
 #: s between two checkpoints
 EVERY_S = 5.0
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """path of the file; resume: whether to go on from it where it is there; it is removed once the training has ended."""
+    """path of the file; resume: whether to go on from it where it is there."""
 
     path: Path
     resume: bool = False
@@ -90,9 +92,15 @@ def minimise(
         if whole is not None:
             _write(checkpoint.path, whole)
         raise
-    if checkpoint is not None:
-        checkpoint.path.unlink(missing_ok=True)
+    if whole is not None:
+        _write(checkpoint.path, whole)
     return _array(weights), best, losses
+
+
+def forget(folder: Path) -> None:
+    """Remove the checkpoints of a fit that is whole."""
+    for path in folder.glob(NAME.format("*")):
+        path.unlink(missing_ok=True)
 
 
 def _array(tensor) -> np.ndarray:

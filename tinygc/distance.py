@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tinygc import closure
+from tinygc import closure, parts
 from tinygc.closure import Batch
 
 PASSES = 12
@@ -18,17 +18,32 @@ PASSES = 12
 LEAST = 0.05
 
 
-def fit_distance(batch: Batch, sigma: np.ndarray, fit: Callable[[Batch, np.ndarray], Callable], passes: int = PASSES):
-    """The model that ``fit(batch, sigma)`` settles at when its weights follow the distances; sigma (S, d) rad of each angle."""
+def fit_distance(
+    batch: Batch,
+    sigma: np.ndarray,
+    fit: Callable[[Batch, np.ndarray], Callable],
+    passes: int = PASSES,
+    before: np.ndarray | None = None,
+):
+    """The model that ``fit(batch, sigma)`` settles at when its weights follow the distances; sigma (S, d) rad of each angle.
+
+    before (S,): the part that each goes on from, as in ``training``.
+    """
     model = fit(batch, sigma)
     for _ in range(passes):
-        model = fit(batch, sigma * distance_weights(batch, model)[:, None])
+        model = fit(batch, distance_sigma(batch, sigma, model, before))
     return model
 
 
-def distance_weights(batch: Batch, model) -> np.ndarray:
+def distance_sigma(batch: Batch, sigma: np.ndarray, model, before: np.ndarray | None = None) -> np.ndarray:
+    """(S, d) rad: sigmas (S,) or (S, d) with the factors of ``distance_weights``."""
+    return sigma.reshape(len(batch), -1) * distance_weights(batch, model, before)[:, None]
+
+
+def distance_weights(batch: Batch, model, before: np.ndarray | None = None) -> np.ndarray:
     """(S,): factors on the segments' sigmas that make a squared loss a sum of distances, where the model is."""
-    distance = np.linalg.norm(closure.segment_residuals(batch, model(batch.rate)), axis=1)
+    before = np.full(len(batch), -1) if before is None else before
+    distance = np.linalg.norm(parts.residuals(batch, model(batch.rate), before), axis=1)
     typical = max(float(np.median(distance)), 1e-12)
     return np.sqrt(np.maximum(distance / typical, LEAST))
 

@@ -203,7 +203,11 @@ def to_json(result: FitResult) -> dict:
             "folds": min(result.options.folds, len(problem.used)),
             "integrator": result.options.integrator,
             "optimizer": result.options.optimizer,
+            "loss": result.options.loss,
             "variant": result.options.variant,
+            "parts": result.options.parts,
+            "conditions": list(result.options.conditions),
+            "bias_per_log": result.options.bias_per_log,
         },
         "version": tinygc.__version__,
     }

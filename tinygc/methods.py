@@ -27,16 +27,17 @@ METHODS = ("raw", "raw_bias_removed", "least_squares", "pso", "tinygc", "tinygc_
 PARAMETERS = {"raw": 0, "raw_bias_removed": 3, "least_squares": 12, "pso": 12}
 VARIANTS = ("paper", "published")
 OPTIMIZERS = ("second-order", "adamw")
+LOSSES = ("squared", "distance")
 
 
 @dataclass(frozen=True)
 class FitOptions:
     """methods in the order of the report; folds of the held-out closure; seed of the swarm; still_rates as further data;
-    integrator; optimizer and epochs of the network; earth: whether its rotation is taken off; exclude: numbers of segments to leave
-    out; physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none; denoise: of tinygc_denoised;
-    variant of the calibration subnet; parts: segments that its training carries the attitude through; conditions that a further
-    net is told; checkpoints: folder where AdamW leaves what it can go on from, and resume: whether it does; bias_per_log: each log
-    has a bias of its own, and the median is kept."""
+    integrator; optimizer, epochs and loss of the network ("distance": the paper's, not squared); earth: whether its rotation is taken
+    off; exclude: numbers of segments to leave out; physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None
+    for none; denoise: of tinygc_denoised; variant of the calibration subnet; parts: segments that its training carries the attitude
+    through; conditions that a further net is told; checkpoints: folder where AdamW leaves what it can go on from, and resume: whether
+    it does; bias_per_log: each log has a bias of its own, and the median is kept."""
 
     methods: tuple[str, ...] = METHODS
     folds: int = 5
@@ -45,6 +46,7 @@ class FitOptions:
     integrator: str = "exact"
     optimizer: str = "second-order"
     epochs: int = 2000
+    loss: str = "squared"
     earth: bool = True
     physics: tuple[str, ...] | None = None
     exclude: tuple[int, ...] = ()
@@ -60,9 +62,9 @@ class FitOptions:
         """Of one training, or None."""
         if self.checkpoints is None or self.optimizer != "adamw":
             return None
-        from tinygc.adamw import Checkpoint
+        from tinygc.adamw import NAME, Checkpoint
 
-        return Checkpoint(self.checkpoints / f"checkpoint_{name}.json", self.resume)
+        return Checkpoint(self.checkpoints / NAME.format(name), self.resume)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,9 +185,17 @@ def _train(
     if options.optimizer == "adamw":
         from tinygc.training_adamw import train_adamw
 
-        trained = train_adamw(batch, sigma, epochs=options.epochs, checkpoint=options.checkpoint(f"tinygc_{label}"), **how)
+        checkpoint = options.checkpoint(f"tinygc_{label}")
+        trained = train_adamw(batch, sigma, epochs=options.epochs, loss=options.loss, checkpoint=checkpoint, **how)
     else:
         from tinygc.training import train_second_order
 
+        if options.loss == "distance":
+            from tinygc.distance import distance_sigma, fit_distance
+
+            # The weights settle at the linear solution; whether it should bend is asked once, with those.
+            linear = how | {"ties": (0.0,), "progress": lambda done, of: None}
+            settled = fit_distance(batch, sigma, lambda part, weights: train_second_order(part, weights, **linear).net, before=before)
+            sigma = distance_sigma(batch, sigma, settled, before)
         trained = train_second_order(batch, sigma, **how)
     return trained.net, {"optimizer": options.optimizer, "tie": trained.tie, "loss": list(trained.loss)}

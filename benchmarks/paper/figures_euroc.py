@@ -8,15 +8,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from paper.adamw_runs import adamw_run
 from paper.euroc import EUROC, Euroc, euroc_folders, read_euroc
 from session.euroc import true_bias_rps
 from session.units import DEG
 from tinygc.distance import fit_distance
-from tinygc.network_published import PublishedNet
 from tinygc.orientation import orientation_error
 from tinygc.rebias import from_gravity, with_change
 from tinygc.training import train_second_order
-from tinygc.training_adamw import train_adamw
 
 EPOCHS = 2000
 EVERY = 20
@@ -34,8 +33,8 @@ def figure5(folder: Path, epochs: int = EPOCHS) -> Figure:
     batch, sigma = euroc().training.batch, euroc().training.floor.sigma
     figure = Figure(figsize=(7, 4), layout="constrained")
     axis = figure.subplots()
-    for title, start in (("27 parameters", None), ("26, published", PublishedNet.identity())):
-        first = np.array(train_adamw(batch, sigma, epochs=epochs, start=start).loss)
+    for title, net in (("27 parameters", "27"), ("26, published", "26")):
+        first = adamw_run(euroc(), net, epochs=epochs).loss
         axis.plot(np.arange(1, len(first) + 1), first, label=f"AdamW, {title}")
     linear = np.array(train_second_order(batch, sigma, ties=(0.0,)).loss)
     axis.plot(np.arange(1, len(linear) + 1), linear, "o-", label="second order, to the linear solution")

@@ -18,6 +18,9 @@ def add_fit_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
     command.add_argument("--integrator", choices=("exact", "first-order"), default="exact", help="first-order: the paper's")
     command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
+    command.add_argument(
+        "--loss", choices=("squared", "distance"), default="squared", help="of TinyGC-Net; distance: the paper's, where days differ"
+    )
     command.add_argument("--epochs", type=count(1), default=2000, help="of adamw (%(default)s)")
     command.add_argument(
         "--denoise-loss",
@@ -57,6 +60,7 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
         integrator=args.integrator,
         optimizer=args.optimizer,
         epochs=args.epochs,
+        loss=args.loss,
         earth=not args.no_earth,
         exclude=tuple(dict.fromkeys(args.exclude)),
         denoise=DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),

@@ -33,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """From a session to models and closure figures."""
     if args.bias or args.model or args.bias_dps:
         return _rebias(args)
+    from tinygc.adamw import forget
     from tinygc.console import progress_bar
     from tinygc.fit import fit_session, save_models, to_json
     from tinygc.report import fit_report
@@ -45,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
     table = to_json(result)
     # The results first: a terminal that fails must not cost them.
     folder = save_models(result, args.out)
+    forget(options.checkpoints)
     output(args).print(fit_report(result))
     output(args).print(f"models: {folder}", soft_wrap=True)
     write_json(args.json, table)

@@ -9,7 +9,7 @@ from conftest import Turns
 from session.errors import FitError
 from session.units import DEG
 from tinygc import closure
-from tinygc.distance import fit_distance, mean_distance
+from tinygc.distance import fit_distance, mean_distance, train_distance
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
 from tinygc.network import TIES, CalibrationNet
@@ -153,6 +153,7 @@ def test_adamw_on_the_distance_goes_where_the_reweighting_goes():
     assert off[0] > 0.1
     assert max(off[1:]) < 0.85 * off[0]
     least = mean_distance(batch, distance)
+    assert mean_distance(batch, train_distance(batch, sigma)) == pytest.approx(least, rel=1e-3)  # a step to each pass is enough
     assert mean_distance(batch, squared) > 1.05 * least
     assert 0.97 * least < mean_distance(batch, adamw) < 1.01 * least
 

@@ -191,11 +191,10 @@ def _train(
         from tinygc.training import train_second_order
 
         if options.loss == "distance":
-            from tinygc.distance import distance_sigma, fit_distance
+            from tinygc.distance import distance_sigma, train_distance
 
             # The weights settle at the linear solution; whether it should bend is asked once, with those.
-            linear = how | {"ties": (0.0,), "progress": lambda done, of: None}
-            settled = fit_distance(batch, sigma, lambda part, weights: train_second_order(part, weights, **linear).net, before=before)
+            settled = train_distance(batch, sigma, **{name: value for name, value in how.items() if name != "progress"})
             sigma = distance_sigma(batch, sigma, settled, before)
         trained = train_second_order(batch, sigma, **how)
     return trained.net, {"optimizer": options.optimizer, "tie": trained.tie, "loss": list(trained.loss)}

@@ -62,20 +62,23 @@ def train_second_order(
     ties: tuple[float, ...] = TIES,
     integrator: str = "exact",
     start: Net | None = None,
+    begin: Net | None = None,
+    steps: int = MAX_STEPS,
     before: np.ndarray | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Training:
     """Levenberg-Marquardt from ``start``, the identity of the kind of net that is wanted (the paper's); sigma (S,) rad per angle.
 
+    begin: a net of that kind to go on from, while the ties still lead to the identity; steps: at most so many with each tie;
     before (S,): the part that each goes on from (``parts.previous``); None where each segment stands by itself.
     Raises FitError where the residuals are not finite.
     """
     problem = _Problem(batch, sigma, still_rates, integrator, start or CalibrationNet.identity(), before)
-    vector, losses = problem.identity, []
+    vector, losses = problem.identity if begin is None else begin.vector, []
     chosen, lowest = None, None
     rungs = problem.start.rungs(problem.typical_rps, ties)
     for number, (tie, prior) in enumerate(rungs):
-        vector, left_out, trace = problem.settle(vector, prior)
+        vector, left_out, trace = problem.settle(vector, prior, steps)
         losses += trace
         progress(number + 1, len(rungs))
         # The first is the linear solution; each looser tie must earn its freedom.
@@ -127,14 +130,14 @@ class _Problem:
         rate = self.net(vector)(self.batch.rate)
         return closure.sensitivity(self.batch, rate)[:, :, : self.batch.angles]
 
-    def settle(self, vector: np.ndarray, prior: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    def settle(self, vector: np.ndarray, prior: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, list[float]]:
         """Minimise with one prior sigma (P,); returns the weights, the left-out squared errors (S,), and the loss after each step."""
         damping, losses = 1e-6, []
         r = self.residuals(vector)
         pull = (vector - self.identity) / prior
         cost = r @ r + pull @ pull
         turn = self.sensitivity(vector)
-        for step in range(MAX_STEPS):
+        for step in range(steps):
             if step == 1:
                 # The first step from the identity moves attitudes by degrees; what follows, by hundredths.
                 turn = self.sensitivity(vector)

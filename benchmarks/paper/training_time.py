@@ -18,13 +18,17 @@ from paper.adamw_runs import adamw_run
 from paper.euroc import Euroc
 from tinygc import closure, rotation
 from tinygc.closure import Batch
-from tinygc.distance import distance_sigma, mean_distance
+from tinygc.distance import distance_pass, mean_distance
 from tinygc.integrate import steps
 from tinygc.network import TIES, CalibrationNet
 from tinygc.training import train_second_order
 
 TIMED_EPOCHS = 3
-PASSES = 4
+PASSES, SHOWN = 15, 5
+#: of the tie to the linear solution, where the net may bend as AdamW's does
+FREE = 1.0
+#: losses that differ by less are the same
+SAME = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,19 +41,23 @@ class Curve:
 
 
 def second_order_curves(euroc: Euroc) -> list[Curve]:
-    """Second order from the identity: as it comes, and on the paper's unsquared loss, after each reweighted pass."""
+    """Second order from the identity: as it comes, and on the paper's unsquared loss, a step to each reweighting."""
     batch, sigma = euroc.training.batch, euroc.training.floor.sigma
     began = time.process_time()
     net = train_second_order(batch, sigma).net
     found = [Curve("second order, squared loss, its choice of bend", time.process_time() - began, _held_out(euroc, net))]
-    seconds, weights = 0.0, sigma
-    for number in range(PASSES + 1):
+    for tie, words in ((0.0, "linear"), (FREE, "free to bend, no proof asked for")):
         began = time.process_time()
-        net = train_second_order(batch, weights, ties=TIES[:1]).net
-        weights = distance_sigma(batch, sigma, net)
-        seconds += time.process_time() - began  # what is only looked at is not timed
-        title = "second order, squared loss, to the linear solution" if number == 0 else f"… the paper's loss, pass {number}"
-        found.append(Curve(title, seconds, _held_out(euroc, net)))
+        net = train_second_order(batch, sigma, ties=TIES[:1]).net
+        seconds = time.process_time() - began
+        if tie == 0:
+            found.append(Curve("second order, squared loss, linear", seconds, _held_out(euroc, net)))
+        for number in range(1, PASSES + 1):
+            began = time.process_time()
+            net = distance_pass(batch, sigma, net, tie=tie)
+            seconds += time.process_time() - began  # what is only looked at is not timed
+            if number % SHOWN == 0:
+                found.append(Curve(f"second order, the paper's loss, {words}, {number} steps", seconds, _held_out(euroc, net)))
     return found
 
 
@@ -72,12 +80,12 @@ def training_time(euroc: Euroc, epochs: int = 2000) -> str:
     rows = [(c.title, f"{c.seconds:.2f}", f"{c.held_out:.6f}", f"{epochs * loop / c.seconds:.0f}") for c in [*second, *adamw]]
     rows.append((f"AdamW, {epochs} epochs, the paper's loss, sample by sample", f"{epochs * loop:.0f}", f"{aim:.6f}", "1"))
     text = markdown(("one thread, 243 windows", "CPU seconds", "held-out loss", "times faster than the last line"), rows)
-    first = next((c for c in second if c.held_out <= aim), None)
+    first = next((c for c in second if c.held_out <= aim * (1 + SAME)), None)
     nearest = min(second, key=lambda c: c.held_out)
     reached = (
         f"AdamW's held-out loss is not reached: {100 * (nearest.held_out / aim - 1):.2f} % above it after {nearest.seconds:.2f} s"
         if first is None
-        else f"AdamW's held-out loss is reached after {first.seconds:.2f} s"
+        else f"AdamW's held-out loss is reached, to {100 * (first.held_out / aim - 1):+.2f} %, after {first.seconds:.2f} s"
     )
     return f"{text}\n\n{reached}. The last line: {TIMED_EPOCHS} epochs were timed, {loop:.2f} s each, and the rest is that times {epochs}."
 

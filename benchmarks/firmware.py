@@ -59,7 +59,16 @@ def main() -> None:
     head = ["model", "parameters", "flags", "code, bytes", "weights", "state", "self-test", "instructions", f"of 168 MHz at {ODR_HZ} Hz"]
     print(markdown(head, costs))
     print()
-    against = ["NumPy, bits", "PyTorch, random", "PyTorch, turns to 250 dps", "PyTorch, to 500 dps", "double, random", "self-test"]
+    against = [
+        "NumPy, bits",
+        "PyTorch, random",
+        "PyTorch, turns to 250 dps",
+        "PyTorch, to 500 dps",
+        "double, random",
+        "double, to 500 dps",
+        "PyTorch from double",
+    ]
+    against.append("self-test")
     print(markdown(["model", *against], distances))
 
 
@@ -92,8 +101,10 @@ def _measure(method: str, model, session: Session, folder: Path, samples: int) -
         said.append(verdict)
     rate = inputs[:, :3]
     torch_off = [_pytorch(model, chosen, samples) for samples in (rate, _turning(250), _turning(500))]
-    double = "–" if hasattr(model, "calibrate") else f"{np.abs(model(inputs[:, :3].astype(float)) - expected).max():.1e}"
-    return rows, [method, f"{differ} of {expected.size}", *torch_off, double, ", ".join(said)]
+    fast = _turning(500)
+    from_double = [_from_double(model, chosen.run(Inputs.of(rates)), rates) for rates in (rate, fast)]
+    from_double.append(_from_double(model, _in_pytorch(model, fast), fast))
+    return rows, [method, f"{differ} of {expected.size}", *torch_off, *from_double, ", ".join(said)]
 
 
 def _random(sensor: Registers, samples: int) -> np.ndarray:
@@ -112,9 +123,20 @@ def _turning(top_dps: float) -> np.ndarray:
 
 def _pytorch(model, chosen: Program, rate: np.ndarray) -> str:
     """Largest difference in rad/s from the model in PyTorch, float32."""
+    theirs = _in_pytorch(model, rate)
+    return "–" if theirs is None else f"{np.abs(theirs - chosen.run(Inputs.of(rate))).max():.1e}"
+
+
+def _in_pytorch(model, rate: np.ndarray) -> np.ndarray | None:
+    """Rates (N, 3) by PyTorch in float32; None for physics, which is not in PyTorch."""
     if hasattr(model, "calibrate") or hasattr(getattr(model, "calibration", None), "calibrate"):
-        return "–"
-    return f"{np.abs(_single(model)(torch.tensor(rate)).numpy() - chosen.run(Inputs.of(rate))).max():.1e}"
+        return None
+    return _single(model)(torch.tensor(rate)).numpy()
+
+
+def _from_double(model, rates: np.ndarray | None, measured: np.ndarray) -> str:
+    """Largest difference in rad/s of rates from the model in float64."""
+    return "–" if rates is None or hasattr(model, "calibrate") else f"{np.abs(model(measured.astype(float)) - rates).max():.1e}"
 
 
 def _single(model):

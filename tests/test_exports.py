@@ -200,6 +200,57 @@ def test_xio_in_json_and_in_c(name):
         agree(((MEASURED / DEG - b) * s) @ M.T * DEG, MODELS[name])
 
 
+@pytest.mark.parametrize("name", ["linear", "net that does not bend"])
+def test_xio_compiled_with_fusions_own_types_and_formula(name, tmp_path):
+    """x-io's FusionCalibrationInertial, in single precision, by a C compiler: 1e-6 of the rate."""
+    import ctypes
+    import shutil
+    import subprocess
+
+    if shutil.which("gcc") is None:
+        pytest.skip("not installed: gcc")
+    (tmp_path / "fusion_calibration.h").write_text(exporter("xio").export(MODELS[name], context())["fusion_calibration.h"])
+    (tmp_path / "there.c").write_text(
+        """typedef union { float array[3]; struct { float x, y, z; } axis; } FusionVector;
+        typedef union { float array[3][3]; } FusionMatrix;
+        #include "fusion_calibration.h"
+        void calibrate(int count, const float (*in)[3], float (*out)[3]) {
+            for (int n = 0; n < count; n++)
+                for (int i = 0; i < 3; i++) {
+                    out[n][i] = 0.0f;
+                    for (int k = 0; k < 3; k++)
+                        out[n][i] += gyroscopeMisalignment.array[i][k]
+                            * (gyroscopeSensitivity.array[k] * (in[n][k] - gyroscopeOffset.array[k]));
+                }
+        }"""
+    )
+    subprocess.run(["gcc", "-std=c99", "-shared", "-fPIC", "there.c", "-o", "there.so"], cwd=tmp_path, check=True)
+    measured = (MEASURED / DEG).astype(np.float32)
+    rates_dps = np.zeros_like(measured)
+    library = ctypes.CDLL(str(tmp_path / "there.so"))
+    library.calibrate(len(measured), ctypes.c_void_p(measured.ctypes.data), ctypes.c_void_p(rates_dps.ctypes.data))
+    agree(rates_dps.astype(float) * DEG, MODELS[name])
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_json_by_the_equation_that_stands_in_it(name):
+    """A reader with nothing but docs/model-json.md, on 10 000 samples."""
+    (text,) = exporter("json").export(MODELS[name], context()).values()
+    table = json.loads(text)
+    w = {key: np.array(value) for key, value in (table.get("weights") or table["linear"]).items()}
+    if table["kind"] in ("linear", "physics"):
+        there = MEASURED @ w["E"].T + w["B"]
+        for effect in table.get("effects", ()):
+            assert effect["id"] == "gyro.g_sensitivity"
+            there = there - FORCE / G @ np.reshape(effect["theta_si"], (3, 3)).T
+    else:
+        h = MEASURED @ w["W1"].T + w["b1"]
+        slope = w["slope"] if "slope" in w else w["slope1"]
+        there = np.where(h >= 0, h, slope * h) @ w["W2"].T + w["b2"]
+        there = MEASURED + (there if "slope2" not in w else np.where(there >= 0, there, w["slope2"] * there))
+    agree(there, MODELS[name])
+
+
 AUTOPILOTS = {"offsets": OFFSETS, "thermal bias": physics(OFFSETS, "gyro.thermal_bias")}
 
 

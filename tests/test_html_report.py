@@ -132,6 +132,36 @@ def test_its_code_calibrates_as_the_model_does(simulated, text):
     assert names["E"] == pytest.approx(model.E, rel=1e-9)
 
 
+def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, simulated):
+    """A g-sensitivity concealed in the log; the page's own line and its own file, run as they stand."""
+    from base64 import b64decode
+    from html import unescape
+
+    import tinygc
+    from session.units import G
+    from tinygc.simulation.options import SimulationOptions
+    from tinygc.simulation.write import write_session as write_simulation
+
+    K = np.array([[0.1, 0, -0.05], [0, 0.15, 0], [0.08, 0, 0.1]])
+    options = SimulationOptions(segments=20, closure_s=0.0, seed=3, odr_hz=104.0)
+    folder = write_simulation(options, tmp_path / "s", distort=lambda t_s, rate, force, temp_c: rate + force / G @ K.T * DEG)
+    page = report_of(folder, tmp_path / "r.html", "--methods", "raw,least_squares", "--quiet").read_text(encoding="utf-8")
+    line = unescape(re.search(r"<code>(omega = tinygc[^<]*)</code>", page)[1])
+    assert line == 'omega = tinygc.load("model_physics.json")(m, acc=acc)'
+    (tmp_path / "model_physics.json").write_bytes(b64decode(re.search(r"data:application/json;base64,([^\"]+)", page)[1]))
+    rng = np.random.default_rng(0)
+    names = {"tinygc": tinygc, "m": rng.normal(size=(50, 3)), "acc": 9.8 * rng.normal(size=(50, 3))}
+    exec(line.replace("model_physics.json", str(tmp_path / "model_physics.json")), names)
+    # The long way that the page shows for those without this tool.
+    codes = [unescape(found) for found in re.findall(r"<code>(.*?)</code>", page, re.S)]
+    linear = next(found for found in codes if found.startswith("import numpy")).replace("registers *", "m + 0 *")
+    physics = next(found for found in codes if found.startswith("K = "))
+    there = {"m": names["m"], "f_g": names["acc"] / G, "registers": names["m"]}
+    exec(linear + "\n" + physics, there)
+    assert there["omega"] == pytest.approx(names["omega"], abs=1e-8)
+    assert there["K"] / DEG == pytest.approx(K, abs=0.02)
+
+
 @pytest.mark.parametrize(("limit", "code", "word"), [("5", 0, "Pass"), ("0.0001", 1, "Fail")])
 def test_the_limit_decides(simulated, tmp_path, capfd, limit, code, word):
     out = tmp_path / "r.html"

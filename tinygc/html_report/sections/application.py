@@ -9,6 +9,7 @@ import numpy as np
 
 from session.registers import gyro_rps_per_lsb
 from session.units import DEG
+from tinygc.calibration import Calibration
 from tinygc.html_report.adopted import model_table
 from tinygc.html_report.evidence import Evidence
 from tinygc.html_report.markup import Section, code, escape, paragraph, table
@@ -30,9 +31,10 @@ def section(evidence: Evidence) -> Section:
         "makes axis <i>i</i> of <i>ω</i>. "
         f"{_measured(evidence)}"
     )
-    if adopted.claims:
-        html += _effects(evidence)
+    html += _by_this_tool(evidence)
     html += f"<h3>Python</h3>{code(_python(evidence, E, B))}<h3>C</h3>{code(_c(evidence, E, B))}"
+    if adopted.claims:
+        html += "<h3>And the physics</h3>" + _effects(evidence)
     rows = []
     for m in TRY_DPS:
         omega = (E @ (m * DEG) + B) / DEG
@@ -53,6 +55,19 @@ def section(evidence: Evidence) -> Section:
         "digits, with the covariance where there is one</span></p>"
     )
     return Section("apply", "Apply it", html)
+
+
+def _by_this_tool(evidence: Evidence) -> str:
+    """The command, and the line of Python, with just the arguments that this model asks for."""
+    adopted = evidence.adopted
+    needs, name = Calibration(adopted.model, 1.0).needs, f"model_{adopted.name}.json"
+    load = f'"{name}", rate_hz={evidence.fit.session.config.sensor.odr_hz:g}' if "rate_hz" in needs else f'"{name}"'
+    given = ", ".join(["m", *(f"{what}={what}" for what in ("acc", "temp") if what in needs)])
+    units = " (<i>acc</i> in m/s², pre-calibrated; <i>temp</i> in °C)" if len(needs) > 0 else ""
+    return paragraph(
+        f"With the file below, for logs of any length: <code>calibrate.py apply {name} LOG.csv -o OUT.csv</code>; in Python "
+        f"<code>omega = tinygc.load({escape(load)})({given})</code>{units}. Without this tool:"
+    )
 
 
 def _lsb_rps(evidence: Evidence) -> float | None:
@@ -100,7 +115,7 @@ def _effects(evidence: Evidence) -> str:
     claims = evidence.adopted.claims
     lines = "".join(f"<li><code>{escape(claim.effect.equation)}</code> ({escape(claim.effect.id)})</li>" for claim in claims)
     html = paragraph(
-        "That is the linear part. The sensor also does what follows, in the true rate, before its linear errors; take each off "
+        "That was the linear part. The sensor also does what follows, in the true rate, before its linear errors; take each off "
         "again, in this order. "
         "Where it depends on the rate itself, begin with the linear result and repeat three times."
     )
@@ -109,11 +124,11 @@ def _effects(evidence: Evidence) -> str:
     for claim in force:
         rows = ",\n              ".join(f"[{row}]" for row in _rows(claim.theta.reshape(3, 3)))
         html += code(
-            f"K = np.array([{rows}])  # rad/s per g\nomega = m @ E.T + B - f_g @ K.T  # f_g: (N, 3) specific force in g, pre-calibrated"
+            f"K = np.array([{rows}])  # rad/s per g, of 9.80665 m/s²\n"
+            "omega = m @ E.T + B - f_g @ K.T  # f_g: (N, 3) specific force in g, pre-calibrated"
         )
     html += paragraph(
-        "The file below has all parameters. <code>calibrate.py fit --physics auto</code> saves the same model, and "
-        "<code>tinygc.models.load</code> reads it.",
+        "The file below has all parameters; <code>calibrate.py fit --physics auto</code> saves the same model.",
         "soft",
     )
     return html

@@ -28,6 +28,9 @@ SILENT_S = 1.5
 UNKNOWN_S = 10.0  #: of samples without a word of their ranges
 LAST_WORD_S = 5.0  #: that the coach may take at the end
 SHOW_EVERY_S = 0.1
+CLOCK_RATIO = 0.005  #: by which the board's second may differ from the host's; a host's is good to 0.0001
+CLOCK_RATIO_MOST = 0.25  #: a board whose second is that much longer is no sensor's, but a virtual one that was told to hurry
+CLOCK_AFTER_S = 20.0  #: of comparison: arrivals are late by some 10 ms
 
 Coach = Callable[[list[Taken]], Advice]
 Configure = Callable[[Info | None, float], Config | None]
@@ -57,6 +60,7 @@ class GuidedRecording:
         self._coaching: Future | None = None
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="coach")
         self._heard_s = self._shown_s = time.monotonic()
+        self._clock_said = False
 
     def lead(self, interrupted: Callable[[], bool] = lambda: False) -> None:
         """Take in what an earlier recording left, then follow the port until done; KeyboardInterrupt when ``interrupted``.
@@ -68,12 +72,13 @@ class GuidedRecording:
             self._take(self.recorder.resumed)
             if self.recorder.resumed and self.guide.stage is not Stage.DONE:
                 self.guide.new_log()
-                self._view.change(Change(Kind.STAGE, f"resumed: {self.guide.accepted} segments so far"))
+                self._say(Kind.STAGE, f"resumed: {self.guide.accepted} segments so far")
             while self.guide.stage is not Stage.DONE:
                 if interrupted():
                     raise KeyboardInterrupt
                 self._take(self.recorder.poll())
                 self._look_at_port()
+                self._look_at_clock()
                 self._hear_coach()
                 if time.monotonic() - self._shown_s > SHOW_EVERY_S:
                     self._shown_s = time.monotonic()
@@ -96,7 +101,7 @@ class GuidedRecording:
                 if event.kind in NEW_LOG:
                     self._early = []
                     self.guide.new_log()
-                    self._view.change(Change(Kind.WARNING, f"{_NEW_LOG_SAYS[event.kind]}: a new log begins"))
+                    self._say(Kind.WARNING, f"{_NEW_LOG_SAYS[event.kind]}: a new log begins")
 
     def _samples(self, chunk: Chunk) -> None:
         if self.config is None:
@@ -138,12 +143,26 @@ class GuidedRecording:
                 what = f"{counts.garbage} bytes and {counts.crc_errors} frames that are none: is the baud rate right?"
             self.guide.waits(Stage.CHECK_STREAM, f"no samples for {silent_s:.0f} s; {what}")
 
+    def _look_at_clock(self) -> None:
+        """Said once: a device time that runs wrong is a wrong scale factor of all axes."""
+        clock, health = self.recorder.clock, self.guide.health
+        health.clock_ratio = ratio = clock.device_seconds_per_second
+        if ratio is None or self._clock_said or clock.compared_s < CLOCK_AFTER_S:
+            return
+        if CLOCK_RATIO < abs(ratio - 1) < CLOCK_RATIO_MOST:
+            self._clock_said = True
+            wrong = f"the board's clock runs {100 * abs(ratio - 1):.2f} % {'fast' if ratio > 1 else 'slow'} by this computer's"
+            self._say(Kind.WARNING, f"{wrong} (bar {100 * CLOCK_RATIO:g} %): every scale factor will be off by as much")
+
+    def _say(self, kind: Kind, text: str) -> None:
+        self._view.change(Change(kind, text, self.guide.now_s))
+
     def _hear_coach(self) -> None:
         """Take the coach's last word, and give it what has come since."""
         if self._coaching is not None and self._coaching.done():
             coaching, self._coaching = self._coaching, None
             if (error := coaching.exception()) is not None:  # whatever it is, it must not end a recording
-                self._view.change(Change(Kind.WARNING, f"the coach has failed ({type(error).__name__}: {error}); any turn will do"))
+                self._say(Kind.WARNING, f"the coach has failed ({type(error).__name__}: {error}); any turn will do")
                 self._coach, self._to_coach, self.guide.coached = None, [], False
             else:
                 for change in self.guide.advise(coaching.result()):

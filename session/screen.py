@@ -148,9 +148,11 @@ def _coach(guide: Guide) -> str:
 
 
 def _stream(health: Health) -> Text:
-    odr = "– Hz" if health.odr_hz is None else f"{health.odr_hz:.2f} Hz"
-    said = f" (the board says {health.info_odr_hz:.2f})" if health.info_odr_hz else ""
-    return Text(f"{odr}{said}, {health.samples} samples")
+    if health.odr_hz is None:
+        return Text(f"– Hz; {health.samples} samples")
+    others = {"board says": health.info_odr_hz, "host clock": health.odr_by_host_hz}
+    said = ", ".join(f"{who} {odr_hz:.2f}" for who, odr_hz in others.items() if odr_hz)
+    return Text(f"{health.odr_hz:.2f} Hz; {f'{said}; ' if said else ''}{health.samples} samples")
 
 
 def _faults(health: Health) -> Text:

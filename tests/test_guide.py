@@ -322,6 +322,14 @@ def test_temperature_and_its_slope():
     assert guide.health.odr_hz == pytest.approx(208, rel=1e-4)
 
 
+def test_single_lost_samples_do_not_change_the_rate():
+    samples = Table().rest(20).samples()
+    kept = np.flatnonzero(np.random.default_rng(0).random(len(samples)) > 0.02)
+    guide = guide_of()
+    play(guide, Samples(samples.t_ns[kept], samples.gyro[kept], samples.accel[kept], samples.temp_c[kept]))
+    assert guide.health.odr_hz == pytest.approx(208, rel=1e-4)
+
+
 def test_a_long_rest_is_not_kept_in_memory():
     guide = guide_of()
     play(guide, Table().rest(200).turn(120, (1, 0, 0), 3).rest(3).samples(), 2000)

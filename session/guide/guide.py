@@ -74,10 +74,11 @@ class Guide:
         if self.stage is Stage.FIND_PORT:
             self.stage, self._waits = Stage.CHECK_STREAM, ""
         self._pending.append(samples)
-        if self.stage is Stage.CHECK_STREAM and not self._check_stream():
+        checking = self.stage is Stage.CHECK_STREAM
+        if checking and not self._check_stream():
             return self._changes
         pending = joined(self._pending)
-        self.health.feed(samples, self._period_s)
+        self.health.feed(pending if checking else samples, self._period_s)
         size = block_size(self._period_s)
         whole = len(pending) // size * size
         for first in range(0, whole, size):
@@ -92,6 +93,11 @@ class Guide:
         if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE:
             self._finish("every parameter has reached its target")
         return self._changes
+
+    @property
+    def now_s(self) -> float:
+        """Since the session's first sample, without the time between two logs."""
+        return self._before_s + self._now_s
 
     @property
     def turning(self) -> bool:
@@ -251,7 +257,7 @@ class Guide:
         self._say(Kind.DONE, f"done: {why}")
 
     def _say(self, kind: Kind, text: str, taken: Taken | None = None) -> None:
-        self._changes.append(Change(kind, text, self._before_s + self._now_s, taken))
+        self._changes.append(Change(kind, text, self.now_s, taken))
 
     @property
     def _now_s(self) -> float:

@@ -24,18 +24,26 @@ class Health:
         self.missing = 0  #: samples that the gaps in the stamps hold
         self.temp_c: float | None = None
         self.info_odr_hz: float | None = None  #: what the board says
-        self._steps, self._steps_s = 0, 0.0
+        self.clock_ratio: float | None = None  #: seconds of device time in one of the host's
+        self._periods, self._periods_s = 0, 0.0
         self._last_ns: int | None = None
         self._temps: deque[tuple[float, float]] = deque(maxlen=round(SLOPE_OVER_S / TEMP_EVERY_S))
 
     def feed(self, samples: Samples, period_s: float) -> None:
-        """Later samples of the log."""
+        """Samples of the log; those that it has had already do not count again."""
+        samples = (
+            samples if self._last_ns is None else samples.between(int(np.searchsorted(samples.t_ns, self._last_ns, "right")), len(samples))
+        )
+        if len(samples) == 0:
+            return
         t_ns = samples.t_ns if self._last_ns is None else np.concatenate([[self._last_ns], samples.t_ns])
         steps = np.diff(t_ns) * NS
         whole = (steps > 0) & (steps <= GAP_PERIODS * period_s)
         self.gaps += int(np.sum(steps > GAP_PERIODS * period_s))
         self.missing += int(np.sum(np.rint(steps[steps > GAP_PERIODS * period_s] / period_s) - 1))
-        self._steps, self._steps_s = self._steps + int(whole.sum()), self._steps_s + float(steps[whole].sum())
+        # One sample lost is no gap yet, but its step holds two periods.
+        self._periods += int(np.rint(steps[whole] / period_s).sum())
+        self._periods_s += float(steps[whole].sum())
         self.samples, self._last_ns = self.samples + len(samples), int(samples.t_ns[-1])
         if samples.temp_c is not None:
             self._feel(samples.t_ns[-1] * NS, float(np.mean(samples.temp_c[-200:])))
@@ -48,7 +56,12 @@ class Health:
     @property
     def odr_hz(self) -> float | None:
         """True data rate by the stamps, gaps left out."""
-        return self._steps / self._steps_s if self._steps else None
+        return self._periods / self._periods_s if self._periods else None
+
+    @property
+    def odr_by_host_hz(self) -> float | None:
+        """The same by the host's clock."""
+        return self.odr_hz * self.clock_ratio if self.odr_hz and self.clock_ratio else None
 
     @property
     def temp_slope(self) -> float | None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.units import NS
+
 STRETCH_NS = 500_000_000
 FEWEST = 6  #: stretches, 3 s, before anything is said
 
@@ -31,6 +33,11 @@ class ComparisonOfClocks:
             self._earliest.append((host_ns, t_us))
         elif host_ns - 1000 * t_us < self._earliest[-1][0] - 1000 * self._earliest[-1][1]:
             self._earliest[-1] = host_ns, t_us
+
+    @property
+    def compared_s(self) -> float:
+        """For how long, by the host's clock."""
+        return (self._earliest[-1][0] - self._earliest[0][0]) * NS if self._earliest else 0.0
 
     @property
     def device_seconds_per_second(self) -> float | None:

@@ -104,12 +104,6 @@ class Recorder:
         """The true data rate: as the board says it, else as its stamps show it."""
         return self.decoder.info.odr_hz if self.decoder.info else self.decoder.measured_odr_hz
 
-    @property
-    def odr_by_host_hz(self) -> float | None:
-        """Samples in a second of this machine's clock; None in the first seconds."""
-        measured, ratio = self.decoder.measured_odr_hz, self.clock.device_seconds_per_second
-        return measured * ratio if measured and ratio else None
-
     def _take_state(self, item: Opened | Closed | Exception) -> list[Event]:
         if isinstance(item, Exception):
             raise item

@@ -156,6 +156,7 @@ def _table(guide, folder: Path, recorder) -> dict:
         "implausible": troubles["implausible"],
         "resets": troubles["reset"],
         "odr_hz": health.odr_hz,
+        "odr_by_host_hz": health.odr_by_host_hz,
         "logs": [path.name for path in recorder.logs.paths],
         "missing": list(guide.advice.missing) if guide.advice else None,
     }

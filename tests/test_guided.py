@@ -1,0 +1,160 @@
+"""A guided recording without a port, a clock or a terminal: what reaches the guide, and what is said of port, stream, clock and coach."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import Table, config
+
+from session.errors import CalibrationError
+from session.guide.guide import Guide
+from session.guide.words import Kind, Stage
+from session.guided import GuidedRecording
+from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.stream.events import Chunk, Info, Trouble
+
+INFO = Info(500.0, 4.0, 208.0, "1")
+SESSION = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(120, (0, 1, 0), 3).rest(2.5).turn(120, (0, 0, 1), 3).rest(3)
+
+
+class Port:
+    """Stands for a recorder: each poll gives what the next step of a script says."""
+
+    def __init__(self, steps, resumed=()):
+        self._steps, self.resumed = iter(steps), list(resumed)
+        self.connected, self.why = True, ""
+        self.port = SimpleNamespace(name="/dev/ttyACM0")
+        self.decoder = SimpleNamespace(garbage=0, crc_errors=0)
+        self.clock = SimpleNamespace(device_seconds_per_second=None, compared_s=0.0)
+
+    def poll(self):
+        step = next(self._steps, None)
+        assert step is not None, "the guide waits for what never comes"
+        return step(self) or [] if callable(step) else [step]
+
+
+class Said:
+    """Stands for a screen."""
+
+    def __init__(self):
+        self.changes, self.instructions = [], []
+
+    def change(self, change):
+        self.changes.append(change)
+
+    def show(self, guide):
+        self.instructions.append(guide.instruction)
+
+    def texts(self, kind):
+        return [change.text for change in self.changes if change.kind is kind]
+
+
+def chunks(table: Table, size: int = 50, seed: int = 0) -> list[Chunk]:
+    samples = table.samples(seed=seed)
+    rows = np.column_stack([samples.gyro / gyro_rps_per_lsb(500), samples.accel / accel_mps2_per_lsb(4), 256 * (samples.temp_c - 25)])
+    rows, t_us = np.rint(rows).astype(np.int16), samples.t_ns // 1000
+    return [Chunk(t_us[i : i + size], rows[i : i + size]) for i in range(0, len(rows), size)]
+
+
+def led(port, segments=3, coach=None, configure=lambda info, waited_s: config() if info else None, **options):
+    said = Said()
+    guided = GuidedRecording(Guide(config().protocol, segments), port, configure, coach, said)
+    guided.lead(**options)
+    return guided.guide, said
+
+
+def pulled(port):
+    port.connected, port.why = False, "Input/output error"
+
+
+def plugged(port):
+    port.connected, port.why = True, ""
+    return [Trouble("reconnect"), INFO]
+
+
+def test_a_session_from_its_events():
+    guide, said = led(Port([INFO, *chunks(SESSION)]))
+    assert guide.accepted == 3
+    assert guide.health.info_odr_hz == 208.0
+    assert said.texts(Kind.DONE) == ["done: 3 segments"]
+    assert not said.texts(Kind.WARNING)
+
+
+@pytest.mark.parametrize("at", [1, 4, 9, 14, 19, 25, 33])
+def test_pulled_and_reset_anywhere(at):
+    """From before the check is over to the second turn: what was accepted stays, and the rest is asked for again."""
+    for steps in ([pulled, plugged], [Trouble("reset"), INFO]):
+        port = Port([INFO, *chunks(SESSION)[:at], *steps, *chunks(SESSION, seed=1), *chunks(SESSION, seed=2)])
+        guide, said = led(port, segments=4)
+        assert guide.accepted == 4
+        (warning,) = [change for change in said.changes if "a new log begins" in change.text]
+        assert warning.at_s == pytest.approx(at * 50 / 208 if at > 4 else 0.0, abs=0.3)
+
+
+def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
+    monkeypatch.setattr("session.guided.SHOW_EVERY_S", -1.0)
+
+    def silent(port):
+        monkeypatch.setattr("session.guided.SILENT_S", -1.0)
+
+    def wrong_baud(port):
+        port.decoder = SimpleNamespace(garbage=812, crc_errors=3)
+
+    def right_again(port):
+        monkeypatch.setattr("session.guided.SILENT_S", 60.0)
+
+    guide, said = led(Port([INFO, pulled, plugged, silent, wrong_baud, right_again, *chunks(SESSION)]))
+    why = [now.why for now in said.instructions]
+    assert "/dev/ttyACM0: Input/output error; it is tried again and again" in why
+    assert any("nothing comes: is the board sending?" in words for words in why)
+    assert any("812 bytes and 3 frames that are none: is the baud rate right?" in words for words in why)
+    assert guide.accepted == 3
+
+
+def test_a_board_that_says_nothing_of_its_ranges_is_not_guessed():
+    with pytest.raises(CalibrationError, match="10 s of samples without a word of their ranges: give --gyro-fs"):
+        led(Port(chunks(Table().rest(12))))
+    late = [*chunks(SESSION)[:4], INFO, *chunks(SESSION)[4:]]
+    assert led(Port(late))[0].accepted == 3
+    assert led(Port(chunks(SESSION)), configure=lambda info, waited_s: config() if waited_s >= 3 else None)[0].accepted == 3
+
+
+@pytest.mark.parametrize(("ratio", "says"), [(1.003, ""), (0.985, "1.50 % slow"), (1.02, "2.00 % fast"), (4.0, "")])
+def test_a_clock_that_runs_wrong_is_said_once(ratio, says):
+    port = Port([INFO, *chunks(SESSION)])
+    port.clock = SimpleNamespace(device_seconds_per_second=ratio, compared_s=30.0)
+    guide, said = led(port)
+    assert [says in text for text in said.texts(Kind.WARNING)] == [True] * bool(says)
+    assert guide.health.odr_by_host_hz == pytest.approx(208 * ratio, rel=1e-3)
+
+
+def test_an_interruption_is_asked_for_between_two_polls():
+    """All that was taken has reached the guide by then."""
+    taken, port = [], Port([INFO, *chunks(SESSION)])
+    poll = port.poll
+    port.poll = lambda: taken.append(1) or poll()
+    guided = GuidedRecording(Guide(config().protocol, 3), port, lambda info, waited_s: config() if info else None, None, Said())
+    with pytest.raises(KeyboardInterrupt):
+        guided.lead(lambda: len(taken) == 21)
+    assert guided.guide.health.samples == 20 * 50
+    assert guided.guide.accepted == 0
+
+
+def test_what_an_earlier_recording_left_counts():
+    port = Port([INFO, *chunks(SESSION, seed=1)], resumed=[INFO, *chunks(SESSION)[:40]])
+    guide, said = led(port, segments=4)
+    assert "resumed: 1 segments so far" in said.texts(Kind.STAGE)
+    assert guide.accepted == 4
+    done = Port([], resumed=[INFO, *chunks(SESSION)])
+    assert led(done)[0].stage is Stage.DONE
+
+
+def test_a_coach_that_fails_does_not_end_the_recording():
+    def coach(taken):
+        raise ValueError("no idea")
+
+    guide, said = led(Port([INFO, *chunks(SESSION)]), coach=coach)
+    assert guide.accepted == 3
+    assert said.texts(Kind.WARNING) == ["the coach has failed (ValueError: no idea); any turn will do"]

@@ -242,6 +242,20 @@ def test_the_earth_is_named_where_no_latitude_was_given(explained):
     assert np.abs(pulls(effect_of(result, "earth.rotation"), "latitude_deg", 60.0)).max() < 4
 
 
+def test_what_lives_in_the_turns_alone_is_not_said_to_live_in_the_stills(tmp_path):
+    """Closure, still rates and gravity's length share noise; whitened together, a misfit of one leaks into the others."""
+
+    def product(t_s, rate, force, temp_c):
+        return rate + 0.02 * np.outer(rate[:, 0] * rate[:, 1] / (500 * DEG), [0, 0, 1])
+
+    folder = write_session(SimulationOptions(segments=24, closure_s=0.0, seed=5, odr_hz=104.0), tmp_path / "s", distort=product)
+    result = to_json(explain_session(folder))
+    channels = {name: p["p_before"] for name, p in result["channels"].items()}
+    assert channels["closure"] < 1e-50
+    assert min(channels["still"], channels["length"]) > 1e-3
+    assert result["mismatch"]["where"]["phases"] == ["turn"]
+
+
 def test_a_ceiling_is_named_and_its_turns_are_left_out(explained):
     explanation, result = explained("saturation")
     assert named(result) == ["gyro.saturation"]
@@ -337,7 +351,7 @@ KEYS = {
     "next": (str, type(None)),
 }
 #: said beyond what FORMATS asks for
-MORE = {"findings", "channels", "turn_gravity", "version"}
+MORE = {"findings", "warnings", "channels", "turn_gravity", "version"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]
 
 
@@ -363,7 +377,9 @@ def test_the_json_is_as_formats_has_it(explained, name):
         assert set(where["regime"]) == {"variable", "units", "from", "to"}
         assert where["regime"]["from"] <= where["regime"]["to"]
     for effect in result["effects"] + result["findings"]:
-        assert set(effect) == {"id", "equation", "parameters", "std", "p_value", "equivalent", "says"}
+        found_only = {"share"} if effect["id"].startswith("unknown.") else set()
+        assert set(effect) == {"id", "equation", "parameters", "std", "p_value", "equivalent", "says"} | found_only
+        assert 0.1 <= effect.get("share", 1) <= 1
         assert set(effect["std"]) <= set(effect["parameters"])
         assert 0 < effect["p_value"] <= 1
         assert set(effect["equivalent"]) <= set(catalogue())

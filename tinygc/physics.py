@@ -11,10 +11,11 @@ from session.errors import FitError
 from session.samples import Samples
 from tinygc.effects import catalogue
 from tinygc.effects._effect import Effect
+from tinygc.explain.decision import decide
 from tinygc.explain.gauge import in_gauge
 from tinygc.explain.mending import mend
 from tinygc.explain.movement import Conditions, conditions, movement_of
-from tinygc.explain.naming import candidates, name_effects
+from tinygc.explain.naming import candidates
 from tinygc.explain.refit import Refit, refit
 from tinygc.explain.twin import Claim, Twin
 from tinygc.explain.whitening import Whitener
@@ -53,7 +54,8 @@ class PhysicsModel:
 
 @dataclass(frozen=True, eq=False)
 class PhysicsFit:
-    """model; problem it was fitted to (mended); twin, whitener and refit behind it; mended: ids of what was mended before."""
+    """model; problem it was fitted to (mended); twin, whitener and refit behind it; mended: ids of what was mended before; refused: there
+    is a mismatch, and no name for it."""
 
     model: PhysicsModel
     problem: Problem
@@ -61,23 +63,26 @@ class PhysicsFit:
     whiten: Whitener
     fit: Refit
     mended: tuple[str, ...]
+    refused: bool = False
 
 
 def fit_physics(
     problem: Problem, ids: tuple[str, ...] | None, seed: int = 0, progress: Callable[[str], None] = lambda what: None
 ) -> PhysicsFit:
-    """Fit with these effects, or with what naming finds (None).  Raises FitError for an id that cannot be fitted."""
+    """Fit with these effects, or with what `explain` would name (None).  Raises FitError for an id that cannot be fitted."""
     mended = mend(problem, progress)
     twin = Twin(mended.problem)
     whiten = Whitener(twin)
+    refused = False
     if ids is None:
-        fit = name_effects(twin, whiten, candidates(twin), seed, progress).fit
+        decision = decide(mended, twin, whiten, seed, progress)
+        fit, refused = decision.naming.fit, decision.refused
     else:
         fit = refit(twin, whiten, [_effect(twin, name) for name in ids], twin.start())
     fit = in_gauge(twin, whiten, fit)
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
     model = PhysicsModel(fit.state.model, rate_claims, conditions(mended.problem))
-    return PhysicsFit(model, mended.problem, twin, whiten, fit, tuple(mended.found))
+    return PhysicsFit(model, mended.problem, twin, whiten, fit, tuple(mended.found), refused)
 
 
 def _effect(twin: Twin, name: str) -> Effect:

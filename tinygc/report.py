@@ -23,6 +23,7 @@ TITLES = {
     "physics": "linear model with physics",
     "tinygc_physics": "TinyGC-Net with physics",
 }
+NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
 LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
 
 
@@ -203,6 +204,8 @@ def _physics_words(result: FitResult) -> str:
     physics = result.physics
     fitted = [claim.effect.says(claim.theta) for claim in physics.fit.state.claims]
     mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
+    if physics.refused:
+        mended.append("there is more that has no name: see calibrate.py explain" if mended else NAMELESS)
     return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model with the rates of the stills")
 
 

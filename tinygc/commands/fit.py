@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.fit import fit_session, save_models, to_json
     from tinygc.report import fit_report
 
-    physics = None if args.physics is None else tuple(name.strip() for name in args.physics.split(","))
+    physics = None if args.physics is None else _physics(args.physics)
     options = replace(fit_options(args), physics=physics, checkpoints=args.out or args.folder / "fit", resume=args.resume)
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
@@ -54,6 +54,17 @@ def run(args: argparse.Namespace) -> int:
     if above:
         print(f"calibrate: above --limit {args.limit:g} deg: {'; '.join(above)}", file=sys.stderr)
     return 1 if above else 0
+
+
+def _physics(words: str) -> tuple[str, ...]:
+    """Ids, or ``auto``; what is in no catalogue is said before anything is read."""
+    from session.errors import FitError
+    from tinygc.effects import catalogue
+
+    ids = tuple(dict.fromkeys(name.strip() for name in words.split(",")))
+    if unknown := [name for name in ids if name not in catalogue() and ids != ("auto",)]:
+        raise FitError(f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}")
+    return ids
 
 
 def _rebias(args: argparse.Namespace) -> int:

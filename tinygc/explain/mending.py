@@ -6,10 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
+from session.clipping import FALSE_ALARM
 from session.errors import CalibrationError
 from session.folder import Session
 from session.logfile import Log
+from session.stills import CREEP_SIGMAS
 from session.units import DEG
 from tinygc import closure, rotation
 from tinygc.explain import bridge, plateaus, registers
@@ -36,11 +39,14 @@ OUTLIER_SIGMAS = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units;
-    sure: effect id -> p-value or an upper bound of it."""
+    """problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units; p_value: effect
+    id -> upper bound of the chance that noise alone passes the finder's bar in this recording; misfit: chi-square of the closure
+    before, 0 where nothing was mended."""
 
     problem: Problem
     found: dict[str, tuple[dict, dict]]
+    p_value: dict[str, float]
+    misfit: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -55,32 +61,41 @@ class Gap:
 def mend(problem: Problem, progress: Callable[[str], None] = lambda what: None) -> Mended:
     """Look at clipping, false readings, losses and creeping stills, in this order; each is mended before the next is looked for."""
     found: dict[str, tuple[dict, dict]] = {}
+    chances: dict[str, float] = {}
+    original = problem
     progress("registers")
-    problem = _without_clipped(problem, found)
-    problem = _without_glitches(problem, found)
-    problem, gaps = _with_lost(problem, found)
+    problem = _without_clipped(problem, found, chances)
+    problem = _without_glitches(problem, found, chances)
+    problem, gaps = _with_lost(problem, found, chances)
     progress("stills")
-    problem = _with_gaps(_without_creeping(problem, found), gaps)
-    return Mended(problem, found)
+    problem = _with_gaps(_without_creeping(problem, found, chances), gaps)
+    return Mended(problem, found, chances, _misfit(original) if found else 0.0)
+
+
+def _misfit(problem: Problem) -> float:
+    """Chi-square of the closure."""
+    return float(np.sum((closure_angles(problem.batch, problem.first) / problem.floor.sigma) ** 2))
 
 
 def _with_logs(session: Session, logs: list[Log]) -> Session:
     return replace(session, logs=tuple(logs))
 
 
-def _without_clipped(problem: Problem, found: dict) -> Problem:
+def _without_clipped(problem: Problem, found: dict, chances: dict) -> Problem:
     """Leave out the segments in which a rate stands at a level."""
     full_scale = problem.session.config.sensor.gyro_fs_dps * DEG
     ceilings = [registers.find_ceiling(log.samples, full_scale) for log in problem.logs]
-    known_to = LEVEL_KNOWN
+    known_to, chance = LEVEL_KNOWN, 6 * len(ceilings) * FALSE_ALARM
     if not any(ceilings):
         known_to = plateaus.SAME  # the linear errors came after
+        chance = float(chi2.sf(_misfit(problem), problem.floor.sigma.size))
         ceilings = [plateaus.find_plateaus(log.samples, full_scale) for log in problem.logs]
         if not _do_not_close(problem, _at_a_level(problem, ceilings)):
             return problem
     level = float(np.median([ceiling.level for ceiling in ceilings if ceiling is not None]))
     clipped = _at_a_level(problem, ceilings)
     found["gyro.saturation"] = ({"dps": level / DEG}, {"dps": known_to * level / DEG})
+    chances["gyro.saturation"] = min(chance, 1.0)
     try:
         return build_problem(problem.session, use_earth=problem.earth.source != "none", exclude=tuple(clipped))
     except CalibrationError:
@@ -104,7 +119,7 @@ def _do_not_close(problem: Problem, numbers: list[int]) -> bool:
     return bool(np.median(excess[hit]) > PLATEAU_EXCESS * (1 if own.all() else max(1.0, np.median(excess[~hit]))))
 
 
-def _without_glitches(problem: Problem, found: dict) -> Problem:
+def _without_glitches(problem: Problem, found: dict, chances: dict) -> Problem:
     rows, lengths, logs, before = [], [], [], 0
     for log in problem.session.logs:
         glitches = find_glitches(log.samples)
@@ -117,6 +132,7 @@ def _without_glitches(problem: Problem, found: dict) -> Problem:
     if not rows:
         return problem
     found["data.glitches"] = ({"at": rows, "samples": int(np.median(lengths))}, {"samples": 0.0})
+    chances["data.glitches"] = min(1.0, before * float(chi2.sf(registers.JUMP**2, 6)))
     return _again(problem, _with_logs(problem.session, logs))
 
 
@@ -125,7 +141,7 @@ def _again(problem: Problem, session: Session) -> Problem:
     return build_problem(session, use_earth=problem.earth.source != "none", exclude=excluded)
 
 
-def _with_lost(problem: Problem, found: dict) -> tuple[Problem, list[Gap]]:
+def _with_lost(problem: Problem, found: dict, chances: dict) -> tuple[Problem, list[Gap]]:
     """Put lost samples back where there is a step in all channels, if that closes the segments."""
     at = []
     for log in problem.session.logs:
@@ -146,6 +162,8 @@ def _with_lost(problem: Problem, found: dict) -> tuple[Problem, list[Gap]]:
             log = replace(log, samples=registers.with_lost(log.samples, rows, count, order))
         logs.append(log)
         began += log.samples.duration_s
+    tried = LONGEST_LOSS_S / float(np.median([log.samples.period_s for log in problem.session.logs]))
+    chances["timing.dropped_samples"] = min(1.0, tried * float(chi2.sf(gain, 1)))
     found["timing.dropped_samples"] = ({"at_s": [round(float(time), 3) for time in times], "length": count}, {"length": 0.5})
     return _again(problem, _with_logs(problem.session, logs)), gaps
 
@@ -199,13 +217,14 @@ def _lowest(cost: Callable[[int], float], most: int) -> tuple[int, float]:
     return best, costs[0] - costs[best]
 
 
-def _without_creeping(problem: Problem, found: dict) -> Problem:
+def _without_creeping(problem: Problem, found: dict, chances: dict) -> Problem:
     """Stills in which gravity moves were found by the detector; those that turn about the vertical stand out by their rate."""
     numbers = [i for i, still in enumerate(problem.stills) if still.problem is not None]
     if not numbers:
         return problem
     turning = _about_the_vertical(problem)
     found["reference.not_still"] = ({"stills": sorted(numbers + turning)}, {})
+    chances["reference.not_still"] = min(1.0, len(problem.stills) * float(chi2.sf(CREEP_SIGMAS**2, 3)))
     if not turning:
         return problem
     return build_problem(problem.session, use_earth=problem.earth.source != "none", moving=tuple(turning))

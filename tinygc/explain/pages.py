@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from session.units import DEG, G
+from tinygc.explain.channels import own_residuals
 from tinygc.explain.explain import Explanation
 from tinygc.explain.proof import tilt_rms
 from tinygc.explain.result import what_next, where
@@ -25,6 +27,8 @@ def explanation_page(e: Explanation) -> Group:
     """Verdict, effects with their parameters, where it lives, proof, and what to do next."""
     words, style = VERDICTS[e.verdict]
     parts: list = [Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {_p(e.p_value)})\n")]
+    # The first look's own suspicions stand before what has no name: they are the likelier cause.
+    parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
     for claim in e.claimed:
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {_p(claim.p_value)}"))
         parts.append(Text(f"  {claim.says}"))
@@ -34,7 +38,7 @@ def explanation_page(e: Explanation) -> Group:
         parts.append(Text(""))
     for claim in e.findings:
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, f"   p {_p(claim.p_value)}"))
-        parts.append(Text(f"  {claim.says}\n"))
+        parts.append(Text(f"  {claim.says}; it carries {100 * (claim.share or 0):.0f} % of the misfit\n"))
     parts += [
         Text("Recorded less predicted, in sigmas of the noise (rms; 1 is noise alone)", "italic"),
         _channels(e),
@@ -42,7 +46,6 @@ def explanation_page(e: Explanation) -> Group:
         Text(""),
     ]
     parts += [*_where(e), _proof(e)]
-    parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in e.warnings]
     if following := what_next(e):
         parts.append(Text.assemble(("next: ", "bold"), following))
     return Group(*parts)
@@ -75,9 +78,11 @@ def _channels(e: Explanation) -> Table:
     table = Table(box=None)
     for column in ("channel", "values", "before", "after"):
         table.add_column(column, justify="left" if column == "channel" else "right")
+    looks = [own_residuals(e.twin, e.whiten, fit) for fit in (e.naming.first, e.naming.fit)]
     for name, part in e.whiten.parts.items():
-        before, after = ((fit.r[part] ** 2).mean() ** 0.5 for fit in (e.naming.first, e.naming.fit))
-        table.add_row(CHANNELS[name], str(part.stop - part.start), f"{before:.2f}", f"{after:.2f}")
+        values = part.stop - part.start
+        before, after = ((np.sum(r[part] ** 2) / max(values - taken[name], 1)) ** 0.5 for r, taken in looks)
+        table.add_row(CHANNELS[name], str(values), f"{before:.2f}", f"{after:.2f}")
     return table
 
 

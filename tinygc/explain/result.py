@@ -8,7 +8,9 @@ import numpy as np
 
 import tinygc
 from session.units import DEG, G
-from tinygc.explain.explain import Claimed, Explanation, bonferroni
+from tinygc.explain.channels import bonferroni, own_residuals
+from tinygc.explain.claims import Claimed
+from tinygc.explain.explain import Explanation
 from tinygc.explain.proof import tilt_rms
 from tinygc.explain.twin import Twin
 from tinygc.files import write_whole
@@ -34,7 +36,7 @@ def to_json(e: Explanation) -> dict:
             "where": where(e),
         },
         "effects": [_effect(claim) for claim in e.claimed],
-        "findings": [_effect(claim) for claim in e.findings],
+        "findings": [_effect(claim) | {"share": claim.share} for claim in e.findings],
         "fit": {
             "holdout_closure_rms_deg": {
                 "before": tilt_rms(e.proof.before) / DEG,
@@ -45,7 +47,7 @@ def to_json(e: Explanation) -> dict:
             "segments_after": len(e.proof.after_numbers),
         },
         "channels": {
-            name: {"p_before": max(e.channel_p[name], SMALLEST_P), "p_after": max(e.left[name], SMALLEST_P)} for name in e.channel_p
+            name: {"p_before": max(before, SMALLEST_P), "p_after": max(after, SMALLEST_P)} for name, (before, after) in e.own_p.items()
         },
         "turn_gravity": {
             "lever_m": e.gravity.lever_m.tolist(),
@@ -53,6 +55,7 @@ def to_json(e: Explanation) -> dict:
             "offset_std_s": e.gravity.sigma_s,
             "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
         },
+        "warnings": [vars(warning) for warning in e.warnings],
         "next": what_next(e),
         "version": tinygc.__version__,
     }
@@ -87,9 +90,9 @@ def where(e: Explanation) -> dict:
     if e.verdict == "no_mismatch":
         return {"phases": [], "axes": [], "segments": [], "regime": None}
     told = [*e.claimed, *e.findings]
-    phases = {phase for claim in told for phase in claim.effect.seen_in}
+    phases = {phase for claim in e.claimed for phase in claim.effect.seen_in}  # a shape without a name may be seen anywhere
     names = {"closure": "turn", "still": "still", "length": "reference"}
-    phases |= {names[name] for name, p in (e.left if told else e.channel_p).items() if p < BELONGS_P}
+    phases |= {names[name] for name, (before, after) in e.own_p.items() if (after if e.claimed else before) < BELONGS_P}
     order = ("still", "turn", "reference", "timing")
     return {
         "phases": [phase for phase in order if phase in phases],
@@ -111,7 +114,7 @@ def _axes(e: Explanation, told: list[Claimed]) -> list[str]:
             weights = np.maximum(weights, ratio.reshape(3, -1).max(axis=1))
     if not told:
         part = e.whiten.parts["still"]
-        rows = e.naming.first.r[part].reshape(-1, 3)
+        rows = own_residuals(e.twin, e.whiten, e.naming.first)[0][part].reshape(-1, 3)
         weights = np.abs(rows).max(axis=0)
     return [axis for axis, weight in zip("xyz", weights, strict=True) if weight > BELONGS_SIGMAS]
 

@@ -8,6 +8,7 @@ allows, as flicker noise between the moments at which stills and segments were r
 from __future__ import annotations
 
 from copy import copy
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -39,6 +40,18 @@ class Whitener:
     def __call__(self, stacked: np.ndarray) -> np.ndarray:
         """Rows of unit variance, uncorrelated."""
         return solve_triangular(self._factor, stacked[self._rows], lower=True)
+
+    def by_channel(self, whitened: np.ndarray) -> np.ndarray:
+        """Rows (n,) or (n, m), whitened together, as each channel's own covariance alone would whiten them."""
+        stacked = self._factor @ whitened
+        alone = np.empty_like(stacked)
+        for name, part in self.parts.items():
+            alone[part] = solve_triangular(self._own_factors[name], stacked[part], lower=True)
+        return alone
+
+    @cached_property
+    def _own_factors(self) -> dict[str, np.ndarray]:
+        return {name: np.linalg.cholesky(self._covariance[part, part]) for name, part in self.parts.items()}
 
     def only(self, rows: np.ndarray) -> Whitener:
         """A whitener of some of the rows (n,) bool alone: the others, correlated with them, are not looked at."""

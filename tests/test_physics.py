@@ -1,0 +1,99 @@
+"""``fit --physics``: the model goes on with what `explain` named, and with nothing that it refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+import calibrate
+from session.folder import read_session
+from session.units import DEG, G
+from tinygc.models import load
+from tinygc.physics import fit_physics
+from tinygc.problem import build_problem
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
+
+PER_G = np.array([[0.03, -0.01, 0.0], [0.0, 0.02, 0.015], [-0.02, 0.0, 0.01]])  # dps/g
+PER_C = np.array([0.012, -0.02, 0.015])  # dps/K
+
+
+def simulated(folder, distort, **options):
+    return write_session(
+        SimulationOptions(**{"segments": 24, "closure_s": 0.0, "seed": 5, "odr_hz": 104.0, **options}), folder, distort=distort
+    )
+
+
+def on_gravity(t_s, rate, force, temp_c):
+    return rate + force / G @ (PER_G * DEG).T
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory):
+    """A zero that follows temperature, fitted with what naming finds; its fit.json and folder."""
+
+    def distort(t_s, rate, force, temp_c):
+        return rate + np.outer(temp_c - temp_c[0], PER_C * DEG)
+
+    folder = simulated(tmp_path_factory.mktemp("physics") / "warm", distort, warm_up_c=8.0)
+    words = ["fit", str(folder), "--physics", "auto", "--methods", "least_squares,tinygc", "--quiet"]
+    assert calibrate.main([*words, "--json", str(folder / "out.json")]) == 0
+    return folder, json.loads((folder / "out.json").read_text())
+
+
+def test_parameters_asked_for_by_id_are_recovered(tmp_path):
+    problem = build_problem(read_session(simulated(tmp_path / "s", on_gravity, segments=40)))
+    found = fit_physics(problem, ("gyro.g_sensitivity",))
+    (claim,) = found.model.claims
+    sigma = np.sqrt(np.diag(found.fit.theta_covariance(0)))
+    pulls = (claim.theta - PER_G.ravel() * DEG) / sigma
+    assert np.abs(pulls).max() < 4
+    assert np.mean(np.abs(pulls) < 1) > 0.3
+    assert sigma.max() < 0.004 * DEG
+
+
+def test_what_was_named_closes_better_and_the_net_carries_it(warm):
+    _, told = warm
+    held = {name: method["holdout"]["tilt_rms_deg"] for name, method in told["methods"].items()}
+    assert held["physics"] < 0.2 * held["least_squares"]
+    assert held["tinygc_physics"] < 1.05 * held["physics"]
+
+
+def test_the_saved_model_undoes_the_effect(warm):
+    folder, _ = warm
+    session = read_session(folder)
+    (log,) = session.logs
+    model = load(folder / "fit" / "model_physics.json")
+    assert model.ids == ("gyro.thermal_bias",)
+    samples = session.calibrated(log)
+    linear = load(folder / "fit" / "model_least_squares.json")
+    stills = [still for still in build_problem(session).stills if still.problem is None]
+    drift = {}
+    for name, rate in (("physics", model.calibrate(samples)), ("linear", linear(samples.gyro))):
+        means = np.array([rate[still.start : still.stop].mean(axis=0) for still in stills])
+        drift[name] = np.linalg.norm(np.polyfit(np.arange(len(means)), means, 1)[0]) * len(means) / DEG
+    assert drift["linear"] > 0.1
+    assert drift["physics"] < 0.01
+
+
+def test_what_explain_refuses_is_not_fitted(tmp_path, capsys):
+    """In no catalogue: taken for one thing by naming alone, it would be saved as that."""
+
+    def oscillating(t_s, rate, force, temp_c):
+        return rate + np.outer(np.sin(2 * np.pi * t_s / 30), [0.08, 0.05, -0.065]) * DEG
+
+    folder = simulated(tmp_path / "s", oscillating)
+    found = fit_physics(build_problem(read_session(folder)), None)
+    assert found.refused
+    assert found.model.ids == ()
+    assert calibrate.main(["fit", str(folder), "--physics", "auto", "--methods", "least_squares"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "Physics: a mismatch that no effect in the catalogue fits" in out
+    assert "nothing is missing" not in out
+
+
+@pytest.mark.parametrize("words", ["gyro.nonsense", "", "auto,gyro.g_sensitivity", "gyro.g_sensitivity,"])
+def test_an_id_that_is_none_is_one_line_before_anything_is_read(tmp_path, capsys, words):
+    assert calibrate.main(["fit", str(tmp_path / "nowhere"), f"--physics={words}"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "is no effect; give auto, or of data.glitches, " in line

@@ -109,6 +109,8 @@ def from_start(problem: Problem, model) -> tuple[np.ndarray, np.ndarray] | None:
 
 def from_gravity(problem: Problem, model, prior: np.ndarray | float = DAY_SIGMA_RPS) -> BiasOfDay:
     """From all logs of a session, one after the other: what one has found is the next one's prior."""
+    # A denoised rate comes late, and beside the accelerometer that passes for a bias; the denoiser itself has none.
+    model = getattr(model, "calibration", model)
     change, sigma, found = np.zeros(3), prior, None
     g = problem.session.config.site.expected_gravity_mps2
     for number, log in enumerate(problem.logs):

@@ -153,6 +153,13 @@ def test_fit_and_check_run_on_such_a_folder(folder, capsys):
     assert '"yaw_rms_deg": 0.0' in capsys.readouterr().out
 
 
+def test_rates_of_stills_are_refused_where_there_is_no_still(folder, capsys):
+    assert calibrate.main(["fit", str(folder), "--still-rates", "--methods", "tinygc", "--quiet"]) == 2
+    said = capsys.readouterr().err
+    assert "--still-rates" in said
+    assert said.count("\n") == 1
+
+
 def test_up_becomes_down():
     """A level vehicle, z up, yawed by 30 deg: body z up is down's opposite, and the turn has the other sense."""
     half = 15 * DEG

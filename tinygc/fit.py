@@ -11,7 +11,7 @@ import numpy as np
 
 import tinygc
 from session.check import Finding, check_session
-from session.errors import DataError
+from session.errors import DataError, SegmentError
 from session.folder import Session, read_session
 from session.units import DEG, G
 from tinygc import models, saved_fit
@@ -75,6 +75,8 @@ def fit_session(
     findings = check_session(session)
     stop_at_errors(findings)
     problem = build_problem(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
+    if options.still_rates and not len(problem.still_rates.rate):
+        raise SegmentError(f"{folder}: no still to take a rate from; fit without --still-rates")
     runs, spread = read_closure_runs(problem), None
     if options.bias_per_log:
         from tinygc.days import levelled

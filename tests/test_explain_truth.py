@@ -122,6 +122,8 @@ def test_each_day_has_its_bias_and_the_stored_one_is_the_median(tmp_path):
     saved = json.loads((tmp_path / "fit" / "model_least_squares.json").read_text())
     assert np.allclose(saved["weights"]["B"], model.B, atol=0.002 * DEG)
     assert np.allclose(np.array(saved["bias_sigma_rps"]) / DEG, np.sqrt(np.sum(expected**2, axis=0) / 3), atol=0.01)
+    told = json.loads((tmp_path / "fit" / "fit.json").read_text())
+    assert told["noise"]["closure_floor_rms_deg"] == pytest.approx(problem.floor.tilt_rms / DEG)  # the weights of the days are no noise
     one = fit_least_squares(problem.batch, problem.floor.sigma, problem.first).model
     assert np.abs(one.B / DEG + np.median(biases, axis=0)).max() > 0.05
 

@@ -77,7 +77,7 @@ def fit_session(
     problem = build_problem(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
     if options.still_rates and not len(problem.still_rates.rate):
         raise SegmentError(f"{folder}: no still to take a rate from; fit without --still-rates")
-    runs, spread = read_closure_runs(problem), None
+    runs, spread, floor = read_closure_runs(problem), None, problem.floor
     if options.bias_per_log:
         from tinygc.days import levelled
 
@@ -111,7 +111,7 @@ def fit_session(
     other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
     exact, first_order = (closure_angles(problem.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(
-        problem=problem,
+        problem=replace(problem, floor=floor),  # several days' weights are no noise
         options=options,
         methods=fits,
         runs=runs,

@@ -63,7 +63,9 @@ def _by_this_tool(evidence: Evidence) -> str:
     needs, name = Calibration(adopted.model, 1.0).needs, f"model_{adopted.name}.json"
     load = f'"{name}", rate_hz={evidence.fit.session.config.sensor.odr_hz:g}' if "rate_hz" in needs else f'"{name}"'
     given = ", ".join(["m", *(f"{what}={what}" for what in ("acc", "temp") if what in needs)])
-    units = " (<i>acc</i> in m/s², pre-calibrated; <i>temp</i> in °C)" if len(needs) > 0 else ""
+    said = {"acc": "<i>acc</i> in m/s², pre-calibrated", "temp": "<i>temp</i> in °C"}
+    units = ", ".join(words for what, words in said.items() if what in needs)
+    units = f" ({units})" if units else ""
     return paragraph(
         f"With the file below, for logs of any length: <code>calibrate.py apply {name} LOG.csv -o OUT.csv</code>; in Python "
         f"<code>omega = tinygc.load({escape(load)})({given})</code>{units}. Without this tool:"

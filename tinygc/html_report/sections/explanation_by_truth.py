@@ -26,7 +26,7 @@ def section(evidence: Evidence) -> Section | None:
             lambda width: _growth(e, width),
             "Closure against the length of a segment: the truth's own noise is the same for each length, the gyro's grows as the root of "
             "it, a bias as the length.",
-            [key(axis, axis) for axis in "xyz"] + [key("floor", "the gyro's own noise", "dash")],
+            [key(axis, axis) for axis in "xyz"] + ([key("floor", "the gyro's own noise", "dash")] if len(e.problem.stills) else []),
         )
     return Section("explain", "Why recording and truth differ", html + paragraph(escape(CANNOT[:1].upper() + CANNOT[1:]) + ".", "soft"))
 
@@ -45,9 +45,12 @@ def _claim(claim: Claim) -> str:
 
 def _growth(e: TruthExplanation, width: int) -> str:
     closure = e.closure_rad / DEG
-    own = e.gyro_rad / DEG * np.sqrt(e.lengths_s)
+    # What a gyro that is never still shows of its own noise has the vibration in it.
+    own = e.gyro_rad / DEG * np.sqrt(e.lengths_s) if len(e.problem.stills) else np.zeros(0)
     x, y = log_axis(e.lengths_s, "length of a segment, s"), log_axis(np.r_[closure.ravel(), own], "closure, degrees")
-    chart = Chart(width, 250, x, y, "Closure against the length of a segment").line(e.lengths_s, own, "floor", "dash")
+    chart = Chart(width, 250, x, y, "Closure against the length of a segment")
+    if len(own):
+        chart.line(e.lengths_s, own, "floor", "dash")
     for i, axis in enumerate("xyz"):
         chart.dots(e.lengths_s, closure[:, i], axis)
     return chart.svg()

@@ -59,7 +59,9 @@ def section(evidence: Evidence) -> Section:
         )
     # The twin that physics is named with allows for a pre-calibration that is slightly off; least squares does not.
     accelerometer = "an error of the accelerometer’s pre-calibration"
-    has, lacks = (", 0.1 mg of the accelerometer’s pre-calibration", "more of it") if evidence.adopted.claims else ("", accelerometer)
+    has, lacks = (
+        (", 0.1 mg of the accelerometer’s pre-calibration", "a larger error of it") if evidence.adopted.claims else ("", accelerometer)
+    )
     html += paragraph(
         f"Uncertainties include the noise measured in the stills, the Earth’s heading where it was estimated{has}, and a bias that "
         f"wanders by 3 °/h (data sheet). They do not include {lacks}, nor a bias that is another one after the next switch-on.",

@@ -169,7 +169,8 @@ def _coverage(problem: Problem) -> str:
         attitudes = hemispheres(8, 42, radius, down, "still", down_titles, ("z side down", "z side up"))
         turns = hemispheres(8 + gap, 42 + below, radius, axes, "turn", axis_titles, ("turning with +z", "turning with −z"), instants)
         names = (
-            f'<text class="strong" x="8" y="14">Where down was, in the stills</text><text class="strong" x="{8 + gap:.0f}" '
+            f'<text class="strong" x="8" y="14">Where down was, in the stills{"" if good else ": none"}</text>'
+            f'<text class="strong" x="{8 + gap:.0f}" '
             f'y="{14 + below:.0f}">About which axes it turned</text>'
         )
         height = 42 + 2 * radius + 24 + below
@@ -181,9 +182,9 @@ def _coverage(problem: Problem) -> str:
         )
 
     caption = (
-        f"In the sensor's own frame, equal-area; rings at 30° and 60° from the z axis. {100 * coverage(down):.0f} % of all "
-        "attitudes of gravity lie "
-        f"within 30° of a still, {100 * coverage(instants):.0f} % of all turn axes within 30° of one that was turned about. "
+        "In the sensor's own frame, equal-area; rings at 30° and 60° from the z axis. "
+        + (f"{100 * coverage(down):.0f} % of all attitudes of gravity lie within 30° of a still, " if good else "")
+        + f"{100 * coverage(instants):.0f} % of all turn axes within 30° of one that was turned about. "
         f"Share of turning about x, y, z: {', '.join(f'{100 * s:.0f} %' for s in share)}."
     )
     return figure(draw, caption, [key("still", "one still"), key("turn", "one turn, its main axis (right hand); small: at each instant")])

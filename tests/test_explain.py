@@ -242,6 +242,24 @@ def test_the_earth_is_named_where_no_latitude_was_given(explained):
     assert np.abs(pulls(effect_of(result, "earth.rotation"), "latitude_deg", 60.0)).max() < 4
 
 
+def test_nothing_found_says_what_would_have_been_found(explained, tmp_path):
+    """Twice the stated size is named; from a quarter as many segments, less would have been seen."""
+    _, result = explained("nothing")
+    stated = {name: each["size"] for name, each in result["seen_from"].items()}
+    assert stated["gyro.g_sensitivity"] < 0.01
+    assert result["seen_from"]["gyro.g_sensitivity"]["unit"] == "dps/g"
+
+    def sensitive(t_s, rate, force, temp_c):
+        size = 2 * stated["gyro.g_sensitivity"] * DEG / G
+        return rate + size * force @ np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.7, 0.0, 0.7]])
+
+    folder = write_session(SimulationOptions(segments=24, closure_s=0.0, seed=5, odr_hz=104.0), tmp_path / "s", distort=sensitive)
+    assert named(to_json(explain_session(folder))) == ["gyro.g_sensitivity"]
+    few = write_session(SimulationOptions(segments=8, closure_s=0.0, seed=5, odr_hz=104.0), tmp_path / "few")
+    less = explain_session(few).seen_from
+    assert all(less[name] > size for name, size in stated.items() if size is not None)
+
+
 def test_what_lives_in_the_turns_alone_is_not_said_to_live_in_the_stills(tmp_path):
     """Closure, still rates and gravity's length share noise; whitened together, a misfit of one leaks into the others."""
 
@@ -351,7 +369,7 @@ KEYS = {
     "next": (str, type(None)),
 }
 #: said beyond what FORMATS asks for
-MORE = {"findings", "warnings", "channels", "turn_gravity", "version"}
+MORE = {"findings", "warnings", "seen_from", "channels", "turn_gravity", "version"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]
 
 

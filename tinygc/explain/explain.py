@@ -16,6 +16,7 @@ from tinygc.explain.gauge import in_gauge
 from tinygc.explain.mending import Mended, mend
 from tinygc.explain.naming import Naming
 from tinygc.explain.proof import Proof, prove
+from tinygc.explain.seen_from import seen_from
 from tinygc.explain.selection import FAMILY_WISE
 from tinygc.explain.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explain.twin import Twin
@@ -27,7 +28,8 @@ from tinygc.problem import Problem, build_problem
 class Explanation:
     """All that was found; see ``tinygc-explain/1`` in FORMATS for the verdicts.
 
-    channel_p, left: of the channels under one calibration, before and after what is claimed; own_p: of each by itself, both.
+    channel_p, left: of the channels under one calibration, before and after what is claimed; own_p: of each by itself, both;
+    seen_from: effect id -> size in its parameter's unit from which it would have shown.
     """
 
     session: Session
@@ -46,6 +48,7 @@ class Explanation:
     channel_p: dict[str, float] = field(default_factory=dict)
     own_p: dict[str, tuple[float, float]] = field(default_factory=dict)
     warnings: list[Finding] = field(default_factory=list)
+    seen_from: dict[str, float] = field(default_factory=dict)
 
 
 def explain_session(
@@ -77,6 +80,7 @@ def explain_session(
     )
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
+    explanation.seen_from = seen_from(twin, whiten, naming.fit)
     explanation.warnings = [finding for finding in findings if finding.level == "warning"]
     explanation.verdict = _verdict(explanation)
     return explanation

@@ -12,6 +12,7 @@ from tinygc.explain.channels import own_residuals
 from tinygc.explain.explain import Explanation
 from tinygc.explain.proof import tilt_rms
 from tinygc.explain.result import what_next, where
+from tinygc.explain.seen_from import in_words
 
 VERDICTS = {
     "no_mismatch": ("nothing is missing: noise explains all that differs", "green"),
@@ -46,6 +47,8 @@ def explanation_page(e: Explanation) -> Group:
         Text(""),
     ]
     parts += [*_where(e), _proof(e)]
+    if e.verdict == "no_mismatch":
+        parts += [Text(line) for line in in_words(e.seen_from)]
     if following := what_next(e):
         parts.append(Text.assemble(("next: ", "bold"), following))
     return Group(*parts)

@@ -8,6 +8,7 @@ import numpy as np
 
 import tinygc
 from session.units import DEG, G
+from tinygc.effects import catalogue
 from tinygc.explain.channels import bonferroni, own_residuals
 from tinygc.explain.claims import Claimed
 from tinygc.explain.explain import Explanation
@@ -54,6 +55,10 @@ def to_json(e: Explanation) -> dict:
             "offset_s": e.gravity.offset_s,
             "offset_std_s": e.gravity.sigma_s,
             "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
+        },
+        "seen_from": {
+            name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
+            for name, size in e.seen_from.items()
         },
         "warnings": [vars(warning) for warning in e.warnings],
         "next": what_next(e),
@@ -173,6 +178,8 @@ def what_next(e: Explanation) -> str | None:
             return f"to tell {claim.effect.id} from {', '.join(claim.equivalent)}: {claim.effect.splits}"
     if e.findings:
         return e.findings[0].effect.splits
+    if e.verdict == "unexplained" and (suspicion := next((warning.do for warning in e.warnings if warning.do), None)):
+        return suspicion
     if e.verdict == "unexplained":
         worst = _segments(e)
         where_to_look = f"; begin with the movement of segment {worst[0]}" if worst else ""

@@ -179,7 +179,8 @@ def test_nothing_concealed_is_no_mismatch(explained, name):
     assert result["verdict"] == "no_mismatch"
     assert result["effects"] == []
     assert result["mismatch"]["p_value"] > 0.05
-    assert result["mismatch"]["where"] == {"phases": [], "axes": [], "segments": [], "regime": None}
+    nowhere = {"phases": [], "axes": [], "segments": [], "segment_seconds": [], "seconds": None, "regime": None}
+    assert result["mismatch"]["where"] == nowhere
     assert result["next"] is None
     assert result["fit"]["holdout_closure_rms_deg"]["before"] < 1.6 * result["fit"]["holdout_closure_rms_deg"]["floor"]
 
@@ -387,13 +388,17 @@ def test_the_json_is_as_formats_has_it(explained, name):
     assert mismatch["closure_rms_deg"] > 0
     assert mismatch["expected_rms_deg"] > 0
     where = mismatch["where"]
-    assert set(where) == {"phases", "axes", "segments", "regime"}
+    assert set(where) == {"phases", "axes", "segments", "regime", "segment_seconds", "seconds"}
     assert set(where["phases"]) <= {"still", "turn", "reference", "timing"}
     assert set(where["axes"]) <= set("xyz")
     assert set(where["segments"]) <= {segment.number for segment in explanation.problem.segments}
     if where["regime"] is not None:
-        assert set(where["regime"]) == {"variable", "units", "from", "to"}
+        assert set(where["regime"]) - {"axis"} == {"variable", "units", "from", "to"}
         assert where["regime"]["from"] <= where["regime"]["to"]
+    duration = sum(log.samples.duration_s for log in explanation.problem.logs)
+    assert len(where["segment_seconds"]) == len(where["segments"])
+    for start, stop in [*where["segment_seconds"], *([where["seconds"]] if where["seconds"] else [])]:
+        assert 0 <= start < stop <= duration + 0.01
     for effect in result["effects"] + result["findings"]:
         found_only = {"share"} if effect["id"].startswith("unknown.") else set()
         assert set(effect) == {"id", "equation", "parameters", "std", "p_value", "equivalent", "says"} | found_only
@@ -452,6 +457,36 @@ def test_temperature_and_time_of_the_regime_are_those_of_the_effect(explained):
     regime = result["mismatch"]["where"]["regime"]
     assert regime["from"] == pytest.approx(result["effects"][0]["parameters"]["at_s"], abs=0.1)
     assert regime["to"] == pytest.approx(explanation.twin.movements[0].t_s[-1], abs=0.1)
+
+
+def test_gravity_along_an_axis_is_in_g_and_has_the_axis_of_the_strongest_column(explained):
+    _, result = explained("g_sensitivity")  # its columns are 0.095, 0.070 and 0.062 dps per g long
+    regime = result["mismatch"]["where"]["regime"]
+    assert (regime["variable"], regime["axis"], regime["units"]) == ("attitude", "x", "g")
+    _, result = explained("earth")
+    assert result["mismatch"]["where"]["regime"]["units"] == "g"
+
+
+def test_a_ceiling_lives_at_its_level(explained):
+    _, result = explained("saturation")
+    regime = result["mismatch"]["where"]["regime"]
+    assert (regime["variable"], regime["units"]) == ("rate", "dps")
+    assert 0.97 * 180 < regime["from"] <= 180.1
+    assert regime["to"] == pytest.approx(180, abs=0.1)
+
+
+def test_the_seconds_are_those_of_the_effect(explained):
+    """Step: from its time to the end.  False readings: from the first to the last.  A worst segment's are its own."""
+    explanation, result = explained("bias_step")
+    start, stop = result["mismatch"]["where"]["seconds"]
+    assert start == pytest.approx(60, abs=2)
+    assert stop == pytest.approx(explanation.twin.movements[0].t_s[-1], abs=0.1)
+    explanation, result = explained("glitches")
+    t_s = explanation.problem.logs[0].samples.t_s
+    place = result["mismatch"]["where"]
+    assert place["seconds"] == pytest.approx([t_s[FALSE_ROWS[0]], t_s[FALSE_ROWS[-1]]], abs=1e-3)
+    for number, (start, stop) in list(zip(place["segments"], place["segment_seconds"], strict=True))[:3]:
+        assert any(start < t_s[row] < stop for row in FALSE_ROWS), number
 
 
 def test_the_same_seed_gives_the_same_json(session, explained):

@@ -22,5 +22,5 @@ EFFECT = Effect(
         f"the stills turn with the Earth, as at a latitude of about {latitude_deg(theta):.0f}°: put site.latitude_deg into session.toml"
     ),
     splits="record stills with each axis up and down and pointing each way",
-    regime=("attitude", "°"),
+    regime=("attitude", "g"),
 )

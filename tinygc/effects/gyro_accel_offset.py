@@ -16,5 +16,5 @@ EFFECT = Effect(
         "shift one against the other before fusing them; the closure does not mind"
     ),
     splits="shake the table: rate and centripetal force must peak together",
-    regime=("angular acceleration", "rad/s²"),
+    regime=("rate", "dps"),  # gravity turns in the body as fast as the body turns
 )

@@ -7,12 +7,15 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from session.units import DEG, G
+from session.units import DEG, MG
 from tinygc.explain.channels import own_residuals
 from tinygc.explain.explain import Explanation
+from tinygc.explain.measured import measured
 from tinygc.explain.proof import tilt_rms
-from tinygc.explain.result import what_next, where
+from tinygc.explain.regime import Regime
+from tinygc.explain.result import what_next
 from tinygc.explain.seen_from import in_words
+from tinygc.explain.where import where
 
 VERDICTS = {
     "no_mismatch": ("nothing is missing: noise explains all that differs", "green"),
@@ -22,6 +25,7 @@ VERDICTS = {
     "unexplained": ("there is a mismatch, and no effect in the catalogue fits it", "red"),
 }
 CHANNELS = {"closure": "closure of each segment", "still": "mean rate in each still", "length": "length of gravity in each still"}
+MOST_SAID = 6
 
 
 def explanation_page(e: Explanation) -> Group:
@@ -69,31 +73,38 @@ def parameter_lines(claim) -> list[str]:
 
 def _numbers(value, std) -> str:
     if not isinstance(value, list):
-        return f"{value:.5g}" + (f" ± {std:.2g}" if isinstance(std, float) and std > 0 else "")
+        return str(value) if isinstance(value, int) else measured(value, std)
     if not isinstance(std, list) or len(std) != len(value):
-        shown = ", ".join(f"{v:g}" for v in value[:16])
+        shown = ", ".join(f"{v:.10g}" for v in value[:16])
         return shown + (f", … ({len(value)})" if len(value) > 16 else "")
-    return "   ".join(f"{v:.5f} ± {s:.5f}" if abs(v) < 100 else f"{v:.4g} ± {s:.2g}" for v, s in zip(value, std, strict=True))
+    return "   ".join(measured(v, s) for v, s in zip(value, std, strict=True))
 
 
 def _channels(e: Explanation) -> Table:
     """Predicted beside recorded: the root mean square of each channel's difference in sigmas of its noise."""
+    fits = {"before": e.naming.first, "after": e.naming.fit} if _refitted(e) else {"rms": e.naming.first}
+    looks = [own_residuals(e.twin, e.whiten, fit) for fit in fits.values()]
     table = Table(box=None)
-    for column in ("channel", "values", "before", "after"):
+    for column in ("channel", "values", *fits):
         table.add_column(column, justify="left" if column == "channel" else "right")
-    looks = [own_residuals(e.twin, e.whiten, fit) for fit in (e.naming.first, e.naming.fit)]
     for name, part in e.whiten.parts.items():
         values = part.stop - part.start
-        before, after = ((np.sum(r[part] ** 2) / max(values - taken[name], 1)) ** 0.5 for r, taken in looks)
-        table.add_row(CHANNELS[name], str(values), f"{before:.2f}", f"{after:.2f}")
+        rms = [(np.sum(r[part] ** 2) / max(values - taken[name], 1)) ** 0.5 for r, taken in looks]
+        table.add_row(CHANNELS[name], str(values), *(f"{each:.2f}" for each in rms))
     return table
+
+
+def _refitted(e: Explanation) -> bool:
+    """Whether the fit knows more than the linear model: what was mended in the registers was mended before either."""
+    return bool(e.naming.fit.state.claims)
 
 
 def _gravity(e: Explanation) -> Text:
     lever = ", ".join(f"{1e3 * x:.0f}" for x in e.gravity.lever_m)
     return Text(
-        f"gravity during the turns: {e.gravity.before_mps2 / (1e-3 * G):.1f} mg; {e.gravity.after_mps2 / (1e-3 * G):.1f} mg with lever arm "
-        f"{lever} mm and the gyro {1e3 * e.gravity.offset_s:+.2f} ms late"
+        f"gravity during the turns: off by {e.gravity.before_mps2 / MG:.1f} mg rms; {e.gravity.after_mps2 / MG:.1f} mg with a lever arm of "
+        f"{lever} mm and the gyro {1e3 * abs(e.gravity.offset_s):.2f} ms {'late' if e.gravity.offset_s > 0 else 'early'}"
+        + ("" if e.gravity.is_offset else f" (its filters alone may make {1e3 * e.gravity.bar_s:.1f})")
     )
 
 
@@ -104,16 +115,31 @@ def _where(e: Explanation) -> list[Text]:
     words = [f"lives in: {', '.join(place['phases'])}"]
     if place["axes"]:
         words.append(f"axes {', '.join(place['axes'])}")
+    words += [text for text in (regime_words(place["regime"]), seconds_words(place["seconds"])) if text]
     if place["segments"]:
-        words.append(f"worst segments {', '.join(map(str, place['segments'][:6]))}")
-    if regime := place["regime"]:
-        words.append(f"{regime['variable']} {regime['from']:.3g} to {regime['to']:.3g} {regime['units']}")
+        worst = zip(place["segments"][:MOST_SAID], place["segment_seconds"], strict=False)
+        words.append("worst segments " + ", ".join(f"{number} ({start:.0f}–{stop:.0f} s)" for number, (start, stop) in worst))
     return [Text("; ".join(words))]
+
+
+def regime_words(regime: dict | None) -> str:
+    """``gravity along x −0.98 to 1 g``; nothing where there is none, or where it is time, which the seconds say."""
+    if regime is None or regime["variable"] == "time":
+        return ""
+    words = Regime(regime["variable"], "xyz".index(regime["axis"]) if "axis" in regime else None).words
+    return f"{words} {regime['from']:.3g} to {regime['to']:.3g} {regime['units']}".replace("-", "−")
+
+
+def seconds_words(seconds: list[float] | None) -> str:
+    """``from 3.2 to 154.7 s``"""
+    return "" if seconds is None else f"from {seconds[0]:.1f} to {seconds[1]:.1f} s"
 
 
 def _proof(e: Explanation) -> Text:
     before, after, floor = (x / DEG for x in (tilt_rms(e.proof.before), tilt_rms(e.proof.after), e.proof.floor_rms))
-    removed = f"; {100 * e.proof.removed:.1f} % of the excess is gone" if e.claimed and e.proof.removed is not None else ""
+    if not e.claimed:
+        return Text(f"held-out closure: {before:.4f}°, floor {floor:.4f}°")
+    removed = f"; {100 * e.proof.removed:.1f} % of the excess is gone" if e.proof.removed is not None else ""
     return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")
 
 

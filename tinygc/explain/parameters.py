@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tinygc.effects._effect import Effect
 from tinygc.effects.earth_rotation import latitude_deg
-from tinygc.explain.twin import Claim
+from tinygc.explain.twin import Claim, State
 
 
 def readable(claim: Claim, covariance: np.ndarray) -> tuple[np.ndarray, dict, dict]:
@@ -19,6 +20,12 @@ def readable(claim: Claim, covariance: np.ndarray) -> tuple[np.ndarray, dict, di
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0) + (effect.known_to * theta) ** 2)
     values, spread = ((x / parameter.si).reshape(parameter.shape).tolist() for x in (theta, sigma))
     return theta, {parameter.name: values, **effect.shape}, {parameter.name: spread}
+
+
+def theta_of(effect: Effect, parameters: dict, state: State) -> np.ndarray:
+    """theta (P,) SI of an effect with such JSON parameters: the state's own where it holds the effect, which is exact for all."""
+    held = next((claim.theta for claim in state.claims if claim.effect.id == effect.id), None)
+    return np.ravel(parameters[effect.parameter.name]) * effect.parameter.si if held is None else held
 
 
 def _from_the_first(theta: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -121,7 +121,7 @@ def _world() -> Effect:
         columns=lambda movement: np.zeros((*movement.rate.shape, 3)),
         says=lambda theta: f"{np.linalg.norm(theta) / DEG:.4f} dps is fixed in the world beyond the Earth's: does the table turn?",
         splits="record stills with each axis up and down and pointing each way",
-        regime=("attitude", "°"),
+        regime=("attitude", "g"),
     )
 
 

@@ -7,8 +7,9 @@ import numpy as np
 from session.units import DEG
 from tinygc.explain.drawn import added_in_stills, rates_per_still, segment_peak, still_variable, told
 from tinygc.explain.explain import Claimed, Explanation
-from tinygc.explain.pages import CHANNELS, VERDICTS, parameter_lines
-from tinygc.explain.result import what_next, where
+from tinygc.explain.pages import CHANNELS, VERDICTS, parameter_lines, regime_words, seconds_words
+from tinygc.explain.result import what_next
+from tinygc.explain.where import where
 from tinygc.html_report.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.html_report.evidence import Evidence
 from tinygc.html_report.markup import Section, code, escape, figure, key, paragraph, table
@@ -58,8 +59,7 @@ def _place(e: Explanation) -> str:
     words = [f"It lives in: {', '.join(place['phases'])}"]
     if place["axes"]:
         words.append(f"on {', '.join(place['axes'])}")
-    if regime := place["regime"]:
-        words.append(f"{regime['variable']} from {fixed(regime['from'], 2)} to {fixed(regime['to'], 2)} {regime['units']}")
+    words += [text for text in (regime_words(place["regime"]), seconds_words(place["seconds"])) if text]
     if place["segments"]:
         words.append(f"worst in segments {', '.join(map(str, place['segments'][:6]))}")
     return paragraph(escape("; ".join(words)) + ".")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 import tinygc
 from session.units import DEG, G
 from tinygc.effects import catalogue
-from tinygc.explain.channels import bonferroni, own_residuals
+from tinygc.explain.channels import bonferroni
 from tinygc.explain.claims import Claimed
 from tinygc.explain.explain import Explanation
 from tinygc.explain.proof import tilt_rms

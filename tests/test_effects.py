@@ -3,6 +3,7 @@
 import re
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,9 @@ from tinygc import effects
 from tinygc.effects import catalogue
 from tinygc.effects._effect import Effect, Movement, axis_of, diagonal, full, largest
 from tinygc.effects.earth_rotation import latitude_deg
+from tinygc.explain.explain import explain_session
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
 
 IDS = (
     "gyro.g_sensitivity",
@@ -130,6 +134,25 @@ def test_a_new_file_is_a_new_effect(new_file):
     (new_file / "_helper.py").write_text("raise RuntimeError('a helper is no effect')\n")
     assert set(catalogue()) == {*IDS, "gyro.made_up"}
     assert list(catalogue()) == sorted(catalogue())
+
+
+def test_the_effect_that_the_readme_writes_is_named_when_it_is_there(new_file, tmp_path):
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    (block,) = (block for block in re.findall(r"```python\n(.*?)```", readme, re.S) if "EFFECT = Effect(" in block)
+    (new_file / "scale_quadratic.py").write_text(block, encoding="utf-8")
+    effect = catalogue()["gyro.scale_quadratic"]
+    truth = np.array([0.01, -0.006, 0.008])
+
+    def distort(t_s, rate, force, temp_c):
+        return rate + truth * rate * np.abs(rate) / (500 * DEG)
+
+    folder = write_session(SimulationOptions(segments=24, closure_s=0.0, seed=5, odr_hz=104.0), tmp_path / "s", distort=distort)
+    explanation = explain_session(folder)
+    (claim,) = explanation.claimed
+    assert claim.effect.id == effect.id
+    np.testing.assert_array_less(
+        np.abs(np.subtract(claim.parameters["quadratic_at_fs"], truth)), 4 * np.array(claim.std["quadratic_at_fs"])
+    )
 
 
 @pytest.mark.parametrize("name", IDS)

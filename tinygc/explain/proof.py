@@ -21,7 +21,8 @@ FOLD_STEPS = 3
 class Proof:
     """Held-out error angles (S, d) rad: before with the linear model alone, after with what is named; floor_rms rad of tilt.
 
-    before and after may have different segments: what cannot be mended (clipped turns) is left out of after.
+    before and after may have different segments: what cannot be mended (clipped turns) is left out of after.  Both are numbered as
+    before.
     """
 
     before: np.ndarray
@@ -32,10 +33,11 @@ class Proof:
 
     @property
     def removed(self) -> float | None:
-        """Share of the excess over the floor that is gone; None where there was none to speak of."""
+        """Share of the excess over the floor that is gone; None where there was none to speak of.  What chance leaves below the floor
+        is no more than all of it."""
         floor = self.floor_rms**2
         excess = tilt_rms(self.before) ** 2 - floor
-        return None if excess < 0.5 * floor else 1 - (tilt_rms(self.after) ** 2 - floor) / excess
+        return None if excess < 0.5 * floor else 1 - max(tilt_rms(self.after) ** 2 - floor, 0.0) / excess
 
 
 def tilt_rms(angles: np.ndarray) -> float:
@@ -49,9 +51,22 @@ def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit) -> Proof:
         before=_before(original),
         after=_after(twin, whiten, fit),
         before_numbers=[segment.number for segment in original.used],
-        after_numbers=[segment.number for segment in twin.segments],
+        after_numbers=_numbers_before(original, twin),
         floor_rms=twin.problem.floor.tilt_rms,
     )
+
+
+def _numbers_before(original: Problem, twin: Twin) -> list[int]:
+    """Numbers that the twin's segments had before mending: a still that is none any more joins two turns, and shifts those behind it."""
+
+    def middle(segment) -> float:
+        return segment.start_s + segment.duration_s / 2
+
+    numbers = []
+    for segment in twin.segments:
+        same_log = [other for other in original.segments if other.log == segment.log] or original.segments
+        numbers.append(min(same_log, key=lambda other: abs(middle(other) - middle(segment))).number)
+    return numbers
 
 
 def _before(problem: Problem) -> np.ndarray:

@@ -24,6 +24,11 @@ ACCEL_INSTABILITY_MPS2 = 0.03 * MG
 PRECALIBRATION_MPS2 = 0.1 * MG
 
 
+#: a unit's bias instability in the datasheet's: that is a typical one, and stills of seconds do not show the unit's own.  The middle of what
+#: units have (1 to 1.4 times): p-values are a little careful with the best and a little bold with the worst
+UNIT_INSTABILITY = 1.2
+
+
 class Whitener:
     """Cholesky factor of the covariance of ``Channels.stacked()``; sizes of the three channels."""
 
@@ -106,7 +111,7 @@ def _flicker(twin: Twin) -> np.ndarray:
     segment_s = [starts[segment.log] + segment.start_s + segment.duration_s / 2 for segment in twin.segments]
     still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
     spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
-    wander = wander_covariance(np.array(segment_s + still_s), np.array(spans))
+    wander = UNIT_INSTABILITY**2 * wander_covariance(np.array(segment_s + still_s), np.array(spans))
     # A bias error turns a segment's end by its mean attitude times its duration, and shows in a still as it is.
     sensitivity = twin.sensitivity(twin.start(), twin.rates(twin.start()))
     response = np.concatenate([sensitivity.sum(axis=1).reshape(s * d, 3), np.tile(np.eye(3), (q, 1))])

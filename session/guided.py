@@ -15,7 +15,7 @@ from typing import Protocol as Interface
 import numpy as np
 
 from session.config import Config
-from session.errors import CalibrationError
+from session.errors import CalibrationError, DataError, StorageError
 from session.guide.guide import Guide
 from session.guide.words import Advice, Change, Kind, Stage, Taken
 from session.recording.logwriter import NEW_LOG
@@ -25,6 +25,7 @@ from session.samples import Samples
 from session.stream.events import Chunk, Event, Info, Trouble
 
 SILENT_S = 1.5
+NO_SERIAL = ("", "0")
 UNKNOWN_S = 10.0  #: of samples without a word of their ranges
 LAST_WORD_S = 5.0  #: that the coach may take at the end
 SHOW_EVERY_S = 0.1
@@ -61,6 +62,8 @@ class GuidedRecording:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="coach")
         self._heard_s = self._shown_s = time.monotonic()
         self._clock_said = False
+        self._last_said: tuple | None = None
+        self._serial: str | None = None  # of the sensor in this recording
 
     def lead(self, interrupted: Callable[[], bool] = lambda: False) -> None:
         """Take in what an earlier recording left, then follow the port until done; KeyboardInterrupt when ``interrupted``.
@@ -94,8 +97,7 @@ class GuidedRecording:
                 self._heard_s = time.monotonic()
                 self._samples(event)
             elif isinstance(event, Info):
-                self.guide.health.info_odr_hz = event.odr_hz
-                self._know(event)
+                self._hear_board(event)
             elif isinstance(event, Trouble):
                 self.guide.health.troubles[event.kind] += event.count
                 if event.kind in NEW_LOG:
@@ -119,6 +121,30 @@ class GuidedRecording:
             self._view.change(change)
             if change.taken is not None and self._coach is not None:
                 self._to_coach.append(change.taken)
+
+    def _hear_board(self, info: Info) -> None:
+        """What it says of itself.  A contradiction counts when it is said twice running: a line of text carries no check."""
+        said = (info.gyro_fs_dps, info.accel_fs_g, info.serial)
+        again, self._last_said = said == self._last_said, said
+        try:
+            self._require_same_sensor(info.serial)
+            self._know(info)
+        except StorageError:
+            raise
+        except CalibrationError:
+            if again:
+                raise
+        else:
+            self.guide.health.info_odr_hz = info.odr_hz
+
+    def _require_same_sensor(self, serial: str) -> None:
+        """In all of a recording, resumed or not: two sensors have two calibrations."""
+        if serial in NO_SERIAL:
+            return
+        if self._serial not in (None, serial):
+            known = f"this recording is of serial={self._serial}"
+            raise DataError(f"the board says serial={serial}, {known}: another sensor needs another --out")
+        self._serial = serial
 
     def _know(self, info: Info | None, waited_s: float = 0.0) -> bool:
         """What the samples mean; asked again at each info, which may contradict it.  Whether that is known only now."""

@@ -121,6 +121,34 @@ def test_a_board_that_says_nothing_of_its_ranges_is_not_guessed():
     assert led(Port(chunks(SESSION)), configure=lambda info, waited_s: config() if waited_s >= 3 else None)[0].accepted == 3
 
 
+def test_another_sensor_has_no_place_in_the_recording():
+    """Neither when it is resumed nor behind a pulled cable; a word that was damaged on the wire is not repeated."""
+    other = Info(500.0, 4.0, 208.0, "2")
+    for port in (
+        Port([plugged, other, *chunks(SESSION)[:9], other], resumed=[INFO, *chunks(SESSION)[:40]]),
+        Port([INFO, *chunks(SESSION)[:9], pulled, plugged, other, other]),
+    ):
+        with pytest.raises(CalibrationError, match=r"serial=2, this recording is of serial=1.*another --out"):
+            led(port)
+    damaged = [INFO, *chunks(SESSION)[:9], other, *chunks(SESSION)[9:]]
+    guide, _ = led(Port(damaged))
+    assert guide.accepted == 3
+    nameless = Info(500.0, 4.0, 208.0, "0")
+    assert led(Port([INFO, nameless, nameless, *chunks(SESSION)]))[0].accepted == 3
+
+
+def test_a_contradiction_counts_when_it_is_repeated():
+    def configure(info, waited_s):
+        if info and info.gyro_fs_dps != 500:
+            raise CalibrationError("the board says 1000")
+        return config() if info else None
+
+    wrong = Info(1000.0, 4.0, 208.0, "1")
+    assert led(Port([INFO, wrong, *chunks(SESSION)]), configure=configure)[0].accepted == 3
+    with pytest.raises(CalibrationError, match="1000"):
+        led(Port([INFO, wrong, *chunks(SESSION)[:5], wrong]), configure=configure)
+
+
 @pytest.mark.parametrize(("ratio", "says"), [(1.003, ""), (0.985, "1.50 % slow"), (1.02, "2.00 % fast"), (4.0, "")])
 def test_a_clock_that_runs_wrong_is_said_once(ratio, says):
     port = Port([INFO, *chunks(SESSION)])

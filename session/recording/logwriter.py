@@ -62,7 +62,8 @@ class LogWriter:
         try:
             yield
         except OSError as error:
-            raise StorageError(f"{self.folder}: {error.strerror or error}; make room, then calibrate.py replay the raw file") from None
+            do = "make room, then go on with record --resume, or replay raw.bin"
+            raise StorageError(f"{self.folder}: {error.strerror or error}; {do}") from None
 
     def _write(self, event: Event) -> None:
         if isinstance(event, Chunk):

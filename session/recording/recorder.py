@@ -35,7 +35,7 @@ class Recorder:
                 self.resumed += events
         self.raw = RawFile(folder)
         self._decoded = self.raw.size  # bytes; the reader thread is ahead of it
-        self.connected, self.why = False, ""
+        self.connected, self.why, self._closed = False, "", False
         try:
             self.port = Port(name, baudrate, self._keep)
         except CalibrationError:
@@ -59,7 +59,10 @@ class Recorder:
         self.logs.begin(stem)
 
     def close(self) -> None:
-        """Stop reading, write what is left, close the files."""
+        """Stop reading, write what is left, close the files; may be called twice."""
+        if self._closed:
+            return
+        self._closed = True
         self.port.close()
         try:
             self.poll(0)

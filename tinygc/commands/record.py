@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from pathlib import Path
 
@@ -31,7 +32,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Lead one person at the table through a session, and lose nothing of it."""
-    from session.errors import CalibrationError
+    from session.errors import CalibrationError, StorageError
     from session.guide.guide import Guide
     from session.guided import GuidedRecording
     from session.recording.ports import only_candidate
@@ -53,6 +54,8 @@ def run(args: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             interrupted = True
         except CalibrationError as error:
+            with contextlib.suppress(StorageError):  # a full disk has more than one thing to say
+                recorder.close()
             raise type(error)(f"{error}; kept in {folder}: {_so_far(guide, recorder)}") from None
         finally:
             recorder.close()

@@ -18,7 +18,7 @@ from tinygc.explain.selection import Selection
 from tinygc.explain.turn_gravity import turn_gravity
 from tinygc.explain.twin import Channels, Claim, State, Twin
 from tinygc.explain.unknown import slow_candidates
-from tinygc.explain.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
+from tinygc.explain.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, UNIT_INSTABILITY, Whitener
 from tinygc.problem import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
@@ -63,7 +63,7 @@ class Noise:
         (movement,) = twin.movements
         self.t_s = movement.t_s
         self.knots_s = np.arange(0, movement.t_s[-1] + 0.5, 0.5)
-        self.wander = np.linalg.cholesky(wander_covariance(self.knots_s))
+        self.wander = UNIT_INSTABILITY * np.linalg.cholesky(wander_covariance(self.knots_s))
 
     def residuals(self, noisy: bool) -> np.ndarray:
         """Stacked (n,)."""

@@ -24,8 +24,8 @@ ACCEL_INSTABILITY_MPS2 = 0.03 * MG
 PRECALIBRATION_MPS2 = 0.1 * MG
 
 
-#: a unit's bias instability in the datasheet's: that is a typical one, and stills of seconds do not show the unit's own.  The middle of what
-#: units have (1 to 1.4 times): p-values are a little careful with the best and a little bold with the worst
+#: a unit's bias instability in the datasheet's: that is a typical one, and stills of seconds do not show the unit's own.  The middle of
+#: what units have (1 to 1.4 times): p-values are a little careful with the best and a little bold with the worst
 UNIT_INSTABILITY = 1.2
 
 

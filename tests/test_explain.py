@@ -370,7 +370,7 @@ KEYS = {
     "next": (str, type(None)),
 }
 #: said beyond what FORMATS asks for
-MORE = {"findings", "warnings", "seen_from", "channels", "turn_gravity", "version"}
+MORE = {"findings", "warnings", "seen_from", "within_stills", "channels", "turn_gravity", "version"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]
 
 

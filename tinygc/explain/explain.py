@@ -21,6 +21,7 @@ from tinygc.explain.selection import FAMILY_WISE
 from tinygc.explain.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explain.twin import Twin
 from tinygc.explain.whitening import Whitener
+from tinygc.explain.within_stills import WithinStills, within_stills
 from tinygc.problem import Problem, build_problem
 
 
@@ -49,6 +50,7 @@ class Explanation:
     own_p: dict[str, tuple[float, float]] = field(default_factory=dict)
     warnings: list[Finding] = field(default_factory=list)
     seen_from: dict[str, float] = field(default_factory=dict)
+    within: WithinStills | None = None
 
 
 def explain_session(
@@ -80,6 +82,7 @@ def explain_session(
     )
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
+    explanation.within = within_stills(twin)
     explanation.seen_from = seen_from(twin, whiten, naming.fit)
     explanation.warnings = [finding for finding in findings if finding.level == "warning"]
     explanation.verdict = _verdict(explanation)

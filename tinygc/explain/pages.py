@@ -48,6 +48,7 @@ def explanation_page(e: Explanation) -> Group:
         Text("Recorded less predicted, in sigmas of the noise (rms; 1 is noise alone)", "italic"),
         _channels(e),
         _gravity(e),
+        _stamps(e),
         Text(""),
     ]
     parts += [*_where(e), _proof(e)]
@@ -91,7 +92,18 @@ def _channels(e: Explanation) -> Table:
         values = part.stop - part.start
         rms = [(np.sum(r[part] ** 2) / max(values - taken[name], 1)) ** 0.5 for r, taken in looks]
         table.add_row(CHANNELS[name], str(values), *(f"{each:.2f}" for each in rms))
+    for name in ("slope", "scatter"):  # which no effect that is fitted moves
+        table.add_row(f"{name} of the rate within each still", str(e.within.slope.size), f"{e.within.rms(name):.2f}")
     return table
+
+
+def _stamps(e: Explanation) -> Text:
+    """Registers and stamps: what is predicted is none that is false, and one sample a period."""
+    longest = max(float(log.samples.dt_s.max() / log.samples.period_s) for log in e.problem.logs)
+    found = [claim.effect.id for claim in e.claimed if claim.effect.id in e.mended.found and claim.effect.id != "reference.not_still"]
+    return Text(
+        f"registers: {', '.join(found) or 'none at a limit, none false, none lost unseen'}; stamps: longest interval {longest:.2f} periods"
+    )
 
 
 def _refitted(e: Explanation) -> bool:

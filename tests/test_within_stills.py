@@ -1,0 +1,53 @@
+"""Slope and scatter within the stills, against white noise, a creep and a still that shakes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from session.folder import read_session
+from session.units import DEG
+from tinygc.explain.twin import Twin
+from tinygc.explain.within_stills import within_stills
+from tinygc.problem import build_problem
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory):
+    options = SimulationOptions(segments=40, closure_s=0.0, seed=2, bias_instability_dph=0.0)
+    return Twin(build_problem(read_session(write_session(options, tmp_path_factory.mktemp("within") / "s"))))
+
+
+def changed(twin: Twin, number: int, rate) -> Twin:
+    """The same twin with ``rate`` (N, 3) rad/s added within one still."""
+    (log,), (_, still) = twin.problem.logs, twin.stills[number]
+    gyro = log.samples.gyro.copy()
+    gyro[still.start : still.stop] += rate(log.samples.t_s[still.start : still.stop])
+    problem = replace(twin.problem, logs=[replace(log, samples=replace(log.samples, gyro=gyro))])
+    other = object.__new__(Twin)
+    other.__dict__ = twin.__dict__ | {"problem": problem}
+    return other
+
+
+def test_white_noise_is_as_predicted(twin):
+    within = within_stills(twin)
+    assert within.slope.shape == within.scatter.shape == (41, 3)
+    assert within.rms("slope") == pytest.approx(1, abs=0.2)
+    assert within.rms("scatter") == pytest.approx(1, abs=0.25)
+
+
+def test_a_slope_shows_in_its_still_and_axis_by_its_size(twin):
+    before, slope = within_stills(twin), 0.05 * DEG  # rad/s^2
+    after = within_stills(changed(twin, 7, lambda t_s: np.outer(t_s - t_s.mean(), [0, slope, 0])))
+    (log,), (_, still) = twin.problem.logs, twin.stills[7]
+    sigma = log.noise.angle_random_walk[1] * np.sqrt(12 / still.duration_s**3)
+    np.testing.assert_allclose((after.slope - before.slope)[7], [0, slope / sigma, 0], rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_equal(np.delete(after.slope, 7, axis=0), np.delete(before.slope, 7, axis=0))
+
+
+def test_shaking_shows_as_scatter_and_not_as_slope(twin):
+    after = within_stills(changed(twin, 3, lambda t_s: np.outer(np.cos(2 * np.pi * 3.0 * (t_s - t_s.mean())), [0.1 * DEG, 0, 0])))
+    assert after.scatter[3, 0] > 20
+    assert np.abs(after.slope[3, 0]) < 5

@@ -1,12 +1,16 @@
-"""What a picture of an explanation shows: the mismatch along the variable that it follows, and what the named effect says of it."""
+"""What a picture of an explanation shows of the twin's channels: what is left in them, and what a named effect says of it."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from session.units import DEG
-from tinygc.explain.explain import Claimed, Explanation
-from tinygc.explain.twin import Twin
+from tinygc import rotation
+from tinygc.explain.claims import Claimed
+from tinygc.explain.explain import Explanation
+from tinygc.explain.parameters import theta_of
+from tinygc.explain.regime import Regime, regime_of
+from tinygc.methods import closure_angles
 
 
 def told(e: Explanation) -> Claimed | None:
@@ -14,38 +18,58 @@ def told(e: Explanation) -> Claimed | None:
     return next((claim for claim in [*e.claimed, *e.findings] if claim.effect.kind == "rate"), None)
 
 
+def theta(e: Explanation, claim: Claimed) -> np.ndarray:
+    """(P,) SI"""
+    return theta_of(claim.effect, claim.parameters, e.naming.fit.state)
+
+
+def regime(e: Explanation, claim: Claimed | None) -> Regime:
+    """The variable that a claim is drawn against; time where there is none."""
+    return regime_of(None) if claim is None else regime_of(claim.effect, theta(e, claim))
+
+
 def rates_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
     """Residual rates (Q, 3) dps in the stills, before and after."""
-    twin = e.twin
-    before = twin.residuals(e.naming.first.state, e.naming.first.rates).still / DEG
-    after = twin.residuals(e.naming.fit.state, e.naming.fit.rates).still / DEG
+    before, after = (e.twin.residuals(fit.state, fit.rates).still / DEG for fit in (e.naming.first, e.naming.fit))
     return before, after
 
 
-def added_in_stills(twin: Twin, claim: Claimed, rates: list[np.ndarray]) -> np.ndarray:
-    """(Q, 3) dps that the effect adds to each still's mean rate."""
-    name, parameter = claim.effect.parameter.name, claim.effect.parameter
-    theta = np.ravel(claim.parameters[name]) * parameter.si
-    by_log = [claim.effect.columns(m.with_rate(rate)) @ theta for m, rate in zip(twin.movements, rates, strict=True)]
+def lengths_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
+    """Residual lengths of gravity (Q,) m/s^2 in the stills, before and after."""
+    before, after = (e.twin.residuals(fit.state, fit.rates).length for fit in (e.naming.first, e.naming.fit))
+    return before, after
+
+
+def added_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
+    """(Q, 3) dps that an effect adds to each still's mean rate."""
+    twin, values = e.twin, theta(e, claim)
+    if claim.effect.kind == "earth":
+        return np.einsum("qji,j->qi", rotation.matrix(twin.q_tb), values) / DEG
+    by_log = [claim.effect.columns(m.with_rate(rate)) @ values for m, rate in zip(twin.movements, e.naming.fit.rates, strict=True)]
     return np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in twin.stills]) / DEG
 
 
-def still_variable(twin: Twin, variable: str) -> np.ndarray:
-    """(Q,) temperature °C, attitude (g along z) or time s of each still."""
-    pick = {
-        "temperature": lambda m, s: m.temp_c[s.start : s.stop].mean(),
-        "attitude": lambda m, s: -s.accel_mean[2] / s.gravity_mps2,
-    }.get(variable, lambda m, s: m.t_s[s.start])
-    return np.array([pick(twin.movements[log], still) for log, still in twin.stills])
+def recorded_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
+    """(Q, 3) dps that the recording has in each still of what the effect should explain."""
+    _, after = rates_per_still(e)
+    return after + added_in_stills(e, claim) if claim in e.claimed else after
 
 
-def segment_peak(twin: Twin, variable: str) -> np.ndarray:
-    """(S,) greatest value of a variable in each segment of the twin."""
-    read = {
-        "rate": lambda m: np.abs(m.rate).max(axis=1) / DEG,
-        "angular acceleration": lambda m: np.abs(m.acceleration).max(axis=1),
-        "vibration": lambda m: m.vibration_g2,
-        "temperature": lambda m: m.temp_c,
-    }.get(variable, lambda m: m.t_s)
-    values = [read(movement) for movement in twin.movements]
-    return np.array([values[s.log][s.start : s.stop].max() for s in twin.segments])
+def added_to_closure(e: Explanation, claim: Claimed) -> tuple[np.ndarray, np.ndarray]:
+    """(S, d) rad that an effect adds to the closure of each segment, to first order, and what the recording has of it."""
+    fit = e.naming.fit
+    added = -e.twin.effect_columns(claim.effect, fit.state, fit.sensitivity, fit.rates).closure @ theta(e, claim)
+    left = e.twin.residuals(fit.state, fit.rates).closure
+    return added, left + added if claim in e.claimed else left
+
+
+def closure_as_recorded(e: Explanation) -> dict[int, float]:
+    """Closure in degrees, by the segment's number, of what was recorded with nothing mended, by the linear model of what was mended."""
+    angles = closure_angles(e.problem.batch, e.naming.fit.state.model)
+    return dict(zip((segment.number for segment in e.problem.used), np.linalg.norm(angles[:, :2], axis=1) / DEG, strict=True))
+
+
+def closure_by_segment(e: Explanation) -> tuple[dict[int, float], dict[int, float]]:
+    """Held-out closure in degrees by the segment's number, before and after."""
+    before, after = (np.linalg.norm(angles[:, :2], axis=1) / DEG for angles in (e.proof.before, e.proof.after))
+    return dict(zip(e.proof.before_numbers, before, strict=True)), dict(zip(e.proof.after_numbers, after, strict=True))

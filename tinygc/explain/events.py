@@ -9,7 +9,6 @@ import numpy as np
 from session.units import DEG
 from tinygc.explain.claims import Claimed
 from tinygc.explain.explain import Explanation
-from tinygc.explain.plateaus import SAME
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +38,7 @@ def clipped_readings(e: Explanation, claim: Claimed) -> Clipped:
     """All readings at the level of a ``gyro.saturation``."""
     level = claim.parameters["dps"] * DEG
     magnitude = np.concatenate([np.abs(log.samples.gyro).max(axis=1) for log in e.session.logs])
-    rows = np.flatnonzero(magnitude >= (1 - SAME) * level)
+    rows = np.flatnonzero(magnitude >= level - claim.std["dps"] * DEG)
     return Clipped(reading_s(e, rows), magnitude[rows])
 
 

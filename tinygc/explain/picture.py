@@ -1,4 +1,4 @@
-"""One page per explanation: the mismatch where it lives, against what explains it, before and after; and closure per segment."""
+"""One page per explanation: each cause where it lives, and what is left with it; closure per segment; the stills over time."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from textwrap import fill
 import numpy as np
 
 from session.errors import CalibrationError
-from session.units import DEG
-from tinygc.explain.drawn import added_in_stills, rates_per_still, segment_peak, still_variable, told
-from tinygc.explain.explain import Claimed, Explanation
+from session.units import DEG, MG
+from tinygc.explain.channels import own_residuals
+from tinygc.explain.drawn import lengths_per_still, rates_per_still
+from tinygc.explain.explain import Explanation
 from tinygc.explain.pages import VERDICTS
+from tinygc.explain.panels import panels_of
+from tinygc.explain.panels.palette import AFTER, AXES, BEFORE, FLOOR
 from tinygc.explain.proof import tilt_rms
+from tinygc.explain.regime import Regime
 
-COLOURS = {"x": "#c0392b", "y": "#27804a", "z": "#2c5fa8"}
-BEFORE, AFTER, FLOOR = "#c0392b", "#2c5fa8", "#777777"
+MOST_ROWS = 4  #: of causes that are drawn, strongest first
 
 
 def draw(e: Explanation, path: Path) -> None:
@@ -24,97 +27,87 @@ def draw(e: Explanation, path: Path) -> None:
         from matplotlib.figure import Figure
     except ImportError:
         raise CalibrationError("pictures need matplotlib: python -m pip install 'tinygc[plot]', or use --no-pictures") from None
-    figure = Figure(figsize=(13, 8), layout="constrained")
-    top, bottom = figure.subplots(2, 2, gridspec_kw={"height_ratios": [1.15, 1]})
-    claim = told(e)
-    _along_variable(e, claim, top[0])
-    _recorded_against_modelled(e, claim, top[1])
-    _closure(e, bottom[0])
-    _stills_in_time(e, bottom[1])
-    names = ", ".join(claim.effect.id for claim in [*e.claimed, *e.findings])
-    says = "  ".join(claim.says for claim in [*e.claimed, *e.findings])
-    title = f"{e.session.name}: {VERDICTS[e.verdict][0]}" + (f"\n{names}" if names else "")
-    figure.suptitle(title + ("\n" + fill(says, 150) if says else ""), fontsize=11)
+    told = [*e.claimed, *e.findings]
+    shown = told[:MOST_ROWS]
+    rows = max(len(shown), 1) + 1
+    figure = Figure(figsize=(13, 1.2 + 3.5 * rows), layout="constrained")
+    grid = figure.subplots(rows, 2)
+    for claim, row in zip(shown, grid, strict=False):
+        for panel, axes in zip(panels_of(claim), row, strict=True):
+            panel(e, claim, axes)
+        if len(shown) > 1:
+            row[0].set_title(f"{claim.effect.id}\n{row[0].get_title()}")
+    if not shown:
+        _stills_in_time(e, grid[0, 0])
+        _lengths_in_time(e, grid[0, 1])
+    _closure(e, grid[-1, 0])
+    if any(claim.effect.kind in ("rate", "earth") and "still" in claim.effect.seen_in for claim in shown):
+        _stills_in_time(e, grid[-1, 1])
+    else:
+        _channels(e, grid[-1, 1])
+    figure.suptitle(_title(e, told), fontsize=11)
     figure.savefig(path, dpi=110)
 
 
-def _along_variable(e: Explanation, claim: Claimed | None, axes) -> None:
-    """Closure, or rate in the stills, along the variable that the effect follows."""
-    twin = e.twin
-    variable, units = claim.effect.regime if claim else ("time", "s")
-    if claim is not None and "still" not in claim.effect.seen_in:
-        x = segment_peak(twin, variable)
-        numbers = [segment.number for segment in twin.segments]
-        index = {number: i for i, number in enumerate(e.proof.before_numbers)}
-        before = np.array([np.linalg.norm(e.proof.before[index[n]][:2]) if n in index else np.nan for n in numbers]) / DEG
-        after = np.linalg.norm(e.proof.after[:, :2], axis=1) / DEG
-        axes.semilogy(x, before, "o", color=BEFORE, label="before")
-        axes.semilogy(x, after, "o", mfc="none", color=AFTER, label="after")
-        axes.axhline(e.proof.floor_rms / DEG, color=FLOOR, ls="--", label="floor")
-        axes.set(
-            xlabel=f"{variable} in the segment ({units})", ylabel="held-out closure (°)", title="Where it lives: closure of each segment"
-        )
-        axes.legend()
-        return
-    before, after = rates_per_still(e)
-    x = still_variable(twin, variable)
-    for i, axis in enumerate("xyz"):
-        axes.plot(x, before[:, i] * 1e3, "o", color=COLOURS[axis], label=f"{axis} before")
-        axes.plot(x, after[:, i] * 1e3, "o", mfc="none", color=COLOURS[axis], label=f"{axis} after")
-    axes.axhline(0, color=FLOOR, lw=0.8)
-    label = "gravity along the sensor's z axis (g)" if variable == "attitude" else f"{variable} ({units})"
-    axes.set(xlabel=label, ylabel="rate beyond the prediction (mdps)", title="Where it lives: rate in each still")
-    axes.legend(ncols=3, fontsize=8)
-
-
-def _recorded_against_modelled(e: Explanation, claim: Claimed | None, axes) -> None:
-    """Each still's rate and what the effect says it should be; or the two channels' sigmas where no rate effect is told."""
-    if claim is not None and "still" in claim.effect.seen_in and claim in e.claimed:
-        modelled = added_in_stills(e.twin, claim, e.naming.fit.rates) * 1e3
-        _, after = rates_per_still(e)
-        recorded = modelled + after * 1e3
-        for i, axis in enumerate("xyz"):
-            axes.plot(modelled[:, i], recorded[:, i], "o", color=COLOURS[axis], label=axis, ms=4)
-        span = [min(modelled.min(), recorded.min()), max(modelled.max(), recorded.max())]
-        axes.plot(span, span, color=FLOOR, lw=0.8)
-        axes.set(xlabel=f"{claim.effect.id} says (mdps)", ylabel="recorded in the still (mdps)", title="Recorded against explained")
-        axes.legend()
-        return
-    names, before, after = [], [], []
-    for name, part in e.whiten.parts.items():
-        names.append({"closure": "closure", "still": "rate in stills", "length": "gravity's length"}[name])
-        before.append(np.sqrt(np.mean(e.naming.first.r[part] ** 2)))
-        after.append(np.sqrt(np.mean(e.naming.fit.r[part] ** 2)))
-    at = np.arange(len(names))
-    axes.bar(at - 0.2, before, 0.4, color=BEFORE, label="before")
-    axes.bar(at + 0.2, after, 0.4, color=AFTER, label="after")
-    axes.axhline(1, color=FLOOR, ls="--", label="noise alone")
-    axes.set_xticks(at, names)
-    axes.set(ylabel="rms in sigmas", title="Recorded less predicted, by channel")
-    if max(before) > 20:
-        axes.set_yscale("log")
-    axes.legend()
+def _title(e: Explanation, told: list) -> str:
+    lines = [f"{e.session.name}: {VERDICTS[e.verdict][0]}", ", ".join(claim.effect.id for claim in told)]
+    lines += [fill(claim.says, 150) for claim in told]
+    return "\n".join(line for line in lines if line)
 
 
 def _closure(e: Explanation, axes) -> None:
-    """Held-out closure per segment, before, after, floor."""
-    before = np.linalg.norm(e.proof.before[:, :2], axis=1) / DEG
-    after = np.linalg.norm(e.proof.after[:, :2], axis=1) / DEG
-    axes.semilogy(e.proof.before_numbers, before, "o-", color=BEFORE, lw=0.7, label=f"before, {tilt_rms(e.proof.before) / DEG:.4f}° rms")
-    axes.semilogy(e.proof.after_numbers, after, "o-", mfc="none", color=AFTER, lw=0.7, label=f"after, {tilt_rms(e.proof.after) / DEG:.4f}°")
+    """Held-out closure per segment: before, after, floor."""
+    series = [("before", BEFORE, BEFORE, e.proof.before_numbers, e.proof.before)] if e.claimed else []
+    series += [("after" if e.claimed else "held out", AFTER, "none", e.proof.after_numbers, e.proof.after)]
+    for name, colour, face, numbers, angles in series:
+        closure = np.linalg.norm(angles[:, :2], axis=1) / DEG
+        axes.semilogy(numbers, closure, "o-", mfc=face, color=colour, lw=0.7, label=f"{name}, {tilt_rms(angles) / DEG:.4f}° rms")
     axes.axhline(e.proof.floor_rms / DEG, color=FLOOR, ls="--", label=f"floor, {e.proof.floor_rms / DEG:.4f}°")
     axes.set(xlabel="segment", ylabel="closure (°)", title="Closure of segments that the fit never saw")
     axes.legend()
 
 
 def _stills_in_time(e: Explanation, axes) -> None:
-    """Rate in each still over the session: where drifts, steps and stills that are none show."""
+    """Rate in each still over the session: where drifts and steps show."""
     before, after = rates_per_still(e)
-    t = still_variable(e.twin, "time")
+    t_s, refitted = Regime("time").of_stills(e.twin), bool(e.naming.fit.state.claims)
     for i, axis in enumerate("xyz"):
-        axes.plot(t, before[:, i] * 1e3, "-", color=COLOURS[axis], lw=0.8, alpha=0.6)
-        axes.plot(t, after[:, i] * 1e3, "o", mfc="none", color=COLOURS[axis], ms=4, label=axis)
-    axes.set(
-        xlabel="time (s)", ylabel="rate beyond the prediction (mdps)", title="Rate in the stills over time: lines before, circles after"
-    )
+        if refitted:
+            axes.plot(t_s, before[:, i] * 1e3, "-", color=AXES[axis], lw=0.8, alpha=0.6)
+        axes.plot(t_s, after[:, i] * 1e3, "o", mfc="none", color=AXES[axis], ms=4, label=axis)
+    title = "Rate in the stills over time" + (": lines before, circles after" if refitted else "")
+    axes.set(xlabel="time (s)", ylabel="rate beyond the prediction (mdps)", title=title)
+    axes.axhline(0, color=FLOOR, lw=0.8)
     axes.legend(ncols=3)
+
+
+def _lengths_in_time(e: Explanation, axes) -> None:
+    """Length of gravity in each still."""
+    _, left = lengths_per_still(e)
+    axes.plot(Regime("time").of_stills(e.twin), left / MG, "o", mfc="none", color=AFTER, ms=4)
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    axes.set(xlabel="time (s)", ylabel="beyond one value (mg)", title="Length of gravity in the stills over time")
+
+
+def _channels(e: Explanation, axes) -> None:
+    """The channels' sigmas: what is left in each beside what noise alone leaves."""
+    refitted = bool(e.naming.fit.state.claims)
+    fits = [("before", BEFORE, e.naming.first), ("after", AFTER, e.naming.fit)] if refitted else [("", AFTER, e.naming.fit)]
+    names = {"closure": "closure", "still": "rate in stills", "length": "gravity's length"}
+    at, width, greatest = np.arange(len(e.whiten.parts)), 0.8 / len(fits), 0.0
+    for i, (label, colour, fit) in enumerate(fits):
+        left, taken = own_residuals(e.twin, e.whiten, fit)
+        parts = e.whiten.parts.items()
+        rms = [np.sqrt(np.sum(left[part] ** 2) / max(part.stop - part.start - taken[name], 1)) for name, part in parts]
+        axes.bar(at + (i - (len(fits) - 1) / 2) * width, rms, width, color=colour, label=label or None)
+        greatest = max(greatest, *rms)
+    axes.axhline(1, color=FLOOR, ls="--", label="noise alone")
+    axes.set_xticks(at, [names[name] for name in e.whiten.parts])
+    axes.set(
+        ylabel="rms in sigmas", title="Recorded less predicted, by channel" + (", once mended" if e.mended.found and not refitted else "")
+    )
+    if greatest > 20:
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(0, 1.25 * max(greatest, 1))
+    axes.legend()

@@ -38,13 +38,39 @@ class TurnGravity:
         return abs(self.offset_s) > self.bar_s
 
 
-def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
-    """Fit lever arm and offset to all turns."""
+@dataclass(frozen=True, eq=False)
+class TurnEquations:
+    """Normal equations of lever arm and offset, turn by turn: normal (S, 4, 4), right (S, 4), square (S,) of what they should explain,
+    from count (S,) values."""
+
+    normal: np.ndarray
+    right: np.ndarray
+    square: np.ndarray
+    count: np.ndarray
+
+    def solve(self) -> np.ndarray:
+        """(4,) lever arm, m, and offset, s."""
+        return np.linalg.solve(self.normal.sum(axis=0), self.right.sum(axis=0))
+
+    def left(self, solution: np.ndarray) -> np.ndarray:
+        """(S,) what a solution leaves of each square."""
+        left = self.square - 2 * self.right @ solution + np.einsum("sij,i,j->s", self.normal, solution, solution)
+        return np.maximum(left, 0.0)
+
+    def square_at(self, offset_s: float) -> np.ndarray:
+        """(S,) what is left with a given offset, the lever arm fitted to it."""
+        arm = self.normal.sum(axis=0)[:3]
+        lever = np.linalg.solve(arm[:, :3], self.right.sum(axis=0)[:3] - offset_s * arm[:, 3])
+        return self.left(np.append(lever, offset_s))
+
+
+def turn_equations(twin: Twin, fit: Refit) -> TurnEquations:
+    """What gravity in the turns says of lever arm and offset."""
     state = fit.state
     batch = twin.batch_at(state)
     padded = twin.padded(fit.rates)
     turn = rotation.matrix(closure.attitudes(batch, padded))
-    normal, right, square, count = [], [], 0.0, 0
+    normal, right, square, count = [], [], [], []
     for i, segment in enumerate(twin.segments):
         samples = twin.problem.logs[segment.log].samples
         length, dt = segment.stop - segment.start, samples.period_s
@@ -60,23 +86,28 @@ def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
         value = value.reshape(blocks, size, 3).mean(axis=1).ravel()
         normal.append(columns.T @ columns)
         right.append(columns.T @ value)
-        square += float(value @ value)
-        count += len(value)
-    normal, right = np.array(normal), np.array(right)
-    solution = np.linalg.solve(normal.sum(axis=0), right.sum(axis=0))
+        square.append(float(value @ value))
+        count.append(len(value))
+    return TurnEquations(np.array(normal), np.array(right), np.array(square), np.array(count))
+
+
+def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
+    """Fit lever arm and offset to all turns."""
+    equations = turn_equations(twin, fit)
+    solution = equations.solve()
     # Sandwich over the segments: each is one draw of the hand's shaking.
-    score = right - normal @ solution
-    inverse = np.linalg.inv(normal.sum(axis=0))
+    score = equations.right - equations.normal @ solution
+    inverse = np.linalg.inv(equations.normal.sum(axis=0))
     covariance = inverse @ (score.T @ score) @ inverse
-    left = square - 2 * solution @ right.sum(axis=0) + solution @ normal.sum(axis=0) @ solution
     sigma = float(np.sqrt(covariance[3, 3]))
+    count = equations.count.sum()
     period = float(np.median([movement.dt_s for movement in twin.movements]))
     return TurnGravity(
         lever_m=solution[:3],
         offset_s=float(solution[3]),
         sigma_s=sigma,
-        before_mps2=float(np.sqrt(square / count)),
-        after_mps2=float(np.sqrt(max(left, 0.0) / count)),
+        before_mps2=float(np.sqrt(equations.square.sum() / count)),
+        after_mps2=float(np.sqrt(equations.left(solution).sum() / count)),
         bar_s=max(FILTERS_PERIODS * period, SIGMAS * sigma),
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.units import DEG
-from tinygc.explain.drawn import added_in_stills, rates_per_still, segment_peak, still_variable, told
+from tinygc.explain.drawn import added_in_stills, rates_per_still, recorded_in_stills, regime, told
 from tinygc.explain.explain import Claimed, Explanation
 from tinygc.explain.pages import CHANNELS, VERDICTS, parameter_lines, regime_words, seconds_words
 from tinygc.explain.result import what_next
@@ -112,16 +112,15 @@ def _before_after_keys() -> list[str]:
 
 
 def _stills_along(e: Explanation, claim: Claimed | None, width: int) -> str:
-    variable, unit = claim.effect.regime if claim and claim.effect.regime else ("time", "s")
-    x = still_variable(e.twin, variable)
+    variable = regime(e, claim)
+    x = variable.of_stills(e.twin)
     before, after = (1e3 * rates for rates in rates_per_still(e))
-    label = "gravity along the sensor's z axis, g" if variable == "attitude" else f"{variable}, {unit}"
     chart = Chart(
         width,
         270,
-        linear_axis(x, label),
+        linear_axis(x, f"{variable.words}, {variable.units}"),
         linear_axis(np.concatenate([before, after]), "mdps", zero=True),
-        f"Rate in each still along {variable}",
+        f"Rate in each still along {variable.words}",
     )
     chart.across(0, "floor", style="axis")
     named = bool(e.claimed or e.findings)
@@ -133,20 +132,25 @@ def _stills_along(e: Explanation, claim: Claimed | None, width: int) -> str:
 
 
 def _closure_along(e: Explanation, claim: Claimed, width: int) -> str:
-    variable, unit = claim.effect.regime or ("time", "s")
-    x = segment_peak(e.twin, variable)
+    variable = regime(e, claim)
+    x = variable.of_segments(e.twin)
     at = {number: angles for number, angles in zip(e.proof.before_numbers, e.proof.before, strict=True)}
     before = np.array([np.linalg.norm(at[s.number][:2]) if s.number in at else np.nan for s in e.twin.segments]) / DEG
     after = np.linalg.norm(e.proof.after[:, :2], axis=1) / DEG
     y = log_axis([*before, *after, e.proof.floor_rms / DEG], "closure, degrees")
-    chart = Chart(width, 260, linear_axis(x, f"{variable} in the segment, {unit}"), y, f"Closure of each segment along {variable}")
+    chart = Chart(
+        width,
+        260,
+        linear_axis(x, f"greatest {variable.words} in the segment, {variable.units}"),
+        y,
+        f"Closure of each segment along {variable.words}",
+    )
     chart.across(e.proof.floor_rms / DEG, "floor")
     return chart.dots(x, before, "before").dots(x, after, "after").svg()
 
 
 def _said_against_recorded(e: Explanation, claim: Claimed, width: int) -> str:
-    said = added_in_stills(e.twin, claim, e.naming.fit.rates) * 1e3
-    recorded = said + rates_per_still(e)[1] * 1e3
+    said, recorded = added_in_stills(e, claim) * 1e3, recorded_in_stills(e, claim) * 1e3
     span = linear_axis(np.concatenate([said, recorded]))
     x, y = (Axis(span.lo, span.hi, label) for label in (f"{claim.effect.id} says, mdps", "recorded, mdps"))
     chart = Chart(width, 300, x, y, "Recorded against explained")

@@ -1,0 +1,150 @@
+"""Pictures of explanations: each cause has a panel of its own that shows it, with numbers that are those of the claim."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from test_explain import FALSE_ROWS, explained, session  # noqa: F401  (fixtures)
+
+from session.units import DEG
+from tinygc.effects import catalogue
+from tinygc.effects._effect import Effect, Parameter, diagonal
+from tinygc.explain.explain import explain_session
+from tinygc.explain.panels import OWN, panels_of
+from tinygc.explain.panels.palette import BEFORE, PALE
+from tinygc.explain.regime import READ, Regime, regime_of
+from tinygc.explain.turn_gravity import turn_equations
+
+
+def drawn(explanation, number: int):
+    """The axes of a claim's first (0) or second (1) panel."""
+    (claim,) = explanation.claimed
+    axes = Figure().subplots()
+    panels_of(claim)[number](explanation, claim, axes)
+    return axes
+
+
+def line(axes, label: str) -> np.ndarray:
+    """(n, 2)"""
+    (found,) = [each for each in axes.lines if each.get_label() == label]
+    return found.get_xydata()
+
+
+def test_every_effect_that_is_no_rate_has_its_own_panel():
+    assert {name for name, effect in catalogue().items() if effect.kind != "rate"} <= set(OWN)
+
+
+def test_a_clipped_turn_shows_the_readings_at_the_level(explained):  # noqa: F811
+    explanation, _ = explained("saturation")
+    axes = drawn(explanation, 0)
+    (stuck,) = [each.get_xydata() for each in axes.lines if each.get_label().endswith("at the level")]
+    assert len(stuck) >= 10
+    assert np.abs(stuck[:, 1]) == pytest.approx(180, abs=0.5)
+    axes = drawn(explanation, 1)
+    used, left_out = line(axes, "used"), line(axes, "left out")
+    assert used[:, 0].max() < 180 < left_out[:, 0].min() + 0.5
+    assert np.median(left_out[:, 1]) > 20 * np.median(used[:, 1])
+
+
+def test_a_false_reading_is_drawn_with_its_bridge(explained):  # noqa: F811
+    explanation, _ = explained("glitches")
+    axes = drawn(explanation, 0)
+    false, bridge = line(axes, "false"), line(axes, "bridge")
+    assert len(false) == 3
+    assert false[0, 0] in FALSE_ROWS
+    assert false[:, 1] - bridge[1:-1, 1] == pytest.approx(2600 * 17.5e-3, abs=1.0)
+    t_s = explanation.session.logs[0].samples.t_s
+    every = line(drawn(explanation, 1), "x")
+    assert every[:, 0] == pytest.approx(t_s[FALSE_ROWS])
+    assert every[:, 1] == pytest.approx(2600 * 17.5e-3, abs=1.0)
+
+
+def test_gravitys_misfit_is_least_at_the_offset(explained):  # noqa: F811
+    explanation, _ = explained("gyro_accel_offset")
+    curve = drawn(explanation, 0).lines[0].get_xydata()
+    assert curve[np.argmin(curve[:, 1]), 0] == pytest.approx(1e3 * explanation.gravity.offset_s, abs=0.5)
+    axes = drawn(explanation, 1)
+    before, after = (np.sqrt(np.mean(each.get_xydata()[:, 1] ** 2)) for each in axes.lines)
+    assert after < 0.8 * before
+    equations = turn_equations(explanation.twin, explanation.naming.fit)
+    assert equations.square_at(explanation.gravity.offset_s).sum() == pytest.approx(equations.left(equations.solve()).sum())
+
+
+def test_gravitys_length_is_straightened(explained):  # noqa: F811
+    explanation, _ = explained("accelerometer")
+    before, after = (each.get_xydata()[:, 1].std() for each in drawn(explanation, 0).lines[:2])
+    assert before > 2
+    assert after < 0.1 * before
+
+
+def test_the_earth_gathers_in_the_table(explained):  # noqa: F811
+    explanation, _ = explained("earth")
+    axes = drawn(explanation, 0)
+    ((north, down),) = line(axes, "mean before")
+    assert np.hypot(north, down) == pytest.approx(15.04 / 3.6, abs=1.0)
+    assert np.abs(line(axes, "mean after")).max() < 1.0
+
+
+def test_an_effect_of_a_matrix_is_drawn_along_its_strongest_column():
+    effect = catalogue()["gyro.g_sensitivity"]
+    matrix = np.array([[0.01, 0.03, 0.0], [0.0, 0.15, 0.02], [0.04, -0.09, 0.0]]) * DEG
+    assert regime_of(effect, matrix.ravel()) == Regime("attitude", 1)
+    assert regime_of(effect, matrix.ravel()).words == "gravity along y"
+
+
+def test_a_variable_that_no_movement_holds_is_not_what_the_axis_is_named(explained):  # noqa: F811
+    """Its place is taken by time, and the label says so."""
+    effect = Effect(
+        id="gyro.humidity",
+        equation="ω += k h",
+        parameter=Parameter("dps_per_percent", (3,), "dps/%", DEG),
+        seen_in=("still", "turn"),
+        columns=lambda movement: diagonal(movement.temp_c),
+        says=lambda theta: "",
+        splits="",
+        regime=("humidity", "%"),
+    )
+    found = regime_of(effect, np.ones(3))
+    assert (found.words, found.units) == ("time", "s")
+    twin = explained("nothing")[0].twin
+    t_s = found.of_stills(twin)
+    starts = np.array([twin.movements[log].t_s[still.start] for log, still in twin.stills])
+    assert (t_s > starts).all()
+    assert (np.diff(t_s) > 0).all()
+
+
+def test_gravity_along_an_axis_is_positive_where_it_points_down(explained):  # noqa: F811
+    twin = explained("nothing")[0].twin
+    for axis in range(3):
+        np.testing.assert_allclose(Regime("attitude", axis).of_stills(twin), -twin.force[:, axis] / 9.80665, atol=0.01)
+    assert READ["attitude"][1] == "g"
+
+
+@pytest.fixture(scope="module")
+def recorded(shared):
+    """``recorded(name)``: the explanation of a recording of the other bench."""
+    return cache(lambda name: explain_session(shared / "concealed" / name))
+
+
+def test_a_loss_is_filled_where_the_stamps_had_no_gap(recorded):
+    explanation = recorded("case019")
+    count = explanation.claimed[0].parameters["length"]
+    axes = drawn(explanation, 0)
+    stamped, put = line(axes, "as stamped"), line(axes, "put between")
+    assert len(put) == count
+    assert np.diff(stamped[:, 0]) == pytest.approx(1e3 / 208, rel=0.05)
+    assert put[:, 0].min() > 0
+    axes = drawn(explanation, 1)
+    as_recorded = line(axes, "as recorded")
+    whole = as_recorded[:, 0] < 0.5
+    assert np.median(as_recorded[~whole, 1]) > 20 * np.median(as_recorded[whole, 1])
+    assert np.median(line(axes, "filled")[:, 1]) < 0.03
+
+
+def test_stills_that_were_none_run_away(recorded):
+    explanation = recorded("case022")
+    axes = drawn(explanation, 0)
+    ends = {colour: [each.get_ydata()[-1] for each in axes.lines if each.get_color() == colour] for colour in (BEFORE, PALE)}
+    assert len(ends[BEFORE]) == len(explanation.claimed[0].parameters["stills"])
+    assert min(ends[BEFORE]) > 5 * max(ends[PALE])

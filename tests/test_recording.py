@@ -196,8 +196,11 @@ def test_killed_at_a_random_moment(seed, tmp_path, wire):
     child.start()
     until(lambda: (tmp_path / "s" / "raw.times").exists() and read_marks(tmp_path / "s" / "raw.bin"))
     os.set_blocking(master, False)
-    written, deadline = 0, time.monotonic() + rng.uniform(0.02, 0.15)
+    written, deadline = 0, time.monotonic() + 30
+    begun = False
     while time.monotonic() < deadline:
+        if not begun and (tmp_path / "s" / "raw.bin").stat().st_size:
+            begun, deadline = True, time.monotonic() + rng.uniform(0.0, 0.13)
         try:
             written += os.write(master, data[written : written + int(rng.integers(1, 2000))])
         except BlockingIOError:

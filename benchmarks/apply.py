@@ -22,9 +22,9 @@ from session.dialects.layout import Answers  # noqa: E402
 from session.dialects.reader import Reader  # noqa: E402
 from session.fixed_point import rows  # noqa: E402
 from tinygc import models  # noqa: E402
-from tinygc.denoiser import DenoisedNet, Denoiser  # noqa: E402
+from tinygc.denoising.denoiser import DenoisedNet, Denoiser  # noqa: E402
 from tinygc.linear import LinearModel  # noqa: E402
-from tinygc.network import CalibrationNet  # noqa: E402
+from tinygc.network.subnet import CalibrationNet  # noqa: E402
 
 RATE_HZ = 208.0
 PIECE = 1 << 14

@@ -19,11 +19,11 @@ from session.units import DEG
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import bias_only
 from tinygc.methods import closure_angles
-from tinygc.network import CalibrationNet
-from tinygc.network_published import PublishedNet
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
+from tinygc.network.training import train_second_order
 from tinygc.problem import build_problem
 from tinygc.simulation.options import SimulationOptions
-from tinygc.training import train_second_order
 
 FS_RPS = 500 * DEG
 NETS = {"27 parameters": CalibrationNet, "26, published": PublishedNet}

@@ -17,16 +17,16 @@ from common import first_still_heading_deg, in_parallel, markdown, simulated, wi
 from session.folder import Session, read_session
 from session.units import DEG
 from tinygc.closure_run import read_closure_runs
-from tinygc.denoise_material import of_problem
-from tinygc.denoise_training import DenoiseOptions, train_denoiser
+from tinygc.denoising.material import of_problem
+from tinygc.denoising.training import DenoiseOptions, train_denoiser
 from tinygc.fit import closure_figures, run_figures
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import bias_only
 from tinygc.methods import FitOptions, run_method
+from tinygc.network.training import train_second_order
 from tinygc.problem import Problem, build_problem
 from tinygc.pso import fit_pso
 from tinygc.simulation.options import SimulationOptions
-from tinygc.training import train_second_order
 
 TITLES = {
     "raw": "raw",

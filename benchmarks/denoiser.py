@@ -5,7 +5,7 @@ same sensor that neither has seen (half of the segments), and on the closure run
 
 - noise at rest: by how much the standard deviation in the unseen stills falls
 - delay: of a slow movement, in ms
-- in motion: rms error against the true rate of that moment, delay allowed for, in dps (measured without the truth; see denoise_risk)
+- in motion: rms error against the true rate of that moment, delay allowed for, in dps (without the truth: denoising/risk.py)
 - closure: tilt of the unseen segments against the calibration alone (1.00); RMSE of the closure run in degrees
 
 A Butterworth filter of second order has its cut-off where its delay at rate zero is the same; a Savitzky-Golay filter (cubic, causal)
@@ -25,15 +25,16 @@ from scipy.signal import butter, lfilter, lfilter_zi, savgol_coeffs
 
 from session.folder import Session, read_session
 from session.units import DEG
-from tinygc import closure, denoise_risk
+from tinygc import closure
 from tinygc.closure_run import ClosureRun, read_closure_runs
-from tinygc.denoise_material import REACH, Material, of_problem
-from tinygc.denoise_training import DenoiseOptions, train_denoiser
-from tinygc.denoiser import DenoisedNet
+from tinygc.denoising import risk as denoise_risk
+from tinygc.denoising.denoiser import DenoisedNet
+from tinygc.denoising.material import REACH, Material, of_problem
+from tinygc.denoising.training import DenoiseOptions, train_denoiser
 from tinygc.fit import run_figures
+from tinygc.network.training import train_second_order
 from tinygc.problem import build_problem
 from tinygc.simulation.options import SimulationOptions
-from tinygc.training import train_second_order
 
 DELAYS = (5, 8, 12, 16, 24)
 TAPS = REACH + 1

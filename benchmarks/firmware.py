@@ -24,7 +24,7 @@ from session.errors import CalibrationError
 from session.folder import Session, read_session
 from session.units import DEG
 from tinygc import models
-from tinygc.denoiser import DenoisedNet, Denoiser
+from tinygc.denoising.denoiser import DenoisedNet, Denoiser
 from tinygc.embedded.program import Program, program
 from tinygc.embedded.registers import Registers
 from tinygc.embedded.source import source_files

@@ -119,7 +119,7 @@ def _fast_samples() -> Samples:
 
 
 def _methods(problem: Problem, args: argparse.Namespace):
-    from tinygc.training import train_second_order
+    from tinygc.network.training import train_second_order
 
     batch, sigma, start = problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])
     progress("least squares")
@@ -143,7 +143,7 @@ def _epoch(batch: Batch, repeat: int):
     import torch
 
     from tinygc.closure import residual, segment_residuals
-    from tinygc.network import CalibrationNet
+    from tinygc.network.subnet import CalibrationNet
     from tinygc.rotation import compose, multiply
 
     progress("one epoch")

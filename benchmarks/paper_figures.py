@@ -31,7 +31,7 @@ from session.folder import read_session
 from session.units import DEG
 from tinygc import closure, rotation
 from tinygc.closure_run import ClosureRun, read_closure_runs
-from tinygc.denoiser import DenoisedNet
+from tinygc.denoising.denoiser import DenoisedNet
 from tinygc.problem import Problem, build_problem
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.denoiser import DenoisedNet, Denoiser
+from tinygc.denoising.denoiser import DenoisedNet, Denoiser
 from tinygc.effects import catalogue
 from tinygc.embedded.effects import CARRIED
 from tinygc.embedded.stage import Inputs
 from tinygc.explain.movement import Conditions
 from tinygc.explain.twin import Claim
 from tinygc.linear import LinearModel
-from tinygc.network import CalibrationNet
-from tinygc.network_conditions import ConditionsModel, ConditionsNet
-from tinygc.network_published import PublishedNet
-from tinygc.physics import PhysicsModel
-from tinygc.physics_methods import CarriedNet
+from tinygc.network.conditions import ConditionsModel, ConditionsNet
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
+from tinygc.physics.methods import CarriedNet
+from tinygc.physics.model import PhysicsModel
 
 DEG = np.pi / 180
 RNG = np.random.default_rng(5)

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from session.errors import FitError
-from tinygc.adamw import Checkpoint, forget, minimise
+from tinygc.network.adamw import Checkpoint, forget, minimise
 
 START = np.array([3.0, -2.0, 1.0])
 

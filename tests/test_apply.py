@@ -20,16 +20,16 @@ from session.samples import Samples
 from session.units import G
 from tinygc import models
 from tinygc.calibration import LOOK_AROUND, NEED_FORCE, NEED_TEMPERATURE, NEED_TIME, Calibration
-from tinygc.denoiser import DenoisedNet, Denoiser
+from tinygc.denoising.denoiser import DenoisedNet, Denoiser
 from tinygc.effects import catalogue
 from tinygc.explain.movement import Conditions, movement_of
 from tinygc.explain.twin import Claim
 from tinygc.linear import LinearModel
-from tinygc.network import CalibrationNet
-from tinygc.network_conditions import ConditionsModel, ConditionsNet
-from tinygc.network_published import PublishedNet
-from tinygc.physics import PhysicsModel
-from tinygc.physics_methods import CarriedNet
+from tinygc.network.conditions import ConditionsModel, ConditionsNet
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
+from tinygc.physics.methods import CarriedNet
+from tinygc.physics.model import PhysicsModel
 
 RATE_HZ = 104.0
 SAMPLES = Table().tumble(3, rest_s=1.5).samples(odr_hz=RATE_HZ)

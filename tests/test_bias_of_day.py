@@ -11,7 +11,7 @@ import calibrate
 from session.errors import FitError
 from session.rests import find_rests
 from session.samples import Samples
-from tinygc.bias_of_day import bias_from_gravity
+from tinygc.bias.of_day import bias_from_gravity
 from tinygc.integrate import steps
 from tinygc.rotation import accumulate, conjugate, log, multiply
 

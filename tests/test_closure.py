@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from session.units import DEG
 from tinygc import closure, linear, rotation
 from tinygc.linear import LinearModel
-from tinygc.network import CalibrationNet
+from tinygc.network.subnet import CalibrationNet
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
 RNG = np.random.default_rng(0)

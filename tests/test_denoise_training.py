@@ -9,10 +9,11 @@ from conftest import Turns
 
 from session.errors import FitError
 from session.units import DEG
-from tinygc import closure, denoise_risk
-from tinygc.denoise_material import REACH, of_batch
-from tinygc.denoise_training import DenoiseOptions, start, taps_and_jacobian, train_denoiser
-from tinygc.denoiser import Denoiser
+from tinygc import closure
+from tinygc.denoising import risk as denoise_risk
+from tinygc.denoising.denoiser import Denoiser
+from tinygc.denoising.material import REACH, of_batch
+from tinygc.denoising.training import DenoiseOptions, start, taps_and_jacobian, train_denoiser
 from tinygc.linear import bias_only
 
 ODR_HZ, NOISE_RPS = 208.0, 0.05 * DEG

@@ -8,8 +8,8 @@ import torch
 
 from session.errors import FormatError
 from tinygc import models
-from tinygc.denoiser import PARAMETERS, SHAPES, WINDOW, DenoisedNet, Denoiser
-from tinygc.network import CalibrationNet
+from tinygc.denoising.denoiser import PARAMETERS, SHAPES, WINDOW, DenoisedNet, Denoiser
+from tinygc.network.subnet import CalibrationNet
 
 RNG = np.random.default_rng(0)
 RATE = RNG.normal(size=(200, 3)) + np.array([0.3, -0.2, 0.0])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 from session.folder import read_session
-from tinygc.days import level_days
+from tinygc.bias.days import level_days
 from tinygc.distance import fit_distance
 from tinygc.explain.truth import explain_truth
 from tinygc.least_squares import fit_least_squares

@@ -19,15 +19,15 @@ from exported_models import KNOWN, LINEAR, MODELS, NET, RNG, WHOLE, as_inputs, c
 from session.config import Accelerometer
 from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.samples import Samples
-from tinygc.denoiser import DenoisedNet, Denoiser
+from tinygc.denoising.denoiser import DenoisedNet, Denoiser
 from tinygc.embedded.effects import CARRIED, REFUSED
 from tinygc.embedded.program import program
 from tinygc.embedded.registers import Registers
 from tinygc.embedded.source import FLAGS, source_files
 from tinygc.exports import ExportError
 from tinygc.linear import LinearModel
-from tinygc.network import CalibrationNet
-from tinygc.physics import PhysicsModel
+from tinygc.network.subnet import CalibrationNet
+from tinygc.physics.model import PhysicsModel
 
 needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
 SENSOR = Registers(500, 4, 208.0, Accelerometer(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.1, -0.2, 0.3])))

@@ -14,18 +14,18 @@ from session.samples import Samples
 from session.units import G
 from tinygc import models
 from tinygc.calibration import Calibration
-from tinygc.denoiser import DenoisedNet, Denoiser
+from tinygc.denoising.denoiser import DenoisedNet, Denoiser
 from tinygc.effects import catalogue
 from tinygc.explain.movement import Conditions
 from tinygc.explain.twin import Claim
 from tinygc.exports import FORMATS, ExportError, exporter
 from tinygc.exports._context import Context
 from tinygc.linear import LinearModel
-from tinygc.network import CalibrationNet
-from tinygc.network_conditions import ConditionsModel, ConditionsNet
-from tinygc.network_published import PublishedNet
-from tinygc.physics import PhysicsModel
-from tinygc.physics_methods import CarriedNet
+from tinygc.network.conditions import ConditionsModel, ConditionsNet
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
+from tinygc.physics.methods import CarriedNet
+from tinygc.physics.model import PhysicsModel
 
 
 @pytest.mark.parametrize("name", FORMATS)

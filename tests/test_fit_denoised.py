@@ -9,7 +9,8 @@ from conftest import ROOT
 
 import calibrate
 from session.units import DEG
-from tinygc import models, training_adamw
+from tinygc import models
+from tinygc.network import training_adamw
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

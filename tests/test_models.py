@@ -9,7 +9,7 @@ import pytest
 from session.errors import FormatError
 from tinygc import models
 from tinygc.linear import LinearModel
-from tinygc.network import CalibrationNet
+from tinygc.network.subnet import CalibrationNet
 
 RATE = np.random.default_rng(0).normal(size=(20, 3))
 LINEAR = LinearModel(np.eye(3) + 0.01 * RATE[:3], RATE[3])

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from tinygc.linear import LinearModel
-from tinygc.network import PARAMETERS, CalibrationNet
+from tinygc.network.subnet import PARAMETERS, CalibrationNet
 
 RNG = np.random.default_rng(0)
 RATE = RNG.normal(size=(4, 50, 3)) * 3

@@ -10,9 +10,9 @@ from session.errors import FitError, FormatError
 from session.samples import Samples
 from tinygc import models
 from tinygc.explain.movement import Conditions
-from tinygc.network import CalibrationNet
-from tinygc.network_conditions import ConditionsModel, ConditionsNet, inputs_of
-from tinygc.network_published import PublishedNet
+from tinygc.network.conditions import ConditionsModel, ConditionsNet, inputs_of
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
 
 RNG = np.random.default_rng(0)
 RATE = RNG.normal(size=(4, 50, 3)) * 3

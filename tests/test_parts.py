@@ -8,8 +8,8 @@ from test_training import MODEL, recording, rms
 from tinygc import closure, parts, rotation
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import bias_only
-from tinygc.training import train_second_order
-from tinygc.training_adamw import train_adamw
+from tinygc.network.training import train_second_order
+from tinygc.network.training_adamw import train_adamw
 
 ORDER = np.array([0, 1, 2, 3, 5, 6, 7, 8])
 

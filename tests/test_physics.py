@@ -9,7 +9,7 @@ import calibrate
 from session.folder import read_session
 from session.units import DEG, G
 from tinygc.models import load
-from tinygc.physics import fit_physics
+from tinygc.physics.model import fit_physics
 from tinygc.problem import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session

@@ -12,11 +12,11 @@ from tinygc import closure
 from tinygc.distance import fit_distance, mean_distance, train_distance
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
-from tinygc.network import TIES, CalibrationNet
-from tinygc.network_published import PublishedNet
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import TIES, CalibrationNet
+from tinygc.network.training import train_second_order
+from tinygc.network.training_adamw import train_adamw
 from tinygc.still_rates import StillRates
-from tinygc.training import train_second_order
-from tinygc.training_adamw import train_adamw
 
 MODEL = LinearModel(np.array([[1.01, 0.005, -0.004], [-0.006, 0.988, 0.003], [0.005, -0.002, 1.008]]), np.array([1.0, -0.7, 0.4]) * DEG)
 NOISE_DPS, ODR_HZ = 0.005, 52.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from tinygc import closure, parts
 from tinygc.closure import Batch
-from tinygc.training import Net, train_second_order
+from tinygc.network.training import Net, train_second_order
 
 PASSES = 12
 #: below this share of the median distance a segment's weight grows no further

@@ -23,7 +23,7 @@ from tinygc.provenance import input_hashes
 from tinygc.uncertainty import GoodnessOfFit, goodness, parameter_covariance
 
 if TYPE_CHECKING:
-    from tinygc.physics import PhysicsFit
+    from tinygc.physics.model import PhysicsFit
 
 SCHEMA = "tinygc-fit/1"
 
@@ -79,7 +79,7 @@ def fit_session(
         raise SegmentError(f"{folder}: no still to take a rate from; fit without --still-rates")
     runs, spread, floor = read_closure_runs(problem), None, problem.floor
     if options.bias_per_log:
-        from tinygc.days import levelled
+        from tinygc.bias.days import levelled
 
         problem, spread = levelled(problem)
     known = {} if saved is None else saved_fit.saved_methods(saved, problem, options, input_hashes(session))
@@ -88,7 +88,7 @@ def fit_session(
         told = lambda done, of, name=name: progress(name.replace("_", " "), done, of)  # noqa: E731
         fits[name] = known.get(name) or run_method(name, problem, options, told, fits)
     if options.conditions:
-        from tinygc.conditions_method import METHOD, run_conditions
+        from tinygc.network.conditions_method import METHOD, run_conditions
 
         words = "tinygc with " + " and ".join(options.conditions)
         fits[METHOD] = run_conditions(problem, options, options.conditions, lambda done, of: progress(words, done, of))
@@ -96,8 +96,8 @@ def fit_session(
     linear = fits.get("least_squares") or run_method("least_squares", problem, options)
     physics = None
     if options.physics is not None:
-        from tinygc.physics_methods import physics_methods
-        from tinygc.physics_methods import run_errors as physics_errors
+        from tinygc.physics.methods import physics_methods
+        from tinygc.physics.methods import run_errors as physics_errors
 
         ids = None if options.physics == ("auto",) else options.physics
         physics, more = physics_methods(problem, options, ids, lambda what: progress(what, 0, 1))

@@ -11,12 +11,12 @@ import numpy as np
 
 from tinygc import closure
 from tinygc.closure import Batch
-from tinygc.denoise_training import DenoiseOptions
-from tinygc.denoiser import DenoisedNet
+from tinygc.denoising.denoiser import DenoisedNet
+from tinygc.denoising.training import DenoiseOptions
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
-from tinygc.network import CalibrationNet
-from tinygc.network_published import PublishedNet
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
 from tinygc.parts import consecutive, previous
 from tinygc.problem import Problem
 from tinygc.still_rates import StillRates
@@ -62,7 +62,7 @@ class FitOptions:
         """Of one training, or None."""
         if self.checkpoints is None or self.optimizer != "adamw":
             return None
-        from tinygc.adamw import NAME, Checkpoint
+        from tinygc.network.adamw import NAME, Checkpoint
 
         return Checkpoint(self.checkpoints / NAME.format(name), self.resume)
 
@@ -96,7 +96,7 @@ def run_method(
 ) -> MethodFit:
     """Fit to all segments, then to all but each fold in turn; ``before``: what was fitted already, of use to what builds upon it."""
     if name == "tinygc_denoised":
-        from tinygc.denoised_method import run_denoised
+        from tinygc.denoising.method import run_denoised
 
         calibrated = (before or {}).get("tinygc") or run_method("tinygc", problem, options, progress)
         return run_denoised(problem, options, calibrated, progress)
@@ -183,12 +183,12 @@ def _train(
         "progress": progress,
     }
     if options.optimizer == "adamw":
-        from tinygc.training_adamw import train_adamw
+        from tinygc.network.training_adamw import train_adamw
 
         checkpoint = options.checkpoint(f"tinygc_{label}")
         trained = train_adamw(batch, sigma, epochs=options.epochs, loss=options.loss, checkpoint=checkpoint, **how)
     else:
-        from tinygc.training import train_second_order
+        from tinygc.network.training import train_second_order
 
         if options.loss == "distance":
             from tinygc.distance import distance_sigma, train_distance

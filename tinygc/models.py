@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from session.errors import FormatError
-from tinygc import network_files
 from tinygc.linear import LinearModel
-from tinygc.network import CalibrationNet
-from tinygc.network_published import PublishedNet
+from tinygc.network import files as network_files
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
 
 SCHEMA = "tinygc-model/1"
 EQUATIONS = {
@@ -34,7 +34,7 @@ def to_dict(model: LinearModel | CalibrationNet, **more) -> dict:
 def _writer(model):
     """What makes the table of a kind that is not plain weights."""
     if hasattr(model, "denoiser"):
-        from tinygc.denoiser_files import denoised_to_dict
+        from tinygc.denoising.files import denoised_to_dict
 
         return denoised_to_dict
     if isinstance(model, PublishedNet):
@@ -42,7 +42,7 @@ def _writer(model):
     if hasattr(model, "known") and not hasattr(model, "claims"):
         return network_files.conditions_to_dict
     if hasattr(model, "calibrate"):
-        from tinygc.physics_files import physics_to_dict
+        from tinygc.physics.files import physics_to_dict
 
         return physics_to_dict
     return None
@@ -54,11 +54,11 @@ def from_dict(table: dict, where: str = "model") -> LinearModel | CalibrationNet
         raise FormatError(f'{where}: no model of this tool, expected "schema": "{SCHEMA}"')
     kind = table.get("kind")
     if kind in ("physics", "tinygc_physics"):
-        from tinygc.physics_files import physics_from_dict
+        from tinygc.physics.files import physics_from_dict
 
         return physics_from_dict(table, where, from_dict)
     if kind == "tinygc_denoised":
-        from tinygc.denoiser_files import denoised_from_dict
+        from tinygc.denoising.files import denoised_from_dict
 
         return denoised_from_dict(table, where, from_dict)
     if kind == "tinygc_published":

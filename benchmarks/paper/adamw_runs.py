@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from paper.euroc import Euroc
-from tinygc.adamw import Checkpoint
 from tinygc.files import write_whole
-from tinygc.network import CalibrationNet
-from tinygc.network_published import PublishedNet
-from tinygc.training_adamw import train_adamw
+from tinygc.network.adamw import Checkpoint
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
+from tinygc.network.training_adamw import train_adamw
 
 RUNS = Path(__file__).resolve().parents[2] / "build" / "paper"
 NETS = {"27": CalibrationNet, "26": PublishedNet}

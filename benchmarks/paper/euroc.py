@@ -13,7 +13,7 @@ import numpy as np
 from session.euroc import write_sequences, write_test_windows, write_training_windows
 from session.folder import read_session
 from session.units import DEG
-from tinygc.days import Levelled, level_days
+from tinygc.bias.days import Levelled, level_days
 from tinygc.orientation import absolute_orientation_error
 from tinygc.problem import Problem, build_problem
 

@@ -12,7 +12,7 @@ from paper.euroc import EUROC
 from session.euroc import write_sequences, write_training_windows
 from session.folder import read_session
 from session.units import DEG, MG
-from tinygc.days import level_days
+from tinygc.bias.days import level_days
 from tinygc.explain.truth import TruthExplanation, explain_truth
 from tinygc.explain.truth_result import independent
 from tinygc.problem import build_problem

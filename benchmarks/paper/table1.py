@@ -17,14 +17,14 @@ from paper.adamw_runs import adamw_run
 from paper.euroc import EUROC, TEST, Euroc
 from session.euroc import true_bias_rps
 from session.units import DEG
-from tinygc.denoise_material import of_problem
-from tinygc.denoise_training import DenoiseOptions, train_denoiser
+from tinygc.bias.rebias import from_gravity, from_start, with_change
+from tinygc.denoising.material import of_problem
+from tinygc.denoising.training import DenoiseOptions, train_denoiser
 from tinygc.distance import fit_distance
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
-from tinygc.network_published import PublishedNet
-from tinygc.rebias import from_gravity, from_start, with_change
-from tinygc.training import train_second_order
+from tinygc.network.published import PublishedNet
+from tinygc.network.training import train_second_order
 
 HEADER = ("", "par.", "test inputs", *TEST, "mean")
 PUBLISHED = (

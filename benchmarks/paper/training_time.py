@@ -20,8 +20,8 @@ from tinygc import closure, rotation
 from tinygc.closure import Batch
 from tinygc.distance import distance_pass, mean_distance
 from tinygc.integrate import steps
-from tinygc.network import TIES, CalibrationNet
-from tinygc.training import train_second_order
+from tinygc.network.subnet import TIES, CalibrationNet
+from tinygc.network.training import train_second_order
 
 TIMED_EPOCHS = 3
 PASSES, SHOWN = 15, 5

@@ -49,7 +49,7 @@ def add_fit_arguments(command: argparse.ArgumentParser) -> None:
 
 def fit_options(args: argparse.Namespace) -> FitOptions:
     """From the parsed arguments; without physics."""
-    from tinygc.denoise_training import DenoiseOptions
+    from tinygc.denoising.training import DenoiseOptions
     from tinygc.methods import FitOptions
 
     return FitOptions(

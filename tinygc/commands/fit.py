@@ -33,9 +33,9 @@ def run(args: argparse.Namespace) -> int:
     """From a session to models and closure figures."""
     if args.bias or args.model or args.bias_dps:
         return _rebias(args)
-    from tinygc.adamw import forget
     from tinygc.console import progress_bar
     from tinygc.fit import fit_session, save_models, to_json
+    from tinygc.network.adamw import forget
     from tinygc.report import fit_report
 
     physics = None if args.physics is None else _physics(args.physics)
@@ -74,8 +74,8 @@ def _rebias(args: argparse.Namespace) -> int:
             "a bias of the day needs the stored calibration and its source: --model FILE --bias start, or --bias gravity, "
             "or --bias given --bias-dps X,Y,Z"
         )
+    from tinygc.bias.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
     from tinygc.console import progress_bar
-    from tinygc.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
 
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:

@@ -9,9 +9,9 @@ import numpy as np
 from session.units import G
 from tinygc.embedded.affine import ADD, COST, affine, table
 from tinygc.embedded.stage import Cost, Inputs, Stage, single
-from tinygc.network import CalibrationNet
-from tinygc.network_conditions import CONDITIONS, ConditionsModel
-from tinygc.network_published import PublishedNet
+from tinygc.network.conditions import CONDITIONS, ConditionsModel
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
 
 
 def prelu(x: np.ndarray, slope: np.ndarray) -> np.ndarray:

@@ -14,9 +14,9 @@ from tinygc.embedded.nets import Conditioned, Net, Published
 from tinygc.embedded.stage import Cost, Inputs, Stage
 from tinygc.exports import ExportError
 from tinygc.linear import LinearModel
-from tinygc.network import CalibrationNet
-from tinygc.network_conditions import ConditionsModel
-from tinygc.network_published import PublishedNet
+from tinygc.network.conditions import ConditionsModel
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
 
 
 @dataclass(frozen=True, eq=False)

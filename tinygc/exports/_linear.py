@@ -9,8 +9,8 @@ import numpy as np
 from session.units import G
 from tinygc.exports import ExportError
 from tinygc.linear import LinearModel
-from tinygc.network import CalibrationNet
-from tinygc.network_published import PublishedNet
+from tinygc.network.published import PublishedNet
+from tinygc.network.subnet import CalibrationNet
 
 #: slopes this near to 1 are 1 but for the rounding of a fit
 UNBENT = 1e-9

@@ -16,7 +16,7 @@ from tinygc.field_parameters import Quantity, field_quantities
 from tinygc.fit import FitResult
 from tinygc.html_report.numbers import tilt_rms
 from tinygc.linear import LinearModel
-from tinygc.physics import PhysicsModel
+from tinygc.physics.model import PhysicsModel
 from tinygc.uncertainty import MISMATCH_P
 from tinygc.wander import wander_covariance
 

@@ -20,7 +20,7 @@ from session.samples import Samples
 from session.units import DEG
 from tinygc import rotation
 from tinygc.explain.movement import Conditions, movement_of
-from tinygc.network import TIES, CalibrationNet
+from tinygc.network.subnet import TIES, CalibrationNet
 
 #: condition -> how many inputs it is, prior sigma of its bias (rad/s per unit) and of its gain (per unit): 0.1 dps/degC and 0.2 dps/g
 CONDITIONS = {"temperature": (1, 0.1 * DEG, 1e-3), "force": (3, 0.2 * DEG, 1e-2)}

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tinygc.closure import Batch
-from tinygc.denoiser import DILATIONS, KERNEL, DenoisedNet
+from tinygc.denoising.denoiser import DILATIONS, KERNEL, DenoisedNet
 from tinygc.problem import Problem
 
 REACH = (KERNEL - 1) * sum(DILATIONS)

@@ -17,7 +17,7 @@ from session.rests import find_rests
 from session.truth import moments_inside
 from session.units import DEG
 from tinygc import models
-from tinygc.bias_of_day import DAY_SIGMA_RPS, BiasOfDay, bias_from_gravity
+from tinygc.bias.of_day import DAY_SIGMA_RPS, BiasOfDay, bias_from_gravity
 from tinygc.closure_run import ClosureRun, read_closure_runs
 from tinygc.files import write_whole
 from tinygc.fit import SCHEMA, closure_figures, run_figures, stop_at_errors

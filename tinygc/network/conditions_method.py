@@ -12,10 +12,10 @@ from tinygc import closure
 from tinygc.closure import Batch
 from tinygc.explain.movement import conditions
 from tinygc.methods import FitOptions, MethodFit
-from tinygc.network_conditions import ConditionsModel, ConditionsNet, inputs_of
+from tinygc.network.conditions import ConditionsModel, ConditionsNet, inputs_of
+from tinygc.network.training import train_second_order
 from tinygc.problem import Problem
 from tinygc.still_rates import StillRates
-from tinygc.training import train_second_order
 
 METHOD = "tinygc_conditions"
 

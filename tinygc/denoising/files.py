@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from session.errors import FormatError
-from tinygc.denoiser import KERNEL, SHAPES, WINDOW, DenoisedNet, Denoiser
+from tinygc.denoising.denoiser import KERNEL, SHAPES, WINDOW, DenoisedNet, Denoiser
 
 EQUATION = (
     "omega = calibration(m); per axis y1 = L(conv1 * omega), y2 = L(conv2 * y1), g = L(conv3 * y2), L(h) = h if h >= 0 else slope * h; "

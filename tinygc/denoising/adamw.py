@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from tinygc import closure, denoise_risk
-from tinygc.adamw import device, minimise
-from tinygc.denoise_material import REACH, Material
-from tinygc.denoiser import DenoisedNet, Denoiser
+from tinygc import closure
+from tinygc.denoising import risk as denoise_risk
+from tinygc.denoising.denoiser import DenoisedNet, Denoiser
+from tinygc.denoising.material import REACH, Material
+from tinygc.network.adamw import device, minimise
 
 #: a third of the calibration's: the subnet's taps are products of three weights
 LEARNING_RATE = 0.003
@@ -21,7 +22,7 @@ def train_adamw(material: Material, calibration, options, progress, checkpoint=N
     """As ``denoise_training.train_denoiser``.  For a bent net the shared noise is measured by a second dose of it (Ramani 2008)."""
     import torch
 
-    from tinygc.denoise_training import DenoiserTraining, start, train_denoiser
+    from tinygc.denoising.training import DenoiserTraining, start, train_denoiser
 
     batch, smoothing, where = material.batch, options.loss != "endpoint", device()
     delay = options.delay if options.loss == "neighbours" else 0

@@ -11,8 +11,8 @@ from session.errors import FormatError
 from tinygc.effects import catalogue
 from tinygc.explain.movement import Conditions
 from tinygc.explain.twin import Claim
-from tinygc.physics import PhysicsModel
-from tinygc.physics_methods import CarriedNet
+from tinygc.physics.methods import CarriedNet
+from tinygc.physics.model import PhysicsModel
 
 
 def physics_to_dict(model: PhysicsModel | CarriedNet) -> dict:

@@ -14,8 +14,8 @@ from tinygc.closure_run import ClosureRun
 from tinygc.explain.proof import FOLD_STEPS, fold_rows, folds_of
 from tinygc.explain.refit import refit
 from tinygc.methods import FitOptions, MethodFit, closure_angles
-from tinygc.network import CalibrationNet
-from tinygc.physics import PhysicsFit, PhysicsModel, fit_physics
+from tinygc.network.subnet import CalibrationNet
+from tinygc.physics.model import PhysicsFit, PhysicsModel, fit_physics
 from tinygc.problem import Problem
 
 PHYSICS, NET = "physics", "tinygc_physics"
@@ -91,7 +91,7 @@ def _without_effects(found: PhysicsFit, model: PhysicsModel) -> Batch:
 
 
 def _train(batch: Batch, sigma: np.ndarray) -> tuple[CalibrationNet, float]:
-    from tinygc.training import train_second_order
+    from tinygc.network.training import train_second_order
 
     began = time.perf_counter()
     return train_second_order(batch, sigma).net, time.perf_counter() - began

@@ -10,9 +10,9 @@ from functools import partial
 import numpy as np
 
 from tinygc import closure
-from tinygc.denoise_material import Material, of_problem
-from tinygc.denoise_training import train_denoiser
-from tinygc.denoiser import DenoisedNet
+from tinygc.denoising.denoiser import DenoisedNet
+from tinygc.denoising.material import Material, of_problem
+from tinygc.denoising.training import train_denoiser
 from tinygc.methods import FitOptions, MethodFit
 from tinygc.problem import Problem
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from tinygc import rotation
 from tinygc.least_squares import PRIOR_SIGMA
-from tinygc.network import INNER_TIE, TIES
+from tinygc.network.subnet import INNER_TIE, TIES
 
 PARAMETERS = 26
 SHAPES = {"W1": (3, 3), "b1": (3,), "slope1": (1,), "W2": (3, 3), "b2": (3,), "slope2": (1,)}

@@ -11,11 +11,11 @@ from collections.abc import Callable
 import numpy as np
 
 from tinygc import parts
-from tinygc.adamw import Checkpoint, device, minimise
 from tinygc.closure import Batch
-from tinygc.network import CalibrationNet
+from tinygc.network.adamw import Checkpoint, device, minimise
+from tinygc.network.subnet import CalibrationNet
+from tinygc.network.training import Net, Training
 from tinygc.still_rates import StillRates
-from tinygc.training import Net, Training
 
 #: in sigmas: below it a distance is as good as zero, and its gradient exists there
 SHORTEST = 1e-3

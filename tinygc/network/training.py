@@ -20,7 +20,7 @@ import numpy as np
 from session.errors import FitError
 from tinygc import closure, parts
 from tinygc.closure import Batch
-from tinygc.network import TIES, CalibrationNet
+from tinygc.network.subnet import TIES, CalibrationNet
 from tinygc.still_rates import StillRates
 
 #: standard errors by which a looser tie must lower the left-out error before its kinks are believed

@@ -2,7 +2,7 @@
 
 Three losses.  ``endpoint`` is the paper's: the closure of the segments.  It hardly rewards smoothing, since what it integrates hides noise.
 ``still`` adds the variance in the stills: it smooths as far as it can, and loses the movement.  ``neighbours`` adds that and the expected
-error in motion (denoise_risk), weighed so that noise at rest falls by a stated factor at a stated delay: the default.
+error in motion (risk.py), weighed so that noise at rest falls by a stated factor at a stated delay: the default.
 
 Linear (slope 1), the closure is linear in the taps to first order, and the other losses are quadratic in them.  What all samples have
 to say is therefore a matrix of 49 x 49 an axis, and training is Levenberg-Marquardt on 168 weights: a fraction of a second.
@@ -16,9 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.errors import FitError
-from tinygc import closure, denoise_risk
-from tinygc.denoise_material import REACH, Material
-from tinygc.denoiser import DILATIONS, KERNEL, PARAMETERS, DenoisedNet, Denoiser
+from tinygc import closure
+from tinygc.denoising import risk as denoise_risk
+from tinygc.denoising.denoiser import DILATIONS, KERNEL, PARAMETERS, DenoisedNet, Denoiser
+from tinygc.denoising.material import REACH, Material
 
 LOSSES = ("endpoint", "still", "neighbours")
 #: sigma of the prior around the weights at the start.  It settles what no loss sees, such as one layer's scale against another's;
@@ -71,7 +72,7 @@ def train_denoiser(
     if not 0 <= options.delay <= REACH:
         raise FitError(f"a delay of {options.delay} samples is not within the denoiser's reach of {REACH}")
     if options.optimizer == "adamw" or options.slope != 1:
-        from tinygc.denoise_adamw import train_adamw
+        from tinygc.denoising.adamw import train_adamw
 
         return train_adamw(material, calibration, options, progress, checkpoint)
     return _second_order(material, calibration, options, progress)

@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from session.errors import FormatError
-from tinygc.network_published import SHAPES, PublishedNet
+from tinygc.network.published import SHAPES, PublishedNet
 
 EQUATIONS = {
     "tinygc_published": "h = P1(W1 @ m + b1); omega = m + P2(W2 @ h + b2), P(x) = x if x >= 0 else slope * x, m the measured rate in rad/s",
@@ -45,8 +45,8 @@ def conditions_to_dict(model) -> dict:
 def conditions_from_dict(table: dict, where: str, model_from_dict):
     """The model; FormatError says what is wrong with the table."""
     from tinygc.explain.movement import Conditions
-    from tinygc.network import CalibrationNet
-    from tinygc.network_conditions import CONDITIONS, ConditionsModel, ConditionsNet
+    from tinygc.network.conditions import CONDITIONS, ConditionsModel, ConditionsNet
+    from tinygc.network.subnet import CalibrationNet
 
     names = table.get("inputs")
     if not isinstance(names, list) or not names or not all(isinstance(name, str) and name in CONDITIONS for name in names):

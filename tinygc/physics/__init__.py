@@ -1,0 +1,1 @@
+"""The named physics in the model: fitted, saved, undone."""

@@ -9,6 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from session.check_axes import check_axes
+from session.check_ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
+from session.check_dead import check_dead
 from session.check_samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
 from session.check_stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
 from session.check_truth import check_truth
@@ -17,6 +19,7 @@ from session.errors import CalibrationError
 from session.findings import Finding, worst
 from session.folder import Session, log_paths, read_session
 from session.logfile import Log, read_log
+from session.samples import Samples
 from session.stills import Noise, Still, find_stills
 
 __all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
@@ -32,11 +35,15 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_rate(log, config.sensor),
         *check_stamps(log, noise, config.protocol.segment_s),
         *check_registers(log, config.sensor, good),
+        *check_dead(log, missing_accel=session.truths is not None),
         *check_temperature(log, good),
     ]
     if session.truths is not None and log in session.logs:
         # Where something better than gravity is the reference, nothing has to be still.
         return findings + check_truth(log, session.truths[session.logs.index(log)], config)
+    ceiling = find_ceiling(log.samples.gyro)
+    if not good and ceiling is not None:
+        return [*findings, ceiling_finding(log, config.sensor, ceiling, good)]
     findings += check_stills(where, stills)
     if not good:
         return findings
@@ -47,8 +54,17 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_noise(where, noise, config.sensor.model),
         *check_zero_rate(where, good, config.sensor.model),
         *check_gravity(where, good, config, noise),
-        *check_axes(where, log.samples.with_accel(force), good, config, log.raw),
+        *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
     ]
+
+
+def _axes_below(ceiling: Ceiling | None, log: Log, samples: Samples, stills: list[Still], config: Config) -> list[Finding]:
+    """``check_axes`` by the turns that reach no ceiling; where these are too few and the others disagree, the ceiling is the reason."""
+    clean, turns = clean_turns(ceiling, stills)
+    skip = ceiling.at if ceiling is not None and clean >= ENOUGH_CLEAN else None
+    findings = check_axes(log.path.name, samples, stills, config, log.raw, skip)
+    spoilt = ceiling is not None and clean < min(turns, ENOUGH_CLEAN) and worst(findings) != "ok"
+    return [ceiling_finding(log, config.sensor, ceiling, stills)] if spoilt else findings
 
 
 def check_folder(folder: Path) -> list[Finding]:

@@ -21,13 +21,16 @@ CLOSES_WITHIN = 0.10  #: of the angle turned: beyond what tolerances and misalig
 DATASHEET_OVER_FULL_SCALE = 17.5e-3 * 32768 / 500
 
 
-def check_axes(where: str, samples: Samples, stills: list[Still], config: Config, raw: bool) -> list[Finding]:
+def check_axes(
+    where: str, samples: Samples, stills: list[Still], config: Config, raw: bool, skip: np.ndarray | None = None
+) -> list[Finding]:
     """The movement of gravity that the accelerometer shows must be the one that the gyro's rates make.
 
     48 signed orders of the gyro's axes are tried, each with the scale that suits it best.  Another than x, y, z must leave less
-    than half of the misfit to be believed.  Then the scale is compared with the usual mistakes.
+    than half of the misfit to be believed.  Then the scale is compared with the usual mistakes.  skip (N,) bool: rows whose turns
+    are not looked at.
     """
-    found = agreement(samples, stills)
+    found = agreement(samples, stills, skip)
     if found is None:
         says = "gravity hardly moves in the sensor, or all turns hold gaps: it cannot test the gyro's axes and units"
         return [Finding("note", where, "gyro against gravity", says, "turn about horizontal axes as well")]

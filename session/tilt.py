@@ -73,12 +73,12 @@ class Agreement:
     turns: int
 
 
-def agreement(samples: Samples, stills: list[Still]) -> Agreement | None:
+def agreement(samples: Samples, stills: list[Still], skip: np.ndarray | None = None) -> Agreement | None:
     """Best axes and scale of the gyro against gravity, or None where gravity hardly moves in the sensor.
 
-    samples with the specific force in right units and pre-calibrated.
+    samples with the specific force in right units and pre-calibrated; skip (N,) bool: rows whose turns are left out.
     """
-    turns = cut_turns(samples, stills)
+    turns = cut_turns(samples, stills, skip)
     if turns is None:
         return None
     scales, misfits = _regress(turns)
@@ -103,11 +103,12 @@ def agreement(samples: Samples, stills: list[Still]) -> Agreement | None:
     )
 
 
-def cut_turns(samples: Samples, stills: list[Still]) -> Turns | None:
-    """Turns between neighbouring stills, averaged over blocks; those with a gap, or that hardly tilt, are left out."""
+def cut_turns(samples: Samples, stills: list[Still], skip: np.ndarray | None = None) -> Turns | None:
+    """Turns between neighbouring stills, averaged over blocks; those with a gap or a row to skip, or that hardly tilt, are left out."""
     good = [still for still in stills if still.problem is None]
     size = max(1, round(BLOCK_S / samples.period_s))
-    parts = [_blocks(samples, a, b, size) for a, b in pairwise(good)]
+    pairs = [(a, b) for a, b in pairwise(good) if skip is None or not skip[a.stop : b.start].any()]
+    parts = [_blocks(samples, a, b, size) for a, b in pairs]
     parts = [part for part in parts if part is not None]
     if sum(_tilt_path(down) for _, down, _, _ in parts) < LEAST_PATH_RAD:
         return None

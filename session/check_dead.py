@@ -1,0 +1,75 @@
+"""An axis that dies within a log: it reads one value for a second or more while the others move or scatter."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.findings import Finding
+from session.logfile import Log
+from session.units import DEG, G
+
+LEAST_S = 1.0
+#: a run at the axis's own extreme may be a turn that clips; beyond this no turn lasts
+CLIPPED_S = 5.0
+#: the body moves where another axis spans this, dps and g, over the middle four fifths of the readings
+MOVES_DPS, MOVES_G = 10.0, 0.1
+#: an axis scatters where fewer neighbours than this are equal
+SCATTERS = 0.6
+#: shorter runs than the least, by as much, are a coarse register's: it has runs of every length, noise has none of these
+COARSE_S, COARSE_RUNS = 0.15, 3
+
+
+def check_dead(log: Log, missing_accel: bool = False) -> list[Finding]:
+    """The longest such run of each axis; ``missing_accel``: rows whose accelerometer reads 0, 0, 0 have none, by agreement."""
+    samples, findings = log.samples, []
+    six = np.concatenate([samples.gyro / DEG, samples.accel / G], axis=1)
+    absent = (samples.accel == 0).all(axis=1) & missing_accel
+    for number, column in enumerate(("gx", "gy", "gz", "ax", "ay", "az")):
+        found = _dead_runs(six, number, absent & (number >= 3), samples.period_s)
+        if not found:
+            continue
+        start, stop = max(found, key=lambda run: run[1] - run[0])
+        sensor, unit = ("gyro", "dps") if number < 3 else ("accelerometer", "g")
+        says = (
+            f"{column} reads {six[start, number] + 0.0:.4g} {unit} from row {start} to row {stop - 1}, "
+            f"{samples.t_s[start]:.1f} to {samples.t_s[stop - 1]:.1f} s, while others go on; a sensor has noise"
+        )
+        says += f" ({len(found)} such places)" if len(found) > 1 else ""
+        do = "look at the wiring and at what wrote the log; record again, or cut the log there"
+        findings.append(Finding("error", log.path.name, f"{sensor} dead", says, do))
+    return findings
+
+
+def _dead_runs(six: np.ndarray, number: int, absent: np.ndarray, period_s: float) -> list[tuple[int, int]]:
+    """start, stop of each run of equal readings of one of six channels (N, 6) that neither noise, clipping nor a coarse register makes."""
+    values = six[:, number]
+    extremes = (values.min(), values.max())
+    if extremes[0] == extremes[1]:
+        return []  # stuck throughout: said as such
+    same = np.concatenate([[False], (np.diff(values) == 0) & ~absent[1:], [False]])
+    edges = np.flatnonzero(np.diff(same.view(np.int8)))
+    starts, lengths = edges[::2], edges[1::2] - edges[::2] + 1
+    long = lengths * period_s >= LEAST_S
+    coarse = ~long & (lengths * period_s >= COARSE_S) & ~np.isin(values[starts], extremes)
+    if coarse.sum() >= max(COARSE_RUNS, long.sum() / 4):
+        return []
+    found = []
+    for start, length in zip(starts[long].tolist(), lengths[long].tolist(), strict=True):
+        run = six[start : start + length]
+        clips = values[start] in extremes and length * period_s <= CLIPPED_S
+        if not clips and (_others_move(run, number) or (not coarse.any() and _others_scatter(run, number))):
+            found.append((start, start + length))
+    return found
+
+
+def _others_move(run: np.ndarray, number: int) -> bool:
+    low, high = np.quantile(np.delete(run, number, axis=1), (0.1, 0.9), axis=0)
+    bars = np.delete([MOVES_DPS] * 3 + [MOVES_G] * 3, number)
+    return bool((high - low > bars).any())
+
+
+def _others_scatter(run: np.ndarray, number: int) -> bool:
+    """Both other axes of the same sensor."""
+    first = number - number % 3
+    others = [other for other in range(first, first + 3) if other != number]
+    return bool(((np.diff(run[:, others], axis=0) == 0).mean(axis=0) < SCATTERS).all())

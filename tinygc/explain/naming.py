@@ -10,7 +10,7 @@ import numpy as np
 from tinygc.effects import catalogue
 from tinygc.effects._effect import Effect
 from tinygc.explain.gauge import in_gauge
-from tinygc.explain.refit import Refit, refit
+from tinygc.explain.refit import ENOUGH, Refit, refit
 from tinygc.explain.selection import FAMILY_WISE, SHAPE_SHARE, Selection
 from tinygc.explain.twin import Twin
 from tinygc.explain.whitening import Whitener
@@ -101,7 +101,7 @@ def name_effects(
         gain = fit.chi_square - better.chi_square
         if gain < LATER_SHARE * (first.chi_square - fit.chi_square + explained):
             break
-        effects, fit = [*effects, effect], better
+        effects, fit = _sharpened_again(twin, whiten, [*effects, effect], better)
         named[effect.id] = (p_value, gain)
         effects, fit = _without_idle(twin, whiten, effects, fit)
     if effects:
@@ -134,11 +134,21 @@ def _best_exact(twin, whiten, fit: Refit, effects, rest, selection: Selection, l
         if effect.id in trials or len(trials) >= MOST_LOOKALIKES:
             continue
         effect = _sharpened(twin, whiten, fit, effect)
-        trial = refit(twin, whiten, [*effects, effect], fit.state)
+        trial, gauged = _settled(twin, whiten, refit(twin, whiten, [*effects, effect], fit.state))
         # In its gauge: a lag may not win by what its sign and its common part are free to do.
-        trials[effect.id] = (in_gauge(twin, whiten, trial).chi_square + effect.parameter.size * np.log(len(fit.r)), effect, trial)
+        trials[effect.id] = (gauged.chi_square + effect.parameter.size * np.log(len(fit.r)), effect, trial)
     _, effect, trial = min(trials.values(), key=lambda item: item[0])
     return effect, trial
+
+
+def _settled(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[Refit, Refit]:
+    """A fit and the same in its gauge.  A delay that all axes share is a direction that is hardly seen: a search that has run far along it
+    stands where the columns no longer point down, and goes on from the gauge."""
+    gauged = in_gauge(twin, whiten, fit)
+    if gauged.chi_square > fit.chi_square - ENOUGH:
+        return fit, gauged
+    again = refit(twin, whiten, [claim.effect for claim in fit.state.claims], gauged.state)
+    return again, in_gauge(twin, whiten, again)
 
 
 def _sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effect:
@@ -154,6 +164,19 @@ def _sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effe
         effect = trials[max(gains, key=gains.get)]
         reach /= 6
     return effect
+
+
+def _sharpened_again(twin: Twin, whiten: Whitener, effects: list[Effect], fit: Refit) -> tuple[list[Effect], Refit]:
+    """The shapes of the earlier effects, found while the latest was still in their way, once more with it in the fit."""
+    for number, effect in enumerate(effects[:-1]):
+        if not effect.shape:
+            continue
+        others = refit(twin, whiten, [other for other in effects if other is not effect], fit.state)
+        trials = [*effects[:number], _sharpened(twin, whiten, others, effect), *effects[number + 1 :]]
+        trial = refit(twin, whiten, trials, fit.state)
+        if trial.chi_square < fit.chi_square - ENOUGH:
+            effects, fit = trials, trial
+    return effects, fit
 
 
 def _without_idle(twin, whiten, effects: list[Effect], fit: Refit) -> tuple[list[Effect], Refit]:

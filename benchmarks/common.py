@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from session.folder import Session, read_session
+from session.folder import Session
 from tinygc.rotation import from_euler, matrix
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
@@ -32,11 +32,6 @@ def simulated(options: SimulationOptions, distort: Callable | None = None):
 def with_heading(session: Session, heading_deg: float | None) -> Session:
     """The same session with another heading in its configuration."""
     return replace(session, config=replace(session.config, site=replace(session.config.site, heading_deg=heading_deg)))
-
-
-def without_heading(folder: Path) -> Session:
-    """A session as read, but with no heading given."""
-    return with_heading(read_session(folder), None)
 
 
 def first_still_heading_deg(options: SimulationOptions) -> float:

@@ -1,10 +1,12 @@
 """Make the pictures of the README again: python docs/make_pictures.py
 
-Conceals a thermal bias in a simulated session, lets `explain` look at it, and keeps its page.
+Conceals a thermal bias in a simulated session, lets `explain` look at it, and keeps its page; and the page of the Xsens recording, where
+that is beside the checkout.
 """
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import tempfile
 from pathlib import Path
@@ -19,10 +21,12 @@ from tinygc.explain.result import save
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
+XSENS = Path(__file__).resolve().parents[2] / "shared" / "xsens"
 CONCEALED_DPS_PER_C = np.array([0.014, -0.037, 0.018])
 
 
 def main() -> None:
+    argparse.ArgumentParser(description=__doc__).parse_args()
     options = SimulationOptions(seed=11, closure_s=0.0, warm_up_c=9.0)
 
     def warm(t_s, rate, force, temp_c):
@@ -33,6 +37,9 @@ def main() -> None:
         explanation = explain_session(folder)
         output().print(explanation_page(explanation))
         shutil.copy(save(explanation) / "explain.png", Path(__file__).parent / "explain.png")
+        if XSENS.is_dir():
+            there = save(explain_session(XSENS), Path(parent) / "xsens")
+            shutil.copy(there / "explain.png", Path(__file__).parent / "explain-xsens.png")
 
 
 if __name__ == "__main__":

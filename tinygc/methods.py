@@ -25,8 +25,6 @@ Model = LinearModel | CalibrationNet | PublishedNet | DenoisedNet
 Progress = Callable[[int, int], None]
 METHODS = ("raw", "raw_bias_removed", "least_squares", "pso", "tinygc", "tinygc_denoised")
 PARAMETERS = {"raw": 0, "raw_bias_removed": 3, "least_squares": 12, "pso": 12}
-VARIANTS = ("paper", "published")
-OPTIMIZERS = ("second-order", "adamw")
 LOSSES = ("squared", "distance")
 
 

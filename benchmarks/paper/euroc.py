@@ -18,7 +18,6 @@ from tinygc.orientation import absolute_orientation_error
 from tinygc.problem import Problem, build_problem
 
 EUROC = Path(__file__).resolve().parents[3] / "shared" / "euroc"
-TRAINING = ("MH_01", "MH_03", "MH_05", "V1_02", "V2_01", "V2_03")
 TEST = ("MH_02", "MH_04", "V1_01", "V1_03", "V2_02")
 
 

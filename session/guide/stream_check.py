@@ -11,7 +11,6 @@ CHECK_S = 1.0
 FEWEST = 50
 GRAVITY_RATIO = (0.75, 1.33)  #: of the median specific force to gravity; a wrong full scale is a factor of 2
 ODR_RATIO = 0.10  #: true rates are off by up to 5 %
-STAMP_PERIODS = 2.5
 
 
 def stream_problem(samples: Samples, odr_hz: float, accel_fs_g: float) -> str:

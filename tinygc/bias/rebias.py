@@ -24,8 +24,6 @@ from tinygc.fit import SCHEMA, closure_figures, run_figures, stop_at_errors
 from tinygc.methods import closure_angles
 from tinygc.problem import Problem, build_problem
 
-SOURCES = ("start", "gravity", "given")
-
 
 @dataclass(frozen=True, eq=False)
 class Rebiased:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from tinygc.commands._results import output, try_destinations, write_json
@@ -14,7 +15,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("folder", type=Path, help="session folder")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
-    command.add_argument("--no-pictures", action="store_true", help="write no picture")
+    command.add_argument("--no-pictures", action="store_true", help="write no picture (against a truth file there is none)")
     command.add_argument("--out", type=Path, metavar="DIR", help="where the result goes (explain/ in the session folder)")
     command.add_argument("--strict", action="store_true", help="exit 1 if there is a mismatch")
 
@@ -26,12 +27,16 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.console import progress_bar
     from tinygc.explain.explain import explain_session
     from tinygc.explain.pages import explanation_page
+    from tinygc.explain.picture import can_draw
     from tinygc.explain.result import save, to_json
 
     try_destinations(args, "explain")
     with progress_bar(args.quiet) as progress:
         explanation = explain_session(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
-    folder = save(explanation, args.out, pictures=not args.no_pictures)
+    pictures = not args.no_pictures and can_draw()
+    if not pictures and not args.no_pictures:
+        print("calibrate: no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')", file=sys.stderr)
+    folder = save(explanation, args.out, pictures=pictures)
     output(args).print(explanation_page(explanation))
     output(args).print(f"written: {folder}", soft_wrap=True)
     write_json(args.json, to_json(explanation))

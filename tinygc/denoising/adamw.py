@@ -19,7 +19,7 @@ DOSE = 0.1
 
 
 def train_adamw(material: Material, calibration, options, progress, checkpoint=None):
-    """As ``denoise_training.train_denoiser``.  For a bent net the shared noise is measured by a second dose of it (Ramani 2008)."""
+    """As ``training.train_denoiser``.  For a bent net the shared noise is measured by a second dose of it (Ramani 2008)."""
     import torch
 
     from tinygc.denoising.training import DenoiserTraining, start, train_denoiser

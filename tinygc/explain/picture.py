@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from textwrap import fill
 
@@ -19,6 +20,11 @@ from tinygc.explain.proof import tilt_rms
 from tinygc.explain.regime import Regime
 
 MOST_ROWS = 4  #: of causes that are drawn, strongest first
+
+
+def can_draw() -> bool:
+    """Whether matplotlib, which `fit` does without, is installed."""
+    return find_spec("matplotlib") is not None
 
 
 def draw(e: Explanation, path: Path) -> None:

@@ -3,7 +3,7 @@
     h = W1 m + b1,   omega = m + W2 PReLU(h) + b2,   PReLU(h) = h for h >= 0, a h below, one slope a per axis
 
 12 + 3 + 12 = 27 parameters, as in the paper's table.  (The authors' published code has a scalar PReLU after each block, 26: see
-network_published.)  It starts at the exact identity: W1 = I, b1 = 0, a = 1, W2 = 0, b2 = 0.  With a = 1 it is the linear model; the slopes
+published.)  It starts at the exact identity: W1 = I, b1 = 0, a = 1, W2 = 0, b2 = 0.  With a = 1 it is the linear model; the slopes
 bend it.
 """
 

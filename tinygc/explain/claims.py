@@ -14,6 +14,9 @@ from tinygc.explain.naming import Naming
 from tinygc.explain.parameters import readable
 from tinygc.explain.turn_gravity import TurnGravity
 
+#: to first order each of them delays an axis; what all axes share of that is a delay of the gyro
+LAGS = {"gyro.angular_acceleration", "gyro.bandwidth", "timing.axis_skew"}
+
 
 @dataclass(frozen=True, eq=False)
 class Claimed:
@@ -43,14 +46,22 @@ def mended_claims(mended: Mended) -> list[Claimed]:
     return claims
 
 
-def offset_claim(gravity: TurnGravity) -> list[Claimed]:
-    """The delay between gyro and accelerometer, which closure does not see."""
+def offset_claim(gravity: TurnGravity, named: list[Claimed]) -> list[Claimed]:
+    """The delay between gyro and accelerometer, which closure does not see.
+
+    Beside a named lag, or what stands in for one, it could as well be that lag's common part.
+    """
     if not gravity.is_offset:
         return []
+    lags = sorted({name for claim in named for name in (claim.effect.id, *claim.equivalent)} & LAGS)
     effect = catalogue()["timing.gyro_accel_offset"]
     sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
     p_value = float(2 * stats.norm.sf(abs(gravity.offset_s) / gravity.sigma_s))
-    return [Claimed(effect, {"seconds": gravity.offset_s}, {"seconds": sigma}, p_value, 0.0, (), effect.says(np.array([gravity.offset_s])))]
+    return [
+        Claimed(
+            effect, {"seconds": gravity.offset_s}, {"seconds": sigma}, p_value, 0.0, tuple(lags), effect.says(np.array([gravity.offset_s]))
+        )
+    ]
 
 
 def named_claims(naming: Naming) -> list[Claimed]:

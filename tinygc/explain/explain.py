@@ -73,10 +73,11 @@ def explain_session(
     gravity = turn_gravity(twin, naming.fit)
     progress("proof on held-out segments", 5, 6)
     proof = prove(problem, twin, whiten, naming.fit)
-    before_the_fit = mended_claims(mended) + offset_claim(gravity)
+    named = named_claims(naming)
+    before_the_fit = mended_claims(mended) + offset_claim(gravity, named)
     beyond = [] if decision.beyond is None else [each for each in named_claims(decision.beyond) if (each.share or 0) >= LEAST_FINDING]
     p_value = min([decision.p_value, *(claim.p_value for claim in before_the_fit)])
-    claimed = before_the_fit + named_claims(naming)
+    claimed = before_the_fit + named
     explanation = Explanation(
         session, problem, mended, twin, whiten, naming, gravity, proof, "", p_value, claimed, beyond, decision.left, decision.channel_p
     )

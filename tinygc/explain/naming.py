@@ -129,12 +129,13 @@ def _best_exact(twin, whiten, fit: Refit, effects, rest, selection: Selection, l
     best = int(np.argmin(log_p))
     close = [g for g in np.argsort(log_p) if gains[g] >= LOOKALIKE_SHARE * gains[best]]
     trials: dict[str, tuple[float, Effect, Refit]] = {}
+    start = in_gauge(twin, whiten, fit).state  # not from where an earlier effect's common delay has run while this one was missing
     for g in close:
         effect = rest[selection.groups[g].name]
         if effect.id in trials or len(trials) >= MOST_LOOKALIKES:
             continue
         effect = _sharpened(twin, whiten, fit, effect)
-        trial, gauged = _settled(twin, whiten, refit(twin, whiten, [*effects, effect], fit.state))
+        trial, gauged = _settled(twin, whiten, refit(twin, whiten, [*effects, effect], start))
         # In its gauge: a lag may not win by what its sign and its common part are free to do.
         trials[effect.id] = (gauged.chi_square + effect.parameter.size * np.log(len(fit.r)), effect, trial)
     _, effect, trial = min(trials.values(), key=lambda item: item[0])

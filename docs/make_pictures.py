@@ -1,7 +1,7 @@
 """Make the pictures of the README again: python docs/make_pictures.py
 
-Conceals a thermal bias in a simulated session, lets `explain` look at it, and keeps its page; and the page of the Xsens recording, where
-that is beside the checkout.
+Conceals a thermal bias in a simulated session, lets `explain` look at it, and keeps its page; and the pages of the Xsens recording and of
+EuRoC's MH_02, where they are beside the checkout.
 """
 
 from __future__ import annotations
@@ -13,15 +13,19 @@ from pathlib import Path
 
 import numpy as np
 
+from session.euroc import write_sequences
 from session.units import DEG
 from tinygc.console import output
 from tinygc.explain.explain import explain_session
 from tinygc.explain.pages import explanation_page
 from tinygc.explain.result import save
+from tinygc.explain.truth_file.explain import explain_truth
+from tinygc.explain.truth_file.result import save_truth
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
-XSENS = Path(__file__).resolve().parents[2] / "shared" / "xsens"
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+XSENS, EUROC = SHARED / "xsens", SHARED / "euroc"
 CONCEALED_DPS_PER_C = np.array([0.014, -0.037, 0.018])
 
 
@@ -40,6 +44,9 @@ def main() -> None:
         if XSENS.is_dir():
             there = save(explain_session(XSENS), Path(parent) / "xsens")
             shutil.copy(there / "explain.png", Path(__file__).parent / "explain-xsens.png")
+        if EUROC.is_dir():
+            there = save_truth(explain_truth(write_sequences(EUROC, ["MH_02"], Path(parent) / "MH_02", 2.0)))
+            shutil.copy(there / "explain.png", Path(__file__).parent / "explain-euroc.png")
 
 
 if __name__ == "__main__":

@@ -29,13 +29,14 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
     """All checks of one log; stills and noise as ``find_stills(session.calibrated(log), …)`` gave them."""
     config, where = session.config, log.path.name
     good = [still for still in stills if still.problem is None]
+    missing_accel = session.truths is not None
     findings = [
         *check_reading(log),
         *check_comments(log, config.sensor),
         *check_rate(log, config.sensor),
         *check_stamps(log, noise, config.protocol.segment_s),
-        *check_registers(log, config.sensor, good),
-        *check_dead(log, missing_accel=session.truths is not None),
+        *check_registers(log, config.sensor, good, missing_accel),
+        *check_dead(log, missing_accel),
         *check_temperature(log, good),
     ]
     if session.truths is not None and log in session.logs:

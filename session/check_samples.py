@@ -100,9 +100,13 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     return findings
 
 
-def check_registers(log: Log, sensor: Sensor, stills: list[Still]) -> list[Finding]:
-    """Clipping, axes that never move, readings that repeat."""
+def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel: bool = False) -> list[Finding]:
+    """Clipping, axes that never move, readings that repeat; ``missing_accel``: rows whose accelerometer reads 0, 0, 0 have none."""
     samples, findings = log.samples, []
+    absent = (samples.accel == 0).all(axis=1) & missing_accel
+    if absent.any():
+        says = f"{absent.sum()} of {len(absent)} rows read 0, 0, 0: taken as not recorded"
+        findings.append(Finding("note", log.path.name, "accelerometer", says))
     for name, unit, values, full, reach, factor, stds in (
         ("gyro", "dps", samples.gyro, sensor.gyro_fs_dps, gyro_reach_dps(sensor.gyro_fs_dps), DEG, [s.gyro_std for s in stills]),
         (
@@ -115,15 +119,17 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still]) -> list[Findi
             [s.accel_std for s in stills],
         ),
     ):
+        there = ~absent if name == "accelerometer" else np.ones(len(values), dtype=bool)
+        if not there.any():
+            continue
+        values, t_s = values[there], samples.t_s[there]
         stuck = np.ptp(values, axis=0) == 0
         if stuck.any():
             says = f"{axes_text(stuck)} reads one value throughout; a sensor has noise"
             findings.append(Finding("error", log.path.name, f"{name} stuck", says, "look at the wiring, the register map, the columns"))
         noise = np.median(stds, axis=0) if stds else np.zeros(3)
         says = [
-            _clipping(values[:, i] / factor, noise[i] / factor, reach, samples.t_s, f"{axis}", unit)
-            for i, axis in enumerate("xyz")
-            if not stuck[i]
+            _clipping(values[:, i] / factor, noise[i] / factor, reach, t_s, f"{axis}", unit) for i, axis in enumerate("xyz") if not stuck[i]
         ]
         says = [text for text in says if text]
         peak = np.abs(values).max() / factor

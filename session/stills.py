@@ -170,7 +170,10 @@ def _same_rest(a, b, blocks: Blocks, spread: np.ndarray) -> bool:
     turned = (blocks.gyro_mean[a[1] : b[0]] - bias).sum(axis=0) * blocks.duration_s
     noise = 4 * float(spread.max()) * blocks.duration_s * np.sqrt(b[0] - a[1])
     down = [blocks.accel_mean[first:last].mean(axis=0) for first, last in (a, b)]
-    tilted = np.linalg.norm(np.cross(*down)) / np.prod(np.linalg.norm(down, axis=1))
+    lengths = np.prod(np.linalg.norm(down, axis=1))
+    if not lengths:  # no gravity, as where an accelerometer was not recorded, is no reason to take two rests for one
+        return False
+    tilted = np.linalg.norm(np.cross(*down)) / lengths
     return bool(np.linalg.norm(turned) < BUMP_RAD + noise and tilted < BUMP_RAD)
 
 
@@ -206,7 +209,8 @@ def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
     accel_mean = accel.mean(axis=0)
     accel_slope = centred @ accel / leverage
     # A direction d fixed in the world, seen from a body that turns with omega: dd/dt = -omega x d, so omega = dd/dt x d + (about d).
-    tilt_rate = np.cross(accel_slope, accel_mean) / (accel_mean @ accel_mean)
+    squared = accel_mean @ accel_mean
+    tilt_rate = np.cross(accel_slope, accel_mean) / squared if squared else np.full(3, np.nan)
     return Still(
         start=int(rows[0]),
         stop=int(rows[-1]) + 1,
@@ -263,7 +267,8 @@ def _creep(still: Still, whole: Still, zero_rate: np.ndarray, noise: Noise) -> b
     """
 
     def tilt_sigma(duration_s: float) -> float:
-        return float(noise.velocity_random_walk.max()) * np.sqrt(12 / duration_s**3) / still.gravity_mps2
+        slope = float(noise.velocity_random_walk.max()) * np.sqrt(12 / duration_s**3)
+        return slope / still.gravity_mps2 if still.gravity_mps2 else np.inf
 
     if np.linalg.norm(still.tilt_rate) > max(CREEP_SIGMAS * tilt_sigma(still.duration_s), CREEP_RPS):
         return True

@@ -1,6 +1,7 @@
 """``explain`` where a truth file is the reference: sensor, truth and clocks, each wrong by a known amount."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ import calibrate
 from session.folder import read_session
 from tinygc.bias.days import level_days
 from tinygc.distance import fit_distance
-from tinygc.explain.truth import explain_truth
+from tinygc.explain.truth_file.explain import explain_truth
+from tinygc.explain.truth_file.picture import draw_truth
+from tinygc.explain.truth_file.result import refusals, truth_to_json
 from tinygc.least_squares import fit_least_squares
 from tinygc.orientation import absolute_orientation_error
 from tinygc.problem import build_problem
@@ -28,13 +31,16 @@ truth_sigma_deg = 0.02
 """
 
 
-def write(folder, *, seed=1, drift_dps=(0, 0, 0), late_s=0.0, frame_deg=(0, 0, 0), jumps=(), bias_dps=(0.5, -0.3, 0.6), name="0001"):
+def write(
+    folder, *, seed=1, drift_dps=(0, 0, 0), dps_per_g=0.0, late_s=0.0, frame_deg=(0, 0, 0), jumps=(), bias_dps=(0.5, -0.3, 0.6), name="0001"
+):
     """60 s of turning without a rest, seen every 0.1 s by a truth with 0.02 deg of noise of its own; and what is wrong with them."""
     table, rng = Table(), np.random.default_rng(seed)
     for _ in range(30):
         table.turn(rng.uniform(40, 120), rng.normal(size=3), 2.0)
     samples = table.samples(seed=seed, bias_dps=bias_dps, registers=False)
     gyro = samples.gyro + np.multiply(drift_dps, DEG) * (samples.t_s / samples.t_s[-1])[:, None]
+    gyro = gyro + dps_per_g * DEG * samples.accel[:, [1, 2, 0]] / 9.80665
     moments = np.arange(0.3, table.duration_s - 0.3, 0.1)
     _, attitude = table.truth(moments - late_s)
     attitude = (
@@ -82,11 +88,34 @@ def test_a_bias_that_drifts(tmp_path):
     assert e.closure_rms[1] < 0.6 * e.closure_rms[0]
 
 
+def test_a_size_that_no_gyroscope_has_is_no_name(tmp_path):
+    """0.3 dps/g is a gyroscope's; 4 dps/g fits as well, but whatever it is, it is not that."""
+    small, large = (explain_truth(write(tmp_path / str(size), dps_per_g=size)) for size in (0.3, 4.0))
+    claim = next(claim for claim in small.claims if claim.effect.id == "gyro.g_sensitivity")
+    sizes, sigmas = (x.reshape(3, 3)[[0, 1, 2], [1, 2, 0]] / DEG for x in (claim.theta, claim.sigma))
+    assert np.abs((sizes - 0.3) / sigmas).max() < 4
+    assert not small.refused
+    assert [claim.effect.id for claim in large.refused].count("gyro.g_sensitivity") == 1
+    assert "gyro.g_sensitivity" not in [claim.effect.id for claim in large.claims]
+    assert large.verdict in ("unexplained", "partly_explained")
+    assert truth_to_json(large)["refused"][0]["id"] == "gyro.g_sensitivity"
+    assert "more than such a gyro has" in refusals(large)[0]
+
+
 def test_a_turned_frame_is_asked_for_by_gyro_and_accelerometer(tmp_path):
     e = explain_truth(write(tmp_path, frame_deg=(2.0, -1.0, 0.5)))
     claim = next(claim for claim in e.claims if claim.effect.id == "reference.truth_frame")
     assert np.abs(np.abs(claim.theta / DEG) - [2.0, 1.0, 0.5]).max() < 0.1
     assert np.linalg.norm(e.force.turned) < 0.3 * np.linalg.norm(e.force.bias)
+
+
+def test_the_page_is_drawn_with_wrong_moments_and_with_next_to_nothing(tmp_path):
+    pytest.importorskip("matplotlib")
+    whole = explain_truth(write(tmp_path / "whole", jumps=(20.3, 40.3)))
+    bare = replace(whole, lengths_s=np.zeros(0), closure_rad=np.zeros((0, 3)), turned=np.full(3, np.nan), force=None)
+    for name, e in (("whole", whole), ("bare", bare)):
+        draw_truth(e, tmp_path / f"{name}.png")
+        assert (tmp_path / f"{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
 def test_wrong_moments_are_found_and_left_out(tmp_path):
@@ -101,7 +130,9 @@ def test_the_command_says_it_and_writes_it(tmp_path, capsys):
     table = json.loads((folder / "explain" / "explain.json").read_text())
     assert table["schema"] == "tinygc-explain/1"
     assert "timing.truth_offset" in [effect["id"] for effect in table["effects"]]
-    assert calibrate.main(["explain", str(folder)]) == 0
+    assert (folder / "explain" / "explain.png").stat().st_size > 50_000
+    assert calibrate.main(["explain", str(folder), "--no-pictures", "--out", str(tmp_path / "bare")]) == 0
+    assert not (tmp_path / "bare" / "explain.png").exists()
     assert "cannot know" in capsys.readouterr().out
 
 

@@ -182,3 +182,20 @@ def test_euroc_comes_through_the_same_door(shared, tmp_path):
     assert np.isfinite(gyro).all()
     assert 0.2 < np.mean((accel == 0).all(axis=1)) < 0.3
     assert np.allclose(np.linalg.norm(truth.q_nb, axis=1), 1)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("missing", [0.25, 1.0])
+def test_rows_without_an_accelerometer_are_a_note_and_no_clipping(folder, missing):
+    path = folder / "log0001.csv"
+    head, *rows = path.read_text().splitlines()
+    cut = round(len(rows) * missing)
+    rows[:cut] = [",".join([*row.split(",")[:4], "0", "0", "0"]) for row in rows[:cut]]
+    path.write_text("\n".join([head, *rows]) + "\n")
+    findings = check_session(read_session(folder))
+    said = {finding.what: finding for finding in findings if "accelerometer" in finding.what}
+    assert said["accelerometer"].level == "note"
+    assert f"{cut} of {len(rows)} rows" in said["accelerometer"].says
+    assert ("accelerometer clipping" in said) == (missing < 1)
+    assert not [finding for finding in findings if finding.level in ("warning", "error")]
+    assert build_problem(read_session(folder)).batch.angles == 3

@@ -13,8 +13,8 @@ from session.euroc import write_sequences, write_training_windows
 from session.folder import read_session
 from session.units import DEG, MG
 from tinygc.bias.days import level_days
-from tinygc.explain.truth import TruthExplanation, explain_truth
-from tinygc.explain.truth_result import independent
+from tinygc.explain.truth_file.explain import Claim, TruthExplanation, explain_truth
+from tinygc.explain.truth_file.result import independent
 from tinygc.problem import build_problem
 
 SEQUENCES = ("MH_01", "MH_02", "MH_03", "MH_04", "MH_05", "V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03")
@@ -76,11 +76,17 @@ def _row(name: str, e: TruthExplanation) -> tuple[str, ...]:
 
 
 def _claims(e: TruthExplanation) -> str:
-    said = []
-    for claim in e.claims:
-        size = np.abs(claim.theta).max() / claim.effect.parameter.si
-        said.append(f"{claim.effect.id} ({size:.2g} {claim.effect.parameter.unit}, {100 * claim.share:.0f} %)")
-    return e.verdict.replace("_", " ") + (": " + ", ".join(said) if said else f" (p = {e.p_value:.2g})")
+    claims = ", ".join(f"{claim.effect.id} ({_size(claim)}, {100 * claim.share:.0f} %)" for claim in e.claims)
+    refused = ", ".join(f"{claim.effect.id} ({_size(claim)})" for claim in e.refused)
+    return (
+        e.verdict.replace("_", " ")
+        + (f": {claims}" if claims else f" (p = {e.p_value:.2g})")
+        + (f"; refused: {refused}" if refused else "")
+    )
+
+
+def _size(claim: Claim) -> str:
+    return f"{np.abs(claim.theta).max() / claim.effect.parameter.si:.2g} {claim.effect.parameter.unit}"
 
 
 def _triple(values: np.ndarray, digits: int = 2) -> str:

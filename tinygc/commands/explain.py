@@ -15,7 +15,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("folder", type=Path, help="session folder")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
-    command.add_argument("--no-pictures", action="store_true", help="write no picture (against a truth file there is none)")
+    command.add_argument("--no-pictures", action="store_true", help="write no picture")
     command.add_argument("--out", type=Path, metavar="DIR", help="where the result goes (explain/ in the session folder)")
     command.add_argument("--strict", action="store_true", help="exit 1 if there is a mismatch")
 
@@ -27,20 +27,26 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.console import progress_bar
     from tinygc.explain.explain import explain_session
     from tinygc.explain.pages import explanation_page
-    from tinygc.explain.picture import can_draw
     from tinygc.explain.result import save, to_json
 
     try_destinations(args, "explain")
     with progress_bar(args.quiet) as progress:
         explanation = explain_session(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
-    pictures = not args.no_pictures and can_draw()
-    if not pictures and not args.no_pictures:
-        print("calibrate: no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')", file=sys.stderr)
-    folder = save(explanation, args.out, pictures=pictures)
+    folder = save(explanation, args.out, pictures=_with_pictures(args))
     output(args).print(explanation_page(explanation))
     output(args).print(f"written: {folder}", soft_wrap=True)
     write_json(args.json, to_json(explanation))
     return 1 if args.strict and explanation.verdict != "no_mismatch" else 0
+
+
+def _with_pictures(args: argparse.Namespace) -> bool:
+    """Whether they are wanted and can be drawn; says so where they cannot."""
+    from tinygc.explain.canvas import can_draw
+
+    if not args.no_pictures and not can_draw():
+        print("calibrate: no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')", file=sys.stderr)
+        return False
+    return not args.no_pictures
 
 
 def _has_truth(folder: Path) -> bool:
@@ -57,13 +63,13 @@ def _has_truth(folder: Path) -> bool:
 def _against_truth(args: argparse.Namespace) -> int:
     """What is wrong with the sensor, what with the truth, what with their clocks."""
     from tinygc.console import progress_bar
-    from tinygc.explain.truth import explain_truth
-    from tinygc.explain.truth_result import save_truth, truth_page, truth_to_json
+    from tinygc.explain.truth_file.explain import explain_truth
+    from tinygc.explain.truth_file.result import save_truth, truth_page, truth_to_json
 
     try_destinations(args, "explain")
     with progress_bar(args.quiet) as progress:
         explanation = explain_truth(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
-    folder = save_truth(explanation, args.out)
+    folder = save_truth(explanation, args.out, pictures=_with_pictures(args))
     output(args).print(truth_page(explanation))
     output(args).print(f"written: {folder}", soft_wrap=True)
     write_json(args.json, truth_to_json(explanation))

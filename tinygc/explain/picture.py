@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
-from textwrap import fill
 
 import numpy as np
 
-from session.errors import CalibrationError
 from session.units import DEG, MG
+from tinygc.explain.canvas import canvas
 from tinygc.explain.channels import own_residuals
 from tinygc.explain.drawn import lengths_per_still, rates_per_still
 from tinygc.explain.explain import Explanation
@@ -22,22 +20,13 @@ from tinygc.explain.regime import Regime
 MOST_ROWS = 4  #: of causes that are drawn, strongest first
 
 
-def can_draw() -> bool:
-    """Whether matplotlib, which `fit` does without, is installed."""
-    return find_spec("matplotlib") is not None
-
-
 def draw(e: Explanation, path: Path) -> None:
     """Write the page as PNG.  Raises CalibrationError where matplotlib is missing."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise CalibrationError("pictures need matplotlib: python -m pip install 'tinygc[plot]', or use --no-pictures") from None
     told = [*e.claimed, *e.findings]
     shown = told[:MOST_ROWS]
     rows = max(len(shown), 1) + 1
-    figure = Figure(figsize=(13, 1.2 + 3.5 * rows), layout="constrained")
-    grid = figure.subplots(rows, 2)
+    headline = f"{e.session.name}: {VERDICTS[e.verdict][0]}"
+    figure, grid = canvas(rows, headline, [claim.effect.id for claim in told], [claim.says for claim in told])
     for claim, row in zip(shown, grid, strict=False):
         for panel, axes in zip(panels_of(claim), row, strict=True):
             panel(e, claim, axes)
@@ -51,14 +40,7 @@ def draw(e: Explanation, path: Path) -> None:
         _stills_in_time(e, grid[-1, 1])
     else:
         _channels(e, grid[-1, 1])
-    figure.suptitle(_title(e, told), fontsize=11)
     figure.savefig(path, dpi=110)
-
-
-def _title(e: Explanation, told: list) -> str:
-    lines = [f"{e.session.name}: {VERDICTS[e.verdict][0]}", ", ".join(claim.effect.id for claim in told)]
-    lines += [fill(claim.says, 150) for claim in told]
-    return "\n".join(line for line in lines if line)
 
 
 def _closure(e: Explanation, axes) -> None:

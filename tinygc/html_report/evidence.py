@@ -12,7 +12,7 @@ from session.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from tinygc.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
 from tinygc.beyond_linear import beyond_linear
 from tinygc.explain.explain import Explanation, explain_session
-from tinygc.explain.truth import TruthExplanation, explain_truth
+from tinygc.explain.truth_file.explain import TruthExplanation, explain_truth
 from tinygc.explain.twin import Twin
 from tinygc.explain.whitening import Whitener
 from tinygc.field_parameters import COVERAGE_FACTOR, Quantity

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from session.units import DEG
-from tinygc.explain.truth import Claim, TruthExplanation
-from tinygc.explain.truth_result import CANNOT, evidence_rows
+from tinygc.explain.truth_file.explain import Claim, TruthExplanation
+from tinygc.explain.truth_file.result import CANNOT, evidence_rows, refusals
 from tinygc.html_report.chart import Chart, log_axis
 from tinygc.html_report.evidence import Evidence
 from tinygc.html_report.markup import Section, code, escape, figure, key, paragraph, table
@@ -20,6 +20,7 @@ def section(evidence: Evidence) -> Section | None:
         return None
     html = paragraph(f"<strong>{escape(e.verdict.replace('_', ' ').capitalize())}</strong> ({probability(e.p_value)}).")
     html += "".join(map(_claim, e.claims))
+    html += "".join(paragraph(f"{escape(sentence[:1].upper() + sentence[1:])}.") for sentence in refusals(e))
     html += table(("Of", "it says"), [(escape(of), escape(says)) for of, says in evidence_rows(e)], kind="words")
     if len(e.lengths_s) > 1:
         html += figure(

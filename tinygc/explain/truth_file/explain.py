@@ -13,7 +13,7 @@ channel, the closure between moments of truth, is looked at in five ways:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,20 +27,20 @@ from tinygc.effects import catalogue
 from tinygc.effects._effect import Effect
 from tinygc.explain.movement import conditions, movement_of
 from tinygc.explain.selection import FAMILY_WISE, Selection
-from tinygc.explain.truth_effects import FRAME, JUMPS, OFFSET, wander
-from tinygc.explain.truth_evidence import (
+from tinygc.explain.truth_file.effects import FRAME, JUMPS, OFFSET, wander
+from tinygc.explain.truth_file.evidence import (
     Force,
     Rests,
     error_angles,
     force_against_truth,
     growth,
-    neighbours,
     neighbours_correlation,
     noises,
     offset_columns,
     short_segments,
     zero_at_rest,
 )
+from tinygc.explain.truth_file.wrong_moments import without_wrong_moments
 from tinygc.fit import stop_at_errors
 from tinygc.least_squares import PRIOR_SIGMA, fit_least_squares
 from tinygc.linear import LinearModel
@@ -50,15 +50,14 @@ MOST_EFFECTS = 4
 LATER_FAMILY_WISE = 0.01
 #: of the misfit so far, or a further effect is not worth its name
 LATER_SHARE = 0.03
-#: a moment of truth is wrong if both its segments miss by this many times what is usual, in opposite directions
-JUMP = 5.0
-OPPOSITE = -0.7
 #: a rotation of the truth's frame is claimed if it is as large, and as sure
 FRAME_RAD, FRAME_SIGMAS = 0.5 * DEG, 5.0
 STEPS_TRIED = 40
 WANDER_S = 20.0
 #: of a claim's greatest parameter, when all are fitted together
 KEPT_SIGMAS = 4.0
+#: times what a parameter is taken to be at most: no gyroscope has that, whatever the fit would gain
+IMPLAUSIBLE = 2.0
 #: errors of neighbouring segments that go together like this are of something slow
 SLOW = 0.3
 
@@ -77,13 +76,23 @@ class Claim:
     def says(self) -> str:
         return self.effect.says(self.theta)
 
+    @property
+    def idle(self) -> bool:
+        return bool(np.abs(self.theta / self.sigma).max() < KEPT_SIGMAS)
+
+    @property
+    def implausible(self) -> bool:
+        return bool(np.abs(self.theta).max() > IMPLAUSIBLE * self.effect.parameter.plausible)
+
 
 @dataclass(frozen=True, eq=False)
 class TruthExplanation:
     """What was found; angles in rad.
 
-    problem and model: linear, without the suspect moments; jumps: log and s of wrong moments; claims, strongest first; p_value of the
-    first look; excess: chi-square over what is stated, and closure_rms, before and after; lengths_s (L,), closure_rad (L, 3): growth;
+    problem and model: linear, without the suspect moments; jumps: log and s of wrong moments; claims, strongest first; refused: what
+    would fit, but at a size that no gyroscope has; p_value of the
+    first look; angles (S, 3): each used segment's closure about the table's axes, excess: chi-square over what is stated, and closure_rms,
+    all before and after; lengths_s (L,), closure_rad (L, 3): growth;
     truth_rad a moment and walk_rad per root second, from it; gyro_rad per root second, the gyro's own walk at its quietest;
     neighbours: correlation of neighbouring segments' errors, before and after; offset: s of the truth's clock and its sigma; turned (3,),
     turned_sigma (3,): the gyro against the truth; rests; force; warnings of the first look.
@@ -93,7 +102,9 @@ class TruthExplanation:
     model: LinearModel
     jumps: list[tuple[int, float]]
     claims: list[Claim]
+    refused: list[Claim]
     p_value: float
+    angles: tuple[np.ndarray, np.ndarray]
     excess: tuple[float, float]
     closure_rms: tuple[float, float]
     lengths_s: np.ndarray
@@ -127,11 +138,11 @@ def explain_truth(
     stop_at_errors(findings)
     problem = build_problem(session, use_earth=use_earth)
     progress("moments of truth", 1, 5)
-    sound, jumps = _without_jumps(problem)
+    sound, jumps = without_wrong_moments(problem)
     progress("naming", 2, 5)
     fit = fit_least_squares(sound.batch, sound.floor.sigma, problem.first)
-    p_value, claims, chi, rms, left = _select(sound, fit.model, seed)
-    left_angles = (np.linalg.cholesky(sound.floor.dense()) @ left).reshape(-1, 3)
+    p_value, claims, refused, chi, rms, left = _select(sound, fit.model, seed)
+    angles = error_angles(sound.batch, fit.model), (np.linalg.cholesky(sound.floor.dense()) @ left).reshape(-1, 3)
     progress("growth and clocks", 3, 5)
     lengths, closures = growth(sound, fit.model)
     truth_rad, walk_rad = noises(lengths, closures)
@@ -142,13 +153,14 @@ def explain_truth(
     if jumps:
         bar = Claim(JUMPS, np.array([float(len(jumps))]), np.zeros(1), 1e-9, 0.0)
         claims = [bar, *claims]
-    together = tuple(neighbours_correlation(sound, angles) for angles in (error_angles(sound.batch, fit.model), left_angles))
     return TruthExplanation(
         problem=sound,
         model=fit.model,
         jumps=jumps,
         claims=claims,
+        refused=refused,
         p_value=p_value,
+        angles=angles,
         excess=chi,
         closure_rms=rms,
         lengths_s=lengths,
@@ -156,7 +168,7 @@ def explain_truth(
         truth_rad=truth_rad,
         walk_rad=walk_rad,
         gyro_rad=float(np.mean(sound.noise.angle_random_walk)),
-        neighbours=together,
+        neighbours=tuple(neighbours_correlation(sound, each) for each in angles),
         offset=offset,
         turned=turned,
         turned_sigma=turned_sigma,
@@ -166,39 +178,11 @@ def explain_truth(
     )
 
 
-def _without_jumps(problem: Problem) -> tuple[Problem, list[tuple[int, float]]]:
-    """Leave out the segments at both sides of a wrong moment of truth."""
-    model = problem.first
-    keep = np.ones(len(problem.batch), dtype=bool)
-    for _ in range(3):
-        model = fit_least_squares(problem.batch.pick(keep), problem.floor.sigma[keep], model).model
-        angles = error_angles(problem.batch, model)
-        usual = float(np.median(np.linalg.norm(angles, axis=1)))
-        at = neighbours(problem)
-        before, after = angles[at], angles[at + 1]
-        size = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
-        cosine = np.sum(before * after, axis=1) / np.maximum(np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1), 1e-12)
-        wrong = at[(size > JUMP * usual) & (cosine < OPPOSITE)]
-        keep = np.ones(len(problem.batch), dtype=bool)
-        keep[wrong] = keep[wrong + 1] = False
-    if not len(wrong) or keep.sum() < len(keep) / 2:
-        return problem, []
-    numbers = {segment.number for segment, ok in zip(problem.used, keep, strict=True) if not ok}
-    segments = [replace(s, problem="one of its moments of truth is wrong") if s.number in numbers else s for s in problem.segments]
-    jumps = [(problem.used[i].log, problem.used[i].start_s + problem.used[i].duration_s) for i in wrong]
-    floor = replace(problem.floor, own=problem.floor.own[keep], shared=np.zeros((max(keep.sum() - 1, 0), 3, 3)))
-    kept = replace(problem, segments=segments, batch=problem.batch.pick(keep), floor=floor)
-    # What two neighbours share is kept where both are.
-    both = np.flatnonzero(keep[:-1] & keep[1:])
-    new = np.cumsum(keep) - 1
-    floor.shared[new[both]] = problem.floor.shared[both]
-    return kept, jumps
-
-
 def _select(
     problem: Problem, model: LinearModel, seed: int
-) -> tuple[float, list[Claim], tuple[float, float], tuple[float, float], np.ndarray]:
-    """Forward selection: p-value of the first look, claims, chi-square per freedom and closure rms rad before and after; what is left."""
+) -> tuple[float, list[Claim], list[Claim], tuple[float, float], tuple[float, float], np.ndarray]:
+    """Forward selection: p-value of the first look, claims, what is refused, chi-square per freedom and closure rms rad before and after;
+    what is left."""
     batch = problem.batch
     rate = model(batch.rate)
     sensitivity = closure.sensitivity(batch, rate)
@@ -210,37 +194,41 @@ def _select(
     r = white(error_angles(batch, model))[:, 0]
     nuisance = white(linear.columns(sensitivity, batch.rate) * PRIOR_SIGMA)
     tried = {effect: white(columns) for effect, columns in _candidates(problem, model, sensitivity)}
-    first_p, claims, chosen = 1.0, [], []
+    first_p, claims, refused = None, [], []
     q = _project(nuisance)
     chi = float(np.sum((r - q @ (q.T @ r)) ** 2))
     freedom = max(len(r) - q.shape[1], 1)
-    start = left = chi
-    while len(chosen) < MOST_EFFECTS:
-        ids = {effect.id for effect in chosen}
+    while len(claims) < MOST_EFFECTS:
+        chosen = [effect for effect, _, _ in claims]
+        ids = {effect.id for effect in chosen} | {claim.effect.id for claim in refused}
         rest = {effect: columns for effect, columns in tried.items() if effect.id not in ids}
         known = np.concatenate([nuisance, *(tried[effect] for effect in chosen)], axis=1)
         selection = Selection(known, rest, seed)
         if not selection.groups:
             break
         p_value = selection.p_value(r)
-        first_p = p_value if not chosen else first_p
+        first_p = p_value if first_p is None else first_p
         if p_value > (LATER_FAMILY_WISE if chosen else FAMILY_WISE):
             break
         best = selection.groups[int(np.argmin(selection.log_p(r)))].name
         gain = selection.gains(r)[best]
-        if chosen and gain < LATER_SHARE * start:
+        if chosen and gain < LATER_SHARE * chi:
             break
-        chosen.append(best)
-        left -= gain
-        claims.append((best, p_value, gain / start))
+        claim = (best, p_value, gain / chi)
+        last = _together(r, nuisance, [*claims, claim], tried)[0][-1]
+        if last.implausible:
+            refused.append(last)
+        else:
+            claims.append(claim)
     while True:
         found, after, freedom_after = _together(r, nuisance, claims, tried)
-        idle = [claim for claim in found if np.abs(claim.theta / claim.sigma).max() < KEPT_SIGMAS]
-        if not idle:
+        drop = [claim for claim in found if claim.idle or claim.implausible]
+        if not drop:
             break
-        claims = [claim for claim in claims if claim[0] is not idle[-1].effect]
+        refused += [drop[-1]] if drop[-1].implausible else []
+        claims = [claim for claim in claims if claim[0] is not drop[-1].effect]
     rms = tuple(float(np.sqrt(np.mean(np.sum((factor @ x).reshape(-1, 3) ** 2, axis=1)))) for x in (r - q @ (q.T @ r), after))
-    return first_p, found, (chi / freedom, float(after @ after) / freedom_after), rms, after
+    return 1.0 if first_p is None else first_p, found, refused, (chi / freedom, float(after @ after) / freedom_after), rms, after
 
 
 def _together(r, nuisance, claims, tried) -> tuple[list[Claim], np.ndarray, int]:

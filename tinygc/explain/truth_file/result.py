@@ -11,7 +11,8 @@ from rich.text import Text
 
 import tinygc
 from session.units import DEG, MG
-from tinygc.explain.truth import Claim, TruthExplanation
+from tinygc.effects._effect import largest
+from tinygc.explain.truth_file.explain import Claim, TruthExplanation
 from tinygc.files import write_whole
 
 SCHEMA = "tinygc-explain/1"
@@ -41,6 +42,7 @@ def truth_to_json(e: TruthExplanation) -> dict:
             },
         },
         "effects": [_effect(claim) for claim in e.claims],
+        "refused": [_effect(claim) for claim in e.refused],
         "fit": {"holdout_closure_rms_deg": None, "closure_rms_deg": {"before": e.closure_rms[0] / DEG, "after": e.closure_rms[1] / DEG}},
         "truth": {
             "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
@@ -93,11 +95,15 @@ def _effect(claim: Claim) -> dict:
     }
 
 
-def save_truth(e: TruthExplanation, folder: Path | None = None) -> Path:
-    """Write ``explain.json`` into a folder, the session's ``explain`` by default; returns that folder."""
+def save_truth(e: TruthExplanation, folder: Path | None = None, pictures: bool = True) -> Path:
+    """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder."""
     folder = folder or e.problem.session.folder / "explain"
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "explain.json", truth_to_json(e))
+    if pictures:
+        from tinygc.explain.truth_file.picture import draw_truth
+
+        draw_truth(e, folder / "explain.png")
     return folder
 
 
@@ -111,8 +117,18 @@ def truth_page(e: TruthExplanation) -> Group:
         values, sigmas = (x[:9] / claim.effect.parameter.si for x in (claim.theta, claim.sigma))
         shown = "   ".join(f"{v:.4g} ± {s:.2g}" for v, s in zip(values, sigmas, strict=True))
         parts.append(Text(f"  {claim.effect.parameter.name}: {shown}\n"))
+    parts += [Text(f"{sentence}\n") for sentence in refusals(e)]
     parts += [_evidence(e), Text(CANNOT)]
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
+
+
+def refusals(e: TruthExplanation) -> list[str]:
+    """A sentence for each name that would fit, but not at its size."""
+    return [
+        f"not named: {claim.effect.id} would fit with {largest(claim.theta) / claim.effect.parameter.si:.2g} "
+        f"{claim.effect.parameter.unit}, more than such a gyro has: it is something else, or the truth's"
+        for claim in e.refused
+    ]
 
 
 def independent(e: TruthExplanation) -> bool | None:

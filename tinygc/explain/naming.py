@@ -20,6 +20,8 @@ MOST_EFFECTS = 4
 LATER_FAMILY_WISE = 0.01
 #: and take up at least this share of what has been explained so far: a model is good to a tenth of an effect's size
 LATER_SHARE = 1e-2
+#: or else this share of what is left beyond noise, and that must be as much as noise at least: what an inexact model leaves has no name
+WHOLE_SHARE = 0.95
 #: candidates whose linear gain is at least this share of the best one's are refitted exactly before one is named
 LOOKALIKE_SHARE = 0.75
 MOST_LOOKALIKES = 4
@@ -99,18 +101,30 @@ def name_effects(
             break
         effect, better = _best_exact(twin, whiten, fit, effects, rest, selection, log_p)
         gain = fit.chi_square - better.chi_square
-        if gain < LATER_SHARE * (first.chi_square - fit.chi_square + explained):
+        if gain < LATER_SHARE * (first.chi_square - fit.chi_square + explained) and not _completes(fit, better):
             break
         effects, fit = _sharpened_again(twin, whiten, [*effects, effect], better)
         named[effect.id] = (p_value, gain)
         effects, fit = _without_idle(twin, whiten, effects, fit)
+    if not stand_ins:
+        return Naming(first, first_p, fit, _sorted([Named(effect, *named[effect.id]) for effect in effects]))
     if effects:
         progress("lookalikes")
+    effects, fit, others, named = _exchanged(twin, whiten, effects, fit, tried, seed, named)
     result = [
-        Named(effect, *named[effect.id], _stand_ins(twin, whiten, effects, effect, fit, tried, seed) if stand_ins else ())
-        for effect in effects
+        Named(effect, *named[effect.id], _stand_ins(twin, whiten, fit, trials)) for effect, trials in zip(effects, others, strict=True)
     ]
-    return Naming(first, first_p, fit, sorted(result, key=lambda n: -n.gain))
+    return Naming(first, first_p, fit, _sorted(result))
+
+
+def _sorted(named: list[Named]) -> list[Named]:
+    return sorted(named, key=lambda n: -n.gain)
+
+
+def _completes(fit: Refit, better: Refit) -> bool:
+    """Whether a further effect, however small beside the others, takes up the whole of what they leave, and that is not little."""
+    beyond = fit.chi_square - len(fit.r)
+    return beyond > len(fit.r) and fit.chi_square - better.chi_square > WHOLE_SHARE * beyond
 
 
 def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int) -> Selection:
@@ -192,8 +206,8 @@ def _without_idle(twin, whiten, effects: list[Effect], fit: Refit) -> tuple[list
     return effects, fit
 
 
-def _stand_ins(twin, whiten, effects, effect: Effect, fit: Refit, tried: list[Effect], seed: int) -> tuple[str, ...]:
-    """Candidates that replace an effect at a cost in chi-square of less than ``STAND_IN``, each refitted exactly."""
+def _replacements(twin, whiten, effects, effect: Effect, fit: Refit, tried: list[Effect], seed: int) -> list[tuple[Effect, Refit]]:
+    """Candidates that may replace an effect by their linear gain, each refitted exactly, with the fit in its gauge."""
     others = [other for other in effects if other is not effect]
     ids = {other.id for other in effects}
     base = refit(twin, whiten, others, fit.state)
@@ -201,12 +215,44 @@ def _stand_ins(twin, whiten, effects, effect: Effect, fit: Refit, tried: list[Ef
     selection = selection_of(twin, whiten, base, rest, seed)
     gains = selection.gains(base.r)
     bar = 0.9 * (base.chi_square - fit.chi_square) - STAND_IN
-    found = []
+    found: dict[str, tuple[Effect, Refit]] = {}
     for number in sorted(gains, key=gains.get, reverse=True):
         candidate = rest[number]
         if gains[number] < bar or candidate.id in found or len(found) >= MOST_LOOKALIKES:
             continue
-        trial = refit(twin, whiten, [*others, _sharpened(twin, whiten, base, candidate)], base.state)
-        if in_gauge(twin, whiten, trial).chi_square < in_gauge(twin, whiten, fit).chi_square + STAND_IN:
-            found.append(candidate.id)
-    return tuple(found)
+        candidate = _sharpened(twin, whiten, base, candidate)
+        found[candidate.id] = candidate, in_gauge(twin, whiten, refit(twin, whiten, [*others, candidate], base.state))
+    return list(found.values())
+
+
+def _exchanged(twin, whiten, effects: list[Effect], fit: Refit, tried, seed: int, named: dict[str, tuple[float, float]]):
+    """An effect that was named while others were still in the way gives place to a lookalike that does better beside them, by Schwarz's
+    criterion; at last effects, fit, each effect's replacements, and p-value and gain by id."""
+
+    def score(each: Refit, effect: Effect) -> float:
+        return each.chi_square + effect.parameter.size * np.log(len(each.r))
+
+    named = dict(named)
+    while True:
+        trials = [_replacements(twin, whiten, effects, effect, fit, tried, seed) for effect in effects]
+        own = in_gauge(twin, whiten, fit)
+        # An effect alone was chosen among its lookalikes so already.
+        swaps = [
+            (score(trial, candidate) - score(own, effect), number, candidate, trial)
+            for number, (effect, found) in enumerate(zip(effects, trials, strict=True))
+            for candidate, trial in found
+            if len(effects) > 1 and score(trial, candidate) < score(own, effect) - ENOUGH
+        ]
+        if not swaps:
+            return effects, fit, trials, named
+        _, number, candidate, trial = min(swaps, key=lambda swap: swap[0])
+        p_value, gain = named.pop(effects[number].id)
+        named[candidate.id] = p_value, gain + fit.chi_square - trial.chi_square
+        effects = [*effects[:number], candidate, *effects[number + 1 :]]
+        fit = refit(twin, whiten, effects, trial.state)
+
+
+def _stand_ins(twin: Twin, whiten: Whitener, fit: Refit, trials: list[tuple[Effect, Refit]]) -> tuple[str, ...]:
+    """The replacements that cost less than ``STAND_IN`` in chi-square."""
+    bar = in_gauge(twin, whiten, fit).chi_square + STAND_IN
+    return tuple(candidate.id for candidate, trial in trials if trial.chi_square < bar)

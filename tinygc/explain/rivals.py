@@ -21,20 +21,28 @@ MOST = 3
 def best_rival(twin: Twin, whiten: Whitener, naming: Naming, rivals: list[Effect], seed: int) -> tuple[Effect | None, float]:
     """The shape that alone describes best what the names describe together, and by how much chi-square, with the price of its
     parameters, it is the better one; (None, -inf) if none comes near."""
-    price = np.log(len(naming.fit.r))
-    own = naming.fit.chi_square + price * sum(_parameters(named.effect) for named in naming.named)
     selection = selection_of(twin, whiten, naming.first, rivals, seed)
     gains = selection.gains(naming.first.r)
-    score = {number: naming.first.chi_square - gain + price * _parameters(rivals[number]) for number, gain in gains.items()}
+    guess = {number: _ahead(naming, rivals[number], naming.first.chi_square - gain) for number, gain in gains.items()}
     best, lead = None, -np.inf
-    for number in sorted(score, key=score.get)[:MOST]:
+    for number in sorted(guess, key=guess.get, reverse=True)[:MOST]:
         # A linear gain is a guess of the exact one: the far ones are not worth a refit.
-        if score[number] > own + STAND_IN + 0.1 * gains[number]:
+        if guess[number] < -STAND_IN - 0.1 * gains[number]:
             continue
-        exact = refit(twin, whiten, [rivals[number]], twin.start()).chi_square + price * _parameters(rivals[number])
-        if own - exact > max(lead, -STAND_IN):
-            best, lead = rivals[number], own - exact
+        ahead = _ahead(naming, rivals[number], refit(twin, whiten, [rivals[number]], twin.start()).chi_square)
+        if ahead > max(lead, -STAND_IN):
+            best, lead = rivals[number], ahead
     return best, lead
+
+
+def _ahead(naming: Naming, rival: Effect, chi_square: float) -> float:
+    """By how much chi-square, with the price of its parameters, a rival is better than the names."""
+    more = _parameters(rival) - sum(_parameters(named.effect) for named in naming.named)
+    ahead = naming.fit.chi_square - chi_square - np.log(len(naming.fit.r)) * more
+    if rival.basis is not None:
+        return ahead
+    # A shape of one fixed form is no family that bends to anything: like a name it may stand in, whatever it has of parameters.
+    return max(ahead, min(naming.fit.chi_square - chi_square, 0.0))
 
 
 def _parameters(effect: Effect) -> int:

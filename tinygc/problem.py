@@ -27,6 +27,8 @@ DIAL_SIGMA_RAD = 0.05 * DEG
 DIAL_LIMIT_RAD = 1.0 * DEG
 #: a linear fit with 12 parameters and two angles a segment needs at least this many
 FEWEST_SEGMENTS = 7
+#: why a segment is not used
+LEFT_OUT, CLIPPED = "left out by request", "its rates stand at a ceiling"
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,18 +94,20 @@ def build_problem(
     use_earth: bool = True,
     exclude: tuple[int, ...] = (),
     moving: tuple[int, ...] = (),
+    clipped: tuple[int, ...] = (),
     progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
     """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
 
-    exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none.
+    exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none; clipped: numbers of
+    segments whose rates are not the true ones, so that no attitude can be carried through them either.
     Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
     if session.truths is not None:
         from tinygc.truth_problem import build_truth_problem
 
         return build_truth_problem(session, use_earth=use_earth, exclude=exclude, progress=progress)
-    logs, segments = _stills_and_segments(session, exclude, moving, progress)
+    logs, segments = _stills_and_segments(session, exclude, moving, clipped, progress)
     _require_enough(session, logs, segments)
     chain = _batch(session, logs, segments)
     used = np.array([segment.accepted for segment in segments])
@@ -131,7 +135,7 @@ def build_problem(
     return Problem(session, segments, batch, floor, earths, logs, fit.model, _still_rates(logs, earths))
 
 
-def _stills_and_segments(session: Session, exclude, moving, progress) -> tuple[list[StillSet], list[Segment]]:
+def _stills_and_segments(session: Session, exclude, moving, clipped, progress) -> tuple[list[StillSet], list[Segment]]:
     logs, segments, number = [], [], 0
     for log in session.logs:
         progress(f"stills of {log.path.name}")
@@ -143,7 +147,8 @@ def _stills_and_segments(session: Session, exclude, moving, progress) -> tuple[l
         number += len(stills)
         segments += cut_segments(samples, stills, session.config.sensor, session.config.protocol, log=len(logs), number=len(segments))
         logs.append(StillSet(samples, stills, noise, np.zeros((0, 4)), np.zeros(0, dtype=int)))
-    excluded = [replace(s, problem="left out by request") if s.number in exclude else s for s in segments]
+    segments = [replace(s, problem=CLIPPED, breaks_yaw=True) if s.number in clipped else s for s in segments]
+    excluded = [replace(s, problem=LEFT_OUT) if s.number in exclude else s for s in segments]
     if session.config.protocol.reference == "table":
         excluded = [_with_dials(session, logs, segment) for segment in excluded]
         _require_agreement(session, logs)

@@ -23,7 +23,7 @@ from tinygc.earth import EarthRate, no_earth, vertical_only, with_heading
 from tinygc.floor import Floor, gyro_variance
 from tinygc.least_squares import fit_least_squares
 from tinygc.linear import LinearModel, bias_only
-from tinygc.problem import Problem, StillSet
+from tinygc.problem import LEFT_OUT, Problem, StillSet
 from tinygc.still_rates import StillRates
 
 #: "stills" noisier than this are a steady flight: no MEMS gyro is worse by itself
@@ -55,7 +55,7 @@ def build_truth_problem(
     unknown = sorted(set(exclude) - {segment.number for segment, _ in cut})
     if unknown:
         raise SegmentError(f"{session.folder}: no segment {unknown[0]} to leave out; there are 0 to {len(cut) - 1}")
-    segments = [replace(s, problem="left out by request") if s.number in exclude else s for s, _ in cut]
+    segments = [replace(s, problem=LEFT_OUT) if s.number in exclude else s for s, _ in cut]
     used = np.array([segment.accepted for segment in segments])
     if used.sum() < FEWEST_SEGMENTS:
         why = next((segment.problem for segment in segments if segment.problem), None)

@@ -12,6 +12,7 @@ from session.clipping import FALSE_ALARM
 from session.errors import CalibrationError
 from session.folder import Session
 from session.logfile import Log
+from session.segments import Segment
 from session.stills import CREEP_SIGMAS
 from session.units import DEG
 from tinygc import closure, rotation
@@ -22,7 +23,7 @@ from tinygc.explain.twin import Twin
 from tinygc.explain.whitening import Whitener
 from tinygc.least_squares import fit_least_squares
 from tinygc.methods import closure_angles
-from tinygc.problem import Problem, build_problem
+from tinygc.problem import CLIPPED, LEFT_OUT, Problem, build_problem
 
 #: chi-square per missing-sample parameter that a loss must save: a chance of some 10^-9
 SURE = 40.0
@@ -97,7 +98,7 @@ def _without_clipped(problem: Problem, found: dict, chances: dict) -> Problem:
     found["gyro.saturation"] = ({"dps": level / DEG}, {"dps": known_to * level / DEG})
     chances["gyro.saturation"] = min(chance, 1.0)
     try:
-        return build_problem(problem.session, use_earth=problem.earth.source != "none", exclude=tuple(clipped))
+        return _again(problem, problem.session, clipped=tuple(clipped))
     except CalibrationError:
         return problem
 
@@ -136,9 +137,18 @@ def _without_glitches(problem: Problem, found: dict, chances: dict) -> Problem:
     return _again(problem, _with_logs(problem.session, logs))
 
 
-def _again(problem: Problem, session: Session) -> Problem:
-    excluded = tuple(segment.number for segment in problem.segments if segment.problem == "left out by request")
-    return build_problem(session, use_earth=problem.earth.source != "none", exclude=excluded)
+def _again(problem: Problem, session: Session, *, clipped: tuple[int, ...] = (), moving: tuple[int, ...] = ()) -> Problem:
+    """The problem of a mended session, or with clipped segments or moving stills, without what was left out before."""
+    out = {why: [segment for segment in problem.segments if segment.problem == why] for why in (LEFT_OUT, CLIPPED)}
+    if moving:  # a still less joins two turns, and shifts the numbers behind it
+        segments = build_problem(session, use_earth=False, moving=moving).segments
+        out = {why: [new for new in segments if any(_inside(old, new) for old in gone)] for why, gone in out.items()}
+    asked, at_level = (tuple(segment.number for segment in out[why]) for why in (LEFT_OUT, CLIPPED))
+    return build_problem(session, use_earth=problem.earth.source != "none", exclude=asked, clipped=clipped + at_level, moving=moving)
+
+
+def _inside(old: Segment, new: Segment) -> bool:
+    return old.log == new.log and new.start <= (old.start + old.stop) // 2 < new.stop
 
 
 def _with_lost(problem: Problem, found: dict, chances: dict) -> tuple[Problem, list[Gap]]:
@@ -227,7 +237,7 @@ def _without_creeping(problem: Problem, found: dict, chances: dict) -> Problem:
     chances["reference.not_still"] = min(1.0, len(problem.stills) * float(chi2.sf(CREEP_SIGMAS**2, 3)))
     if not turning:
         return problem
-    return build_problem(problem.session, use_earth=problem.earth.source != "none", moving=tuple(turning))
+    return _again(problem, problem.session, moving=tuple(turning))
 
 
 def _about_the_vertical(problem: Problem) -> list[int]:

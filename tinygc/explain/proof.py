@@ -19,7 +19,8 @@ FOLD_STEPS = 3
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """Held-out error angles (S, d) rad: before with the linear model alone, after with what is named; floor_rms rad of tilt.
+    """Held-out error angles (S, d) rad: before with the linear model alone, after with what is named; floor_rms rad of tilt; changed:
+    whether anything is mended or named between them.
 
     before and after may have different segments: what cannot be mended (clipped turns) is left out of after.  Both are numbered as
     before.
@@ -30,14 +31,15 @@ class Proof:
     before_numbers: list[int]
     after_numbers: list[int]
     floor_rms: float
+    changed: bool
 
     @property
     def removed(self) -> float | None:
-        """Share of the excess over the floor that is gone; None where there was none to speak of.  What chance leaves below the floor
-        is no more than all of it."""
+        """Share of the excess over the floor that is gone; None where there was none to speak of, or nothing was changed.  What chance
+        leaves below the floor is no more than all of it."""
         floor = self.floor_rms**2
         excess = tilt_rms(self.before) ** 2 - floor
-        return None if excess < 0.5 * floor else 1 - max(tilt_rms(self.after) ** 2 - floor, 0.0) / excess
+        return None if excess < 0.5 * floor or not self.changed else 1 - max(tilt_rms(self.after) ** 2 - floor, 0.0) / excess
 
 
 def tilt_rms(angles: np.ndarray) -> float:
@@ -47,12 +49,15 @@ def tilt_rms(angles: np.ndarray) -> float:
 
 def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit) -> Proof:
     """Hold out every tenth segment, with the stills at its ends, in turn."""
+    changed = bool(fit.state.claims) or twin.problem is not original
+    after = _after(twin, whiten, fit)
     return Proof(
-        before=_before(original),
-        after=_after(twin, whiten, fit),
+        before=_before(original, twin, whiten) if changed else after,
+        after=after,
         before_numbers=[segment.number for segment in original.used],
         after_numbers=_numbers_before(original, twin),
         floor_rms=twin.problem.floor.tilt_rms,
+        changed=changed,
     )
 
 
@@ -69,7 +74,17 @@ def _numbers_before(original: Problem, twin: Twin) -> list[int]:
     return numbers
 
 
-def _before(problem: Problem) -> np.ndarray:
+def _before(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarray:
+    """By the linear model: fitted to the ends alone, or to all that ``after`` is fitted to, whichever closes better; the rates of the
+    stills make any fit better, and are not to be credited to what is named."""
+    if twin.problem is not original:
+        twin = Twin(original)
+        whiten = Whitener(twin)
+    alike = _after(twin, whiten, refit(twin, whiten, [], twin.start()))
+    return min(_by_ends(original), alike, key=tilt_rms)
+
+
+def _by_ends(problem: Problem) -> np.ndarray:
     batch, sigma = problem.batch, problem.floor.sigma
     fold, angles = np.arange(len(batch)) % FOLDS, np.zeros((len(batch), batch.angles))
     for k in range(FOLDS):

@@ -90,6 +90,18 @@ def test_nor_has_a_quieter_or_noisier_sensor(noise):
         assert find_ceiling(samples, FS) is None
 
 
+@pytest.mark.parametrize("share", [0.005, 0.02, 0.05])
+def test_samples_that_are_openly_missing_are_neither_losses_nor_false_readings(share):
+    """A cable that drops single samples: the stamps say where, so no step there is a secret."""
+    for seed in range(4):
+        samples, _ = clean(208.0, seed)
+        kept = np.random.default_rng(seed).random(len(samples)) > share
+        some = Samples(samples.t_ns[kept], samples.gyro[kept], samples.accel[kept], samples.temp_c[kept])
+        jumps = find_jumps(some)
+        assert len(jumps.rows) == 0
+        assert find_glitches(some) is None
+
+
 def test_a_turn_that_starts_at_once_is_no_jump():
     """A short strong turn after a long rest: its neighbourhood's scatter is that of the rest until it begins."""
     samples = Table().rest(5).turn(90, (1, 2, 0), 0.6).rest(5).samples(odr_hz=208)

@@ -55,6 +55,13 @@ def recorded_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
     return after + added_in_stills(e, claim) if claim in e.claimed else after
 
 
+def left_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
+    """(Q, 3) dps that the recording has in each still beyond the prediction, with the claim in it; a finding, which no fit goes on with,
+    is taken off as it was found."""
+    _, after = rates_per_still(e)
+    return after if claim in e.claimed else after - added_in_stills(e, claim)
+
+
 def added_to_closure(e: Explanation, claim: Claimed) -> tuple[np.ndarray, np.ndarray]:
     """(S, d) rad that an effect adds to the closure of each segment, to first order, and what the recording has of it."""
     fit = e.naming.fit

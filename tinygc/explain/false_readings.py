@@ -50,7 +50,10 @@ def find_glitches(samples: Samples) -> Glitches | None:
     size, scatter = registers.third_differences(cleaned)
     high = np.flatnonzero(np.linalg.norm(size, axis=1) > registers.JUMP)
     clusters = np.split(high, np.flatnonzero(np.diff(high) > LONGEST) + 1) if len(high) else []
-    excursions = [run for cluster in clusters if (run := _excursion(values, scatter, int(cluster[0]), int(cluster[-1]))) is not None]
+    # Where samples are missing the readings step, and the stamps have said why.
+    missing = registers.open_gaps(cleaned)
+    whole = [(int(c[0]), int(c[-1])) for c in clusters if not missing[max(c[0] + 1 - SIDE, 0) : c[-1] + 3 + SIDE].any()]
+    excursions = [run for first, last in whole if (run := _excursion(values, scatter, first, last)) is not None]
     found = sorted({*impossible, *excursions})
     found = [run for i, run in enumerate(found) if i == 0 or run[0] >= found[i - 1][0] + found[i - 1][1]]
     if not found or len(found) > most:

@@ -209,8 +209,11 @@ def _lost_count(problem: Problem, at: list[np.ndarray]) -> tuple[int, float]:
         for row, inside in zip(dt, inside_of, strict=True):
             row[inside] += count * period_s
         trial = replace(part, dt=dt)
-        # Where too few segments are whole, each count is given the model that suits it best.
-        fitted = model or fit_least_squares(trial, sigma, problem.first).model
+        # Where too few segments are whole, each count is given the model that suits it best; an absurd one has none.
+        try:
+            fitted = model or fit_least_squares(trial, sigma, problem.first).model
+        except CalibrationError:
+            return np.inf
         angles = closure.error_angles(closure.segment_residuals(trial, fitted(trial.rate)))
         return float(np.sum((angles * weight) ** 2))
 

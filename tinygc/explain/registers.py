@@ -28,6 +28,8 @@ NEIGHBOURHOOD_S, START_S = 0.2, 0.1
 ALONE = 8  #: samples on either side of a loss without another jump
 #: a loss shows in the accelerometer, too: most of them by at least this (noise alone: 0.9); where a rate clips it does not
 LOSS_IN_ACCEL = 3.0
+#: periods: a longer step of time shows openly that samples are missing, and nothing is lost unseen there
+OPEN_GAP = 1.5
 #: losses and false readings are rare: more than one a second is another thing
 PER_SECOND = 1.0
 
@@ -49,14 +51,21 @@ class Ceiling:
 
 
 def find_jumps(samples: Samples) -> Jumps:
-    """All steps that a smooth movement does not make."""
+    """All steps that a smooth movement does not make, within a period's time."""
     size, _ = third_differences(samples)
     total = np.sqrt(np.sum(size**2, axis=1))
     high = np.flatnonzero(total > JUMP)
     # A step between rows k and k+1 is in the third differences k-2, k-1, k as 1, -2, 1.
     peaks = [i for i in high if total[i] >= total[max(i - 2, 0) : i + 3].max()]
     steps = dict(step for i in peaks for step in _steps_at(i, size, total))
-    return Jumps(np.array(sorted(steps), dtype=int), np.array([steps[row] for row in sorted(steps)]).reshape(-1, 6))
+    missing = open_gaps(samples)
+    rows = [row for row in sorted(steps) if not missing[row]]
+    return Jumps(np.array(rows, dtype=int), np.array([steps[row] for row in rows]).reshape(-1, 6))
+
+
+def open_gaps(samples: Samples) -> np.ndarray:
+    """(N - 1,) bool: whether the stamps say that samples are missing between a row and the next."""
+    return samples.dt_s > OPEN_GAP * samples.period_s
 
 
 def third_differences(samples: Samples) -> tuple[np.ndarray, np.ndarray]:

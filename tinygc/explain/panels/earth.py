@@ -7,7 +7,7 @@ import numpy as np
 from session.units import DEG, EARTH_RATE_RPS
 from tinygc import rotation
 from tinygc.explain.claims import Claimed
-from tinygc.explain.drawn import rates_per_still, recorded_in_stills, theta
+from tinygc.explain.drawn import left_in_stills, recorded_in_stills, theta
 from tinygc.explain.explain import Explanation
 from tinygc.explain.panels.palette import AFTER, BEFORE, FLOOR
 
@@ -21,7 +21,7 @@ def in_the_table(e: Explanation, claim: Claimed, axes) -> None:
     ahead = np.array([*fixed[:2], 0]) / size if size > 0 else np.array([1.0, 0, 0])
     for name, colour, fill, rates in (
         ("before", BEFORE, BEFORE, recorded_in_stills(e, claim)),
-        ("after", AFTER, "none", rates_per_still(e)[1]),
+        ("after", AFTER, "none", left_in_stills(e, claim)),
     ):
         in_table = np.einsum("qij,qj->qi", turn, rates) * 1e3
         x, y = in_table @ ahead, in_table[:, 2]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tinygc.explain.claims import Claimed
-from tinygc.explain.drawn import added_in_stills, rates_per_still, recorded_in_stills, regime, theta
+from tinygc.explain.drawn import added_in_stills, left_in_stills, rates_per_still, recorded_in_stills, regime, theta
 from tinygc.explain.explain import Explanation
 from tinygc.explain.panels.palette import AXES, FLOOR
 from tinygc.explain.regime import Regime
@@ -13,7 +13,7 @@ from tinygc.explain.regime import Regime
 
 def along(e: Explanation, claim: Claimed, axes) -> None:
     """Filled before, rings after; where each axis follows gravity along itself, that is what it is drawn against."""
-    before, after = rates_per_still(e)
+    (before, _), after = rates_per_still(e), left_in_stills(e, claim)
     variable = regime(e, claim)
     own = variable.variable == "attitude" and theta(e, claim).size == 3 and claim.effect.kind == "rate"
     for i, axis in enumerate("xyz"):

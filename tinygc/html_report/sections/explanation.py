@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.units import DEG
-from tinygc.explain.drawn import added_in_stills, rates_per_still, recorded_in_stills, regime, told
+from tinygc.explain.drawn import added_in_stills, left_in_stills, rates_per_still, recorded_in_stills, regime, told
 from tinygc.explain.explain import Claimed, Explanation
 from tinygc.explain.pages import CHANNELS, VERDICTS, parameter_lines, regime_words, seconds_words
 from tinygc.explain.result import what_next
@@ -80,7 +80,9 @@ def _pictures(e: Explanation) -> str:
     html = ""
     if claim is not None and "still" not in claim.effect.seen_in:
         html += figure(
-            lambda width: _closure_along(e, claim, width), "Where it lives: held-out closure of each segment.", _before_after_keys()
+            lambda width: _closure_along(e, claim, width),
+            "Where it lives: held-out closure of each segment.",
+            _before_after_keys(claim in e.claimed),
         )
     else:
         html += figure(
@@ -96,25 +98,27 @@ def _pictures(e: Explanation) -> str:
             f"Recorded in each still against what {escape(claim.effect.id)} says.",
             AXIS_KEYS,
         )
-    if e.claimed or e.findings:
+    if e.claimed:
         before, after = (degrees(tilt_rms(x)) for x in (e.proof.before, e.proof.after))
-        gone = f" {100 * e.proof.removed:.1f} % of the excess over the floor is gone." if e.proof.removed is not None and e.claimed else ""
+        gone = f" {100 * e.proof.removed:.1f} % of the excess over the floor is gone." if e.proof.removed is not None else ""
         html += figure(
             lambda width: _proof(e, width),
             f"Proof: closure of segments that the fit never saw, {before} before, {after} after, floor {degrees(e.proof.floor_rms)}.{gone}",
-            _before_after_keys(),
+            _before_after_keys(True),
         )
     return html
 
 
-def _before_after_keys() -> list[str]:
-    return [key("before", "linear model"), key("after", "with what is named"), key("floor", "noise floor", "dash")]
+def _before_after_keys(named: bool) -> list[str]:
+    after = [key("after", "with what is named")] if named else []
+    return [key("before", "linear model"), *after, key("floor", "noise floor", "dash")]
 
 
 def _stills_along(e: Explanation, claim: Claimed | None, width: int) -> str:
     variable = regime(e, claim)
     x = variable.of_stills(e.twin)
-    before, after = (1e3 * rates for rates in rates_per_still(e))
+    before, after = rates_per_still(e)
+    before, after = 1e3 * before, 1e3 * (after if claim is None else left_in_stills(e, claim))
     chart = Chart(
         width,
         270,
@@ -146,7 +150,8 @@ def _closure_along(e: Explanation, claim: Claimed, width: int) -> str:
         f"Closure of each segment along {variable.words}",
     )
     chart.across(e.proof.floor_rms / DEG, "floor")
-    return chart.dots(x, before, "before").dots(x, after, "after").svg()
+    chart.dots(x, before, "before")
+    return (chart.dots(x, after, "after") if claim in e.claimed else chart).svg()
 
 
 def _said_against_recorded(e: Explanation, claim: Claimed, width: int) -> str:

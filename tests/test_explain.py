@@ -13,10 +13,12 @@ from scipy.signal import lfilter
 
 import calibrate
 from session.errors import DataError
+from session.folder import read_session
 from session.units import DEG, G
 from tinygc.effects import catalogue
 from tinygc.explain.explain import explain_session
 from tinygc.explain.result import SCHEMA, save, to_json
+from tinygc.problem import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -362,6 +364,32 @@ def test_a_wrong_full_scale_is_said_and_not_explained(session, run, tmp_path):
     assert not (folder / "explain").exists()
 
 
+def test_a_latitude_of_the_wrong_sign_is_said(session, tmp_path):
+    folder = shutil.copytree(session("nothing"), tmp_path / "south")
+    path = folder / "session.toml"
+    latitude = read_session(folder).config.site.latitude_deg
+    path.write_text(path.read_text().replace(f"latitude_deg = {latitude:g}", f"latitude_deg = {-latitude:g}"))
+    result = to_json(explain_session(folder))
+    (finding,) = result["findings"]
+    assert finding["id"] == "unknown.world_direction"
+    seen, given = map(float, re.search(r"about (-?\d+) deg, session.toml says (-?[\d.]+)", finding["says"]).groups())
+    assert seen == pytest.approx(latitude, abs=15)
+    assert given == -latitude
+    assert "site.latitude_deg" in result["next"]
+
+
+def test_a_heading_that_the_stills_contradict_is_a_warning(session, tmp_path):
+    folder = shutil.copytree(session("nothing"), tmp_path / "turned")
+    path = folder / "session.toml"
+    seen = build_problem(read_session(folder)).earth.heading_rad / DEG
+    path.write_text(path.read_text().replace("[site]\n", f"[site]\nheading_deg = {seen + 90:.1f}\n", 1))
+    result = to_json(explain_session(folder))
+    (warning,) = [warning for warning in result["warnings"] if warning["what"] == "heading"]
+    assert f"heading_deg = {float(f'{seen + 90:.1f}'):g}" in warning["says"]
+    assert "which was used" in warning["says"]
+    assert result["verdict"] == "no_mismatch"
+
+
 # The JSON
 
 
@@ -375,7 +403,7 @@ KEYS = {
     "next": (str, type(None)),
 }
 #: said beyond what FORMATS asks for
-MORE = {"findings", "warnings", "seen_from", "within_stills", "channels", "turn_gravity", "version"}
+MORE = {"findings", "logs", "warnings", "seen_from", "within_stills", "channels", "turn_gravity", "version"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]
 
 

@@ -1,5 +1,6 @@
 """``plan``: which movement to record next, and what the last explanation asked for."""
 
+import hashlib
 import json
 
 import numpy as np
@@ -53,6 +54,18 @@ def test_the_guided_recording_says_what_explain_asked_of_a_session_like_it(tmp_p
     words = ["record", "--port", str(tmp_path / "no-port"), "--out", str(tmp_path / "new"), "--like", str(tmp_path / "session.toml")]
     assert calibrate.main(words) == 3
     assert f"explain asks ({tmp_path}): {WORDS}" in capsys.readouterr().err
+
+
+def test_an_explanation_of_other_logs_asks_for_nothing(tmp_path):
+    (tmp_path / "log0001.csv").write_text("the log\n")
+    (tmp_path / "explain").mkdir()
+    logs = {"log0001.csv": hashlib.sha256(b"the log\n").hexdigest()}
+    (tmp_path / "explain" / "explain.json").write_text(json.dumps({"next": WORDS, "logs": logs}))
+    assert asked(tmp_path) == WORDS
+    (tmp_path / "log0002.csv").write_text("what was recorded since, and not explained\n")
+    assert asked(tmp_path) == WORDS
+    (tmp_path / "log0001.csv").write_text("another log\n")
+    assert asked(tmp_path) is None
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"next": null}', '{"next": 3}', '{"next": ""}'])

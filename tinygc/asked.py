@@ -5,11 +5,25 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from session.errors import FormatError
+from tinygc.provenance import sha256_of
+
 
 def asked(folder: Path) -> str | None:
-    """``next`` of DIR/explain/explain.json; None where nothing was explained, or nothing asked."""
+    """``next`` of DIR/explain/explain.json; None where nothing was explained, nothing asked, or the logs are not those any more."""
     try:
-        words = json.loads((folder / "explain" / "explain.json").read_text(encoding="utf-8")).get("next")
-    except (OSError, ValueError, AttributeError):
+        explained = json.loads((folder / "explain" / "explain.json").read_text(encoding="utf-8"))
+        words, logs = explained.get("next"), explained.get("logs", {}).items()
+    except (OSError, ValueError, AttributeError, RecursionError):
         return None
-    return words if isinstance(words, str) and words else None
+    if not isinstance(words, str) or not words:
+        return None
+    # Logs that were recorded since do not answer it before they are explained, too.
+    return words if all(_sha256(folder / str(name)) == sha256 for name, sha256 in logs) else None
+
+
+def _sha256(path: Path) -> str | None:
+    try:
+        return sha256_of(path)
+    except FormatError:
+        return None

@@ -9,6 +9,7 @@ from pathlib import Path
 from session.check import Finding, check_session
 from session.errors import DataError
 from session.folder import Session, read_session
+from session.units import DEG
 from tinygc.explain.channels import bonferroni, own_p_values
 from tinygc.explain.claims import Claimed, mended_claims, named_claims, offset_claim
 from tinygc.explain.decision import LEAST_FINDING, LEFT_P, decide
@@ -85,9 +86,19 @@ def explain_session(
     explanation.own_p = {name: (before[name], after[name]) for name in before}
     explanation.within = within_stills(twin)
     explanation.seen_from = seen_from(twin, whiten, naming.fit)
-    explanation.warnings = [finding for finding in findings if finding.level == "warning"]
+    explanation.warnings = [finding for finding in findings if finding.level == "warning"] + _heading_not_used(problem)
     explanation.verdict = _verdict(explanation)
     return explanation
+
+
+def _heading_not_used(problem: Problem) -> list[Finding]:
+    """A warning where the stills contradict the heading that session.toml gives, so that theirs was taken."""
+    given, earth = problem.session.config.site.heading_deg, problem.earth
+    if given is None or earth.source != "estimated":
+        return []
+    seen = f"{earth.heading_rad / DEG:.0f}° ± {earth.heading_sigma_rad / DEG:.0f}°"
+    says = f"site.heading_deg = {given:g}, the stills say {seen}, which was used"
+    return [Finding("warning", "session.toml", "heading", says, "did the sensor begin at the table's index?")]
 
 
 def _verdict(explanation: Explanation) -> str:

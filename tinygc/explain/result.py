@@ -15,6 +15,7 @@ from tinygc.explain.explain import Explanation
 from tinygc.explain.proof import tilt_rms
 from tinygc.explain.where import BELONGS_P, where, worst_segments
 from tinygc.files import write_whole
+from tinygc.provenance import sha256_of
 
 SCHEMA = "tinygc-explain/1"
 SMALLEST_P = 1e-300
@@ -59,6 +60,7 @@ def to_json(e: Explanation) -> dict:
         },
         "warnings": [vars(warning) for warning in e.warnings],
         "next": what_next(e),
+        "logs": {log.path.name: sha256_of(log.path) for log in e.session.logs},
         "version": tinygc.__version__,
     }
 

@@ -10,7 +10,8 @@ from itertools import combinations
 
 import numpy as np
 
-from session.units import DEG
+from session.units import DEG, EARTH_RATE_RPS
+from tinygc.earth import EarthRate
 from tinygc.effects._effect import Effect, Movement, Parameter, diagonal, per_axis
 from tinygc.explain.movement import without_vibration
 from tinygc.explain.twin import Twin
@@ -20,6 +21,8 @@ ORDERS = (2, 3, 4, 5)
 #: powers of the rate, each whether it changes sign with the rate
 RATE_POWERS = ((1.5, True), (2, False), (2, True), (5, True))
 PLAUSIBLE_RPS = 5 * DEG
+#: a rate fixed in the world is the Earth's, at another latitude, if both together are as long as it within this
+LIKE_THE_EARTH = 0.25
 
 
 def unknown_candidates(twin: Twin) -> list[Effect]:
@@ -40,7 +43,7 @@ def slow_candidates(twin: Twin) -> list[Effect]:
         if high - low > 0.5:
             found += [_curve("temperature", "°C", lambda m: 2 * (m.temp_c - low) / (high - low) - 1, order) for order in ORDERS]
     found += [_attitude(order) for order in (2, 3)]
-    found += [_world(), _products()]
+    found += [_world(twin.problem.earth, twin.problem.session.config.site.latitude_deg), _products()]
     return found + [_rate_curve(power, odd) for power, odd in RATE_POWERS]
 
 
@@ -111,7 +114,17 @@ def _powers(order: int) -> list[tuple[int, int, int]]:
     return [(i, j, order - i - j) for i in range(order + 1) for j in range(order + 1 - i)]
 
 
-def _world() -> Effect:
+def _world(earth: EarthRate, latitude_deg: float | None) -> Effect:
+    def says(theta: np.ndarray) -> str:
+        whole = earth.rate_t + theta
+        if latitude_deg is not None and abs(np.linalg.norm(whole) / EARTH_RATE_RPS - 1) < LIKE_THE_EARTH:
+            seen = -np.arcsin(whole[2] / np.linalg.norm(whole)) / DEG
+            return (
+                f"the stills turn with the Earth at a latitude of about {seen:.0f} deg, session.toml says {latitude_deg:g}: "
+                "look at site.latitude_deg and its sign (south is negative)"
+            )
+        return f"{np.linalg.norm(theta) / DEG:.4f} dps is fixed in the world beyond the Earth's: does the table turn?"
+
     return Effect(
         id="unknown.world_direction",
         equation="ω += R_bt w, w fixed in the table's frame",
@@ -119,8 +132,8 @@ def _world() -> Effect:
         seen_in=("still",),
         kind="earth",
         columns=lambda movement: np.zeros((*movement.rate.shape, 3)),
-        says=lambda theta: f"{np.linalg.norm(theta) / DEG:.4f} dps is fixed in the world beyond the Earth's: does the table turn?",
-        splits="record stills with each axis up and down and pointing each way",
+        says=says,
+        splits="correct site.latitude_deg in session.toml; if it is right, record stills with each axis up and down and pointing each way",
         regime=("attitude", "g"),
     )
 

@@ -17,6 +17,8 @@ from tinygc.commands._results import standard_output
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit code (FORMATS, exit codes)."""
     _make_streams_safe()
+    # Many small matrices: on a machine that is busy with other work, threads that wait for one another cost more than they give.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         args = parser().parse_args(arguments)
         code = args.run(args)

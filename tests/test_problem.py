@@ -13,7 +13,7 @@ from session.folder import read_session
 from session.samples import Samples
 from tinygc import closure, rotation
 from tinygc.linear import LinearModel
-from tinygc.problem import FEWEST_SEGMENTS, build_problem
+from tinygc.problem import CLIPPED, FEWEST_SEGMENTS, LEFT_OUT, build_problem
 from tinygc.simulation.motion import move
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
@@ -86,6 +86,17 @@ def test_excluded_segments_are_said_and_not_used(folder):
     assert [s.number for s in problem.segments if not s.accepted] == [0, 7]
     assert all(s.problem == "left out by request" for s in problem.segments if not s.accepted)
     assert len(problem.batch) == 8
+
+
+def test_no_attitude_is_carried_through_a_clipped_segment(folder):
+    session = read_session(folder)
+    left_out, clipped = build_problem(session, exclude=(4,)), build_problem(session, clipped=(4,))
+    assert (left_out.segments[4].problem, clipped.segments[4].problem) == (LEFT_OUT, CLIPPED)
+    assert len(left_out.earths) == 1
+    assert len(clipped.earths) == 2
+    stills = clipped.logs[0].stills
+    behind = stills.index(clipped.segments[4].last)
+    assert np.diff(clipped.logs[0].group).nonzero()[0].tolist() == [behind - 1]
 
 
 def test_earth_is_left_out_on_request_and_without_a_latitude(folder):

@@ -18,8 +18,9 @@ from session.segments import GAP_PERIODS
 from session.stills import Still
 from session.units import DEG
 
-BLOCK_S = 0.05  #: a hand turns by some degrees in it
+BLOCKS_S = (0.05, 0.025, 0.0125)  #: a hand turns by some degrees in the first; the others are for the fastest turns
 LAG_BLOCKS = 5  #: 0.25 s: gravity has moved by more than the tremor of a hand shakes it, and not yet round a corner
+ROUND_A_CORNER = 1.2  #: of gravity's unit vector: where it moves farther in a lag, in a tenth of them, the blocks are too long
 LEAST_TILT_RAD = 20 * DEG  #: a turn that moves gravity by less says little of axes
 LEAST_PATH_RAD = 90 * DEG  #: gravity's movement in all turns together
 LEAST_TURNS = 3  #: to sharpen the scale
@@ -105,8 +106,21 @@ def agreement(samples: Samples, stills: list[Still], skip: np.ndarray | None = N
 
 def cut_turns(samples: Samples, stills: list[Still], skip: np.ndarray | None = None) -> Turns | None:
     """Turns between neighbouring stills, averaged over blocks; those with a gap or a row to skip, or that hardly tilt, are left out."""
+    for block_s in BLOCKS_S:
+        turns = _cut(samples, stills, skip, max(1, round(block_s / samples.period_s)))
+        if turns is None or _lag(turns) < ROUND_A_CORNER:
+            break
+    return turns
+
+
+def _lag(turns: Turns) -> float:
+    """How far gravity's unit vector moves in a lag, in the fastest tenth of them."""
+    moved = np.linalg.norm(turns.down[:, LAG_BLOCKS:] - turns.down[:, :-LAG_BLOCKS], axis=-1)
+    return float(np.nanquantile(moved, 0.9)) if np.isfinite(moved).any() else 0.0
+
+
+def _cut(samples: Samples, stills: list[Still], skip: np.ndarray | None, size: int) -> Turns | None:
     good = [still for still in stills if still.problem is None]
-    size = max(1, round(BLOCK_S / samples.period_s))
     pairs = [(a, b) for a, b in pairwise(good) if skip is None or not skip[a.stop : b.start].any()]
     parts = [_blocks(samples, a, b, size) for a, b in pairs]
     parts = [part for part in parts if part is not None]

@@ -248,6 +248,19 @@ def test_turns_about_one_axis_accuse_nobody(axis):
     assert of(findings, "gyro scale").level == "ok"
 
 
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_turns_of_more_than_a_circle_know_their_scale(factor):
+    """At 1000 dps gravity goes round three corners in a quarter of a second."""
+    table, rng = Table().rest(2), np.random.default_rng(2)
+    for _ in range(16):
+        table.turn(rng.uniform(500, 1100) * rng.choice([-1, 1]), rng.normal(size=3), 2.0).rest(2)
+    samples = table.samples(odr_hz=416, registers=False)
+    assert np.abs(samples.gyro).max() > 800 * DEG
+    found = agreement(samples, find_stills(samples)[0])
+    assert agreement(replace(samples, gyro=factor * samples.gyro), find_stills(samples)[0]).scale == pytest.approx(1 / factor, rel=0.02)
+    assert found.residual < 4 * DEG
+
+
 def test_turns_about_the_vertical_say_that_nothing_is_seen():
     table = Table().rest(2)
     for i in range(14):

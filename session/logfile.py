@@ -12,11 +12,12 @@ import numpy as np
 
 from session import registers
 from session.config import Sensor
+from session.counter import comes_round
 from session.errors import DataError, FormatError
 from session.header import TIME_NS, Header, parse_header
 from session.samples import Samples
 
-#: a u32 microsecond counter wraps after 71.6 minutes: a backward step of about this much is a wrap, not a fault
+#: a u32 microsecond counter wraps after 71.6 minutes
 WRAP_NS = 2**32 * 1000
 #: stamps up to here, 146 years, can be told apart in ns without overflow
 LAST_NS = 2**62
@@ -226,7 +227,8 @@ def _unroll(t_ns: np.ndarray, header: Header, fail) -> tuple[np.ndarray, list[st
     steps = np.diff(t_ns)
     if not len(steps) or steps.min() >= 0:
         return t_ns, []
-    wraps = steps < -WRAP_NS // 2 if header.time_name == "t_us" else np.zeros(len(steps), dtype=bool)
+    counts = header.time_name == "t_us"
+    wraps = comes_round(steps, int(t_ns.min()), int(t_ns.max()), WRAP_NS) if counts else np.zeros(len(steps), dtype=bool)
     backward = (steps < 0) & ~wraps
     if backward.any():
         row = int(np.argmax(backward)) + 1

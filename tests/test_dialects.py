@@ -379,6 +379,34 @@ def test_micros_come_round(tmp_path):
     same(made)
 
 
+@pytest.mark.parametrize(("back_s", "start_ns"), [(3.0, EPOCH_NS), (3.9, EPOCH_NS), (4.0, 0), (3.0, 60 * 10**9)])
+def test_nanoseconds_that_step_back_are_no_counter(back_s, start_ns, tmp_path):
+    """A 32-bit counter of ns would come round every 4.3 s."""
+    t_ns = start_ns + T_US * 1000
+    t_ns[len(t_ns) // 2 :] -= round(back_s * 1e9)
+    if start_ns == 0:
+        t_ns += 10**9
+    text = inertial().split("\n", 1)[0].replace("us", "ns") + "\n" + rows(t_ns, *triads("dps", "g"))
+    with pytest.raises(FormatError, match="goes backward by"):
+        make(tmp_path, text)
+
+
+def test_a_counter_with_a_sign_comes_round(tmp_path):
+    wrapped = (T_US + 2**31 - 3_000_000 + 2**31) % 2**32 - 2**31
+    made = make(tmp_path, inertial().split("\n", 1)[0] + "\n" + rows(wrapped, *triads("dps", "g")))
+    assert any("came round 1x" in note for note in made.notes)
+    same(made)
+
+
+@pytest.mark.parametrize("lost", [0.01, 0.05])
+def test_lost_samples_leave_the_data_rate_as_it_is(lost, tmp_path):
+    text = inertial().split("\n")
+    kept = np.random.default_rng(1).random(len(text)) >= lost
+    kept[:2] = True
+    made = make(tmp_path, "\n".join(line for line, keep in zip(text, kept, strict=True) if keep) + "\n")
+    assert read_session(made.folder).config.sensor.odr_hz == pytest.approx(104, rel=2e-4)
+
+
 # Hostile
 
 

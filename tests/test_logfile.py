@@ -122,6 +122,13 @@ def test_nanosecond_stamps_of_a_running_clock_keep_every_nanosecond(tmp_path):
     assert set(np.diff(log.samples.t_ns)) == {4_807_693}
 
 
+@pytest.mark.parametrize("back_us", [2**31 + 1, 2**32 - 5000])
+def test_a_time_beyond_the_counter_that_goes_back_is_refused(tmp_path, back_us):
+    stamps = 2**40 + 4808 * np.arange(6) - back_us * (np.arange(6) > 2)
+    with pytest.raises(FormatError, match="goes backward"):
+        read(tmp_path, HEADER + "\n" + "".join(f"{t},1,2,3,4,5,6,7\n" for t in stamps))
+
+
 def test_a_wrapped_counter_runs_on(tmp_path):
     stamps = (2**32 - 10_000 + 4808 * np.arange(6)) % 2**32
     log = read(tmp_path, HEADER + "\n" + "".join(f"{t},1,2,3,4,5,6,7\n" for t in stamps))

@@ -63,6 +63,7 @@ class Guide:
         self.log += 1
         self._before_s += self._now_s
         self.health.new_log()
+        self._waits = ""  # it was of the log before
         self._new_log()
         if self.stage is not Stage.DONE:
             self.stage = Stage.CHECK_STREAM

@@ -10,7 +10,7 @@ from session.dialects.convert import convert
 from session.dialects.layout import Answers
 from session.dialects.stamps import exact_ns
 from session.dialects.units import parse_unit
-from session.errors import CalibrationError, DataError, FormatError
+from session.errors import CalibrationError, DataError, FormatError, StorageError
 from session.folder import read_session
 from session.units import G
 
@@ -528,9 +528,23 @@ def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(module, "_columns", full)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(StorageError, match=r"new/folder/session: No space.*choose another folder"):
         make(tmp_path, inertial(), out="new/folder/session")
     assert [path.name for path in tmp_path.iterdir()] == ["LOG.CSV"]
+
+
+def test_a_full_disk_under_a_copied_log_is_not_the_logs_fault(tmp_path, monkeypatch):
+    import session.dialects.convert as module
+
+    def full(source, target):
+        raise OSError(28, "No space left on device", str(source), None, str(target))
+
+    own = (write_session(tmp_path / "own", SAMPLES) / "log0001.csv").read_bytes()
+    monkeypatch.setattr(module.shutil, "copyfile", full)
+    with pytest.raises(StorageError, match="session: No space") as said:
+        make(tmp_path, own)
+    assert "LOG.CSV" not in str(said.value)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["LOG.CSV", "own"]
 
 
 def test_the_command_line_makes_a_session_that_fits(simulated, tmp_path, capsys):

@@ -225,6 +225,37 @@ def test_columns_name_what_no_table_knows(delimiter, comma, tmp_path):
     same(make(tmp_path, odd(delimiter, comma), columns=ODD_COLUMNS), temp=True)
 
 
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_decimal_commas_may_begin_after_many_whole_numbers(delimiter, tmp_path):
+    """A board that reads zero until its filters have settled."""
+    settling = "".join(delimiter.join([str(-12_000 + 1000 * i), "0", "0", "0", "0", "0", "1"]) + "\n" for i in range(12))
+    text = delimiter.join("tabcdef") + "\n" + settling + rows(T_US, *triads("dps", "g"), delimiter=delimiter).replace(".", ",")
+    made = make(tmp_path, text, columns="t_us=t,gx_dps=a,gy_dps=b,gz_dps=c,ax_g=d,ay_g=e,az_g=f")
+    samples = read_session(made.folder).logs[0].samples
+    assert not samples.gyro[:12].any()
+    np.testing.assert_allclose(samples.gyro[12:], SAMPLES.gyro, atol=1e-8 * DEG)
+    np.testing.assert_allclose(samples.accel[12:], SAMPLES.accel, atol=1e-8 * G)
+
+
+def test_a_comma_among_points_is_no_decimal_comma(tmp_path):
+    lines = odd().split("\n")
+    cells = lines[40].split(";")
+    lines[40] = ";".join([*cells[:2], "1,234", *cells[3:]])
+    with pytest.raises(FormatError, match=r"line 41.*'1,234'"):
+        make(tmp_path, "\n".join(lines), columns=ODD_COLUMNS)
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t", " "])
+def test_own_log_from_a_spreadsheet(delimiter, tmp_path):
+    own = (write_session(tmp_path / "own", SAMPLES) / "log0001.csv").read_text()
+    same(make(tmp_path, own.replace(",", delimiter)))
+
+
+def test_own_header_with_semicolons_that_is_not_whole_says_what_it_lacks(tmp_path):
+    with pytest.raises(FormatError, match="is 'GX' meant as 'gx'"):
+        make(tmp_path, "t_us;GX;gy;gz;ax;ay;az;temp\n1;2;3;4;5;6;7;8\n")
+
+
 def test_columns_by_number_without_a_header(tmp_path):
     text = "boot ok\n" + rows(T_US // 25, *triads("dps", "g"))
     counted = "t_25us=1,gx_dps=2,gy_dps=3,gz_dps=4,ax_g=5,ay_g=6,az_g=7"

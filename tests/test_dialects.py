@@ -456,6 +456,8 @@ def test_lost_samples_leave_the_data_rate_as_it_is(lost, tmp_path):
         (lambda text: _line(text, 40, "384615,,0,0,0,0,0"), ("line 41",)),
         (lambda text: _line(text, 40, "384615,nan,0,0,0,0,0"), ("line 41", "not finite")),
         (lambda text: _line(text, 40, "384615,1e999,0,0,0,0,0"), ("line 41", "not finite")),
+        (lambda text: _line(text, 40, "384615,0,1e308,0,0,0,0"), ("LOG.CSV line 41", "Gyroscope Y", "1e+308", "unit")),
+        (lambda text: _line(text, 40, "384615,0,0,0,0,0,-1e5"), ("LOG.CSV line 41", "Accelerometer Z", "10000 g")),
         (lambda text: _line(text, 40, "nan,0,0,0,0,0,0"), ("line 41", "Timestamp")),
         (lambda text: _line(text, 40, "9" * 40 + ",0,0,0,0,0,0"), ("line 41", "no era")),
         (lambda text: _line(text, 40, "1_000,0,0,0,0,0,0"), ("line 41",)),

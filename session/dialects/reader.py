@@ -15,6 +15,7 @@ from session.dialects.stamps import COUNTER, DAY_NS, Unroll, exact_ns
 from session.dialects.units import Unit
 from session.errors import FormatError
 from session.logfile import LAST_NS
+from session.plausible import beyond_any_sensor, complaint
 
 #: of text that is looked through for a header
 HEAD_LINES, HEAD_BYTES = 400, 1 << 16
@@ -99,6 +100,7 @@ class Reader:
             return None
         if not np.isfinite(table).all():
             self._refuse_row(lines, number, int(np.argmin(np.isfinite(table).all(axis=1))), "a value that is not finite")
+        self._require_possible(table, lines, number)
         gyro, accel = (self._triad(table, triad) for triad in (self.layout.gyro, self.layout.accel))
         temp = None if self.layout.temp is None else table[:, self._used.index(self.layout.temp)]
         return Piece(None if time is None else self._stamps(time, lines, number), gyro, accel, temp)
@@ -111,6 +113,20 @@ class Reader:
         rows = (line.split("#")[0].split(self.layout.delimiter) for line in lines if line.strip() != self.layout.header_line)
         cells = [row[column].strip().split(" ")[-1] for row in rows for column in wanted if column < len(row)]  # of a date, the time
         return any("," in cell for cell in cells) and not any("." in cell for cell in cells)
+
+    def _require_possible(self, table: np.ndarray, lines: list[str], number: int) -> None:
+        """Refuse what no sensor measures."""
+        layout = self.layout
+        kinds = [("gyro", layout.gyro.columns, layout.gyro.unit)] if layout.gyro else []
+        kinds += [("accel", layout.accel.columns, layout.accel.unit)] if layout.accel else []
+        kinds += [("temp", (layout.temp,), layout.temp_unit)] if layout.temp is not None else []
+        for kind, columns, unit in kinds:
+            for column in columns if unit.si is not None else ():
+                values = table[:, self._used.index(column)]
+                if (far := beyond_any_sensor(values, unit.si, kind)).any():
+                    row = int(np.argmax(far))
+                    what, do = complaint(layout.names[column], values[row], kind).rsplit("; ", 1)
+                    self._refuse_row(lines, number, row, what, do)
 
     @property
     def _used(self) -> tuple[int, ...]:

@@ -12,11 +12,13 @@ import numpy as np
 
 from session import registers
 from session.config import Sensor
+from session.counter import comes_round
 from session.errors import DataError, FormatError
 from session.header import TIME_NS, Header, parse_header
+from session.plausible import beyond_any_sensor, complaint
 from session.samples import Samples
 
-#: a u32 microsecond counter wraps after 71.6 minutes: a backward step of about this much is a wrap, not a fault
+#: a u32 microsecond counter wraps after 71.6 minutes
 WRAP_NS = 2**32 * 1000
 #: stamps up to here, 146 years, can be told apart in ns without overflow
 LAST_NS = 2**62
@@ -198,6 +200,11 @@ def _to_si(table, header: Header, sensor: Sensor, name: str, body: str, first_li
         if values.dtype == np.int64 and column != header.time and not (fine := np.abs(values + 0.5) < 32768).all():
             row = int(np.argmin(fine))
             fail(row, f"{header.names[column]} is {values[row]}, no 16-bit register value; units belong in the header (gx_dps, ax_g)")
+    scales = {"gyro": header.gyro_scale, "accel": header.accel_scale, "temp": header.temp_scale}
+    for column, values, kind in zip(header.used[1:], columns[1:], ["gyro"] * 3 + ["accel"] * 3 + ["temp"], strict=False):
+        if scales[kind] is not None and (far := beyond_any_sensor(values, scales[kind], kind)).any():
+            row = int(np.argmax(far))
+            fail(row, complaint(header.names[column], values[row], kind))
     time = columns[0]
     last = LAST_NS // TIME_NS[header.time_name]
     if not (fine := (time > -last) & (time < last)).all():
@@ -226,7 +233,8 @@ def _unroll(t_ns: np.ndarray, header: Header, fail) -> tuple[np.ndarray, list[st
     steps = np.diff(t_ns)
     if not len(steps) or steps.min() >= 0:
         return t_ns, []
-    wraps = steps < -WRAP_NS // 2 if header.time_name == "t_us" else np.zeros(len(steps), dtype=bool)
+    counts = header.time_name == "t_us"
+    wraps = comes_round(steps, int(t_ns.min()), int(t_ns.max()), WRAP_NS) if counts else np.zeros(len(steps), dtype=bool)
     backward = (steps < 0) & ~wraps
     if backward.any():
         row = int(np.argmax(backward)) + 1

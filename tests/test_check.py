@@ -330,6 +330,19 @@ def test_gaps_are_counted_with_what_they_lost(good):
     assert finding.says.startswith("2 gaps, 110 samples lost, the longest 0.486 s, the first at 4.8 s")
 
 
+@pytest.mark.parametrize("share", [0.0005, 0.005, 0.05])
+def test_samples_lost_singly_are_counted_and_are_neither_rate_nor_jitter(good, share):
+    samples = good.logs[0].samples
+    kept = np.random.default_rng(2).random(len(samples)) >= share
+    kept[[0, -1]] = True
+    part = Samples(samples.t_ns[kept], samples.gyro[kept], samples.accel[kept], samples.temp_c[kept])
+    whole, findings = look(good), look(good, log=replace(good.logs[0], samples=part))
+    assert of(findings, "sample rate").says == of(whole, "sample rate").says
+    assert f"{np.count_nonzero(~kept)} samples lost" in of(findings, "gaps").says
+    assert of(findings, "gaps").level == ("warning" if share > 0.001 else "note")
+    assert of(findings, "jitter").level == "ok"
+
+
 def test_stamps_made_on_arrival_are_told_by_what_they_cost(good):
     """A stamp moved by up to 2 ms misplaces rotation while the rate changes.  The number is what turns really are off by."""
     log = good.logs[0]

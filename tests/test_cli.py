@@ -377,6 +377,8 @@ def test_simulate_refuses_what_no_sensor_or_bench_has(run, tmp_path, option, val
         ("fit", "x", "--seed", "-1"),
         ("fit", "x", "--limit", "0"),
         ("fit", "x", "--limit", "nan"),
+        *(("board", flag, bad) for flag in ("--rate", "--lead", "--tail", "--uptime", "--closure") for bad in ("nan", "inf", "-1")),
+        ("board", "--uptime", "1e300"),
         ("fit", "x", "--epochs", "many"),
         ("simulate",),
     ],

@@ -10,7 +10,7 @@ from session.dialects.convert import convert
 from session.dialects.layout import Answers
 from session.dialects.stamps import exact_ns
 from session.dialects.units import parse_unit
-from session.errors import CalibrationError, DataError, FormatError
+from session.errors import CalibrationError, DataError, FormatError, StorageError
 from session.folder import read_session
 from session.units import G
 
@@ -225,6 +225,37 @@ def test_columns_name_what_no_table_knows(delimiter, comma, tmp_path):
     same(make(tmp_path, odd(delimiter, comma), columns=ODD_COLUMNS), temp=True)
 
 
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_decimal_commas_may_begin_after_many_whole_numbers(delimiter, tmp_path):
+    """A board that reads zero until its filters have settled."""
+    settling = "".join(delimiter.join([str(-12_000 + 1000 * i), "0", "0", "0", "0", "0", "1"]) + "\n" for i in range(12))
+    text = delimiter.join("tabcdef") + "\n" + settling + rows(T_US, *triads("dps", "g"), delimiter=delimiter).replace(".", ",")
+    made = make(tmp_path, text, columns="t_us=t,gx_dps=a,gy_dps=b,gz_dps=c,ax_g=d,ay_g=e,az_g=f")
+    samples = read_session(made.folder).logs[0].samples
+    assert not samples.gyro[:12].any()
+    np.testing.assert_allclose(samples.gyro[12:], SAMPLES.gyro, atol=1e-8 * DEG)
+    np.testing.assert_allclose(samples.accel[12:], SAMPLES.accel, atol=1e-8 * G)
+
+
+def test_a_comma_among_points_is_no_decimal_comma(tmp_path):
+    lines = odd().split("\n")
+    cells = lines[40].split(";")
+    lines[40] = ";".join([*cells[:2], "1,234", *cells[3:]])
+    with pytest.raises(FormatError, match=r"line 41.*'1,234'"):
+        make(tmp_path, "\n".join(lines), columns=ODD_COLUMNS)
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t", " "])
+def test_own_log_from_a_spreadsheet(delimiter, tmp_path):
+    own = (write_session(tmp_path / "own", SAMPLES) / "log0001.csv").read_text()
+    same(make(tmp_path, own.replace(",", delimiter)))
+
+
+def test_own_header_with_semicolons_that_is_not_whole_says_what_it_lacks(tmp_path):
+    with pytest.raises(FormatError, match="is 'GX' meant as 'gx'"):
+        make(tmp_path, "t_us;GX;gy;gz;ax;ay;az;temp\n1;2;3;4;5;6;7;8\n")
+
+
 def test_columns_by_number_without_a_header(tmp_path):
     text = "boot ok\n" + rows(T_US // 25, *triads("dps", "g"))
     counted = "t_25us=1,gx_dps=2,gy_dps=3,gz_dps=4,ax_g=5,ay_g=6,az_g=7"
@@ -379,6 +410,34 @@ def test_micros_come_round(tmp_path):
     same(made)
 
 
+@pytest.mark.parametrize(("back_s", "start_ns"), [(3.0, EPOCH_NS), (3.9, EPOCH_NS), (4.0, 0), (3.0, 60 * 10**9)])
+def test_nanoseconds_that_step_back_are_no_counter(back_s, start_ns, tmp_path):
+    """A 32-bit counter of ns would come round every 4.3 s."""
+    t_ns = start_ns + T_US * 1000
+    t_ns[len(t_ns) // 2 :] -= round(back_s * 1e9)
+    if start_ns == 0:
+        t_ns += 10**9
+    text = inertial().split("\n", 1)[0].replace("us", "ns") + "\n" + rows(t_ns, *triads("dps", "g"))
+    with pytest.raises(FormatError, match="goes backward by"):
+        make(tmp_path, text)
+
+
+def test_a_counter_with_a_sign_comes_round(tmp_path):
+    wrapped = (T_US + 2**31 - 3_000_000 + 2**31) % 2**32 - 2**31
+    made = make(tmp_path, inertial().split("\n", 1)[0] + "\n" + rows(wrapped, *triads("dps", "g")))
+    assert any("came round 1x" in note for note in made.notes)
+    same(made)
+
+
+@pytest.mark.parametrize("lost", [0.01, 0.05])
+def test_lost_samples_leave_the_data_rate_as_it_is(lost, tmp_path):
+    text = inertial().split("\n")
+    kept = np.random.default_rng(1).random(len(text)) >= lost
+    kept[:2] = True
+    made = make(tmp_path, "\n".join(line for line, keep in zip(text, kept, strict=True) if keep) + "\n")
+    assert read_session(made.folder).config.sensor.odr_hz == pytest.approx(104, rel=2e-4)
+
+
 # Hostile
 
 
@@ -397,6 +456,8 @@ def test_micros_come_round(tmp_path):
         (lambda text: _line(text, 40, "384615,,0,0,0,0,0"), ("line 41",)),
         (lambda text: _line(text, 40, "384615,nan,0,0,0,0,0"), ("line 41", "not finite")),
         (lambda text: _line(text, 40, "384615,1e999,0,0,0,0,0"), ("line 41", "not finite")),
+        (lambda text: _line(text, 40, "384615,0,1e308,0,0,0,0"), ("LOG.CSV line 41", "Gyroscope Y", "1e+308", "unit")),
+        (lambda text: _line(text, 40, "384615,0,0,0,0,0,-1e5"), ("LOG.CSV line 41", "Accelerometer Z", "10000 g")),
         (lambda text: _line(text, 40, "nan,0,0,0,0,0,0"), ("line 41", "Timestamp")),
         (lambda text: _line(text, 40, "9" * 40 + ",0,0,0,0,0,0"), ("line 41", "no era")),
         (lambda text: _line(text, 40, "1_000,0,0,0,0,0,0"), ("line 41",)),
@@ -500,9 +561,23 @@ def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(module, "_columns", full)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(StorageError, match=r"new/folder/session: No space.*choose another folder"):
         make(tmp_path, inertial(), out="new/folder/session")
     assert [path.name for path in tmp_path.iterdir()] == ["LOG.CSV"]
+
+
+def test_a_full_disk_under_a_copied_log_is_not_the_logs_fault(tmp_path, monkeypatch):
+    import session.dialects.convert as module
+
+    def full(source, target):
+        raise OSError(28, "No space left on device", str(source), None, str(target))
+
+    own = (write_session(tmp_path / "own", SAMPLES) / "log0001.csv").read_bytes()
+    monkeypatch.setattr(module.shutil, "copyfile", full)
+    with pytest.raises(StorageError, match="session: No space") as said:
+        make(tmp_path, own)
+    assert "LOG.CSV" not in str(said.value)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["LOG.CSV", "own"]
 
 
 def test_the_command_line_makes_a_session_that_fits(simulated, tmp_path, capsys):

@@ -243,6 +243,7 @@ def test_unplugged_in_any_state_it_goes_on_and_keeps_what_it_has(at_s):
     guide.waits(Stage.FIND_PORT, "/dev/ttyACM0: unplugged")
     assert guide.instruction.why == "/dev/ttyACM0: unplugged"
     guide.new_log()
+    assert guide.instruction.why == "0.0 of 1.0 s of samples seen"
     after = (
         Table().rest(3).turn(150, (0, 1, 0), 3).rest(2.5).turn(90, (0, 0, 1), 3).rest(2.5).turn(90, (1, 1, 0), 3).rest(2.5).samples(seed=4)
     )

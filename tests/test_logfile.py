@@ -1,6 +1,7 @@
 """Logs and folders: every header that FORMATS allows gives the same physics, and every malformed file says where."""
 
 import gzip
+import re
 
 import numpy as np
 import pytest
@@ -120,6 +121,30 @@ def test_nanosecond_stamps_of_a_running_clock_keep_every_nanosecond(tmp_path):
     rows = [f"{start + i * 4_807_693},1,2,3,4,5,6,7" for i in range(5)]
     log = read(tmp_path, HEADER.replace("t_us", "t_ns") + "\n" + "\n".join(rows) + "\n")
     assert set(np.diff(log.samples.t_ns)) == {4_807_693}
+
+
+@pytest.mark.parametrize(
+    ("cells", "names"),
+    [
+        ("0,1e308,0,0,0,1,20", "gy_dps is 1e+308"),
+        ("-100001,0,0,0,0,1,20", "gx_dps is -100001, beyond any sensor"),
+        ("0,0,0,0,0,10001,20", "az_g"),
+        ("0,0,0,0,0,1,1e300", "temp_c"),
+    ],
+)
+def test_what_no_sensor_measures_is_refused(tmp_path, cells, names):
+    header = "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"
+    rows = [f"{i / 100},-99999,0,0,0,0,-9999,20" for i in range(5)]
+    read(tmp_path, "\n".join([header, *rows]) + "\n")
+    with pytest.raises(FormatError, match=f"line 4: {re.escape(names)}"):
+        read(tmp_path, "\n".join([header, *rows[:2], f"0.02,{cells}", *rows[3:]]) + "\n")
+
+
+@pytest.mark.parametrize("back_us", [2**31 + 1, 2**32 - 5000])
+def test_a_time_beyond_the_counter_that_goes_back_is_refused(tmp_path, back_us):
+    stamps = 2**40 + 4808 * np.arange(6) - back_us * (np.arange(6) > 2)
+    with pytest.raises(FormatError, match="goes backward"):
+        read(tmp_path, HEADER + "\n" + "".join(f"{t},1,2,3,4,5,6,7\n" for t in stamps))
 
 
 def test_a_wrapped_counter_runs_on(tmp_path):

@@ -179,6 +179,7 @@ def test_what_cannot_be_is_one_line(tmp_path, words, code, says):
     assert result.returncode == code
     assert says in result.stderr
     assert len(result.stderr.splitlines()) == 1
+    assert not (tmp_path / "new").exists()
 
 
 def test_a_range_that_contradicts_the_board_ends_it_with_the_bytes_kept(board, tmp_path):

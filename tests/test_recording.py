@@ -411,6 +411,36 @@ def test_a_port_that_is_not_there_or_taken(wire, tmp_path):
     port.close()
 
 
+def test_a_port_that_cannot_be_opened_leaves_no_folder_behind(tmp_path):
+    def refused(folder):
+        with pytest.raises(DeviceError):
+            Recorder(folder, str(tmp_path / "nothing"))
+
+    refused(tmp_path / "data" / "session1")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "mine").mkdir()
+    refused(tmp_path / "mine")
+    assert list((tmp_path / "mine").iterdir()) == []
+    (tmp_path / "mine" / "raw.bin").write_bytes(b"")
+    refused(tmp_path / "mine")
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["raw.bin"]
+    (tmp_path / "mine" / "raw.bin").write_bytes(b"0,1,2,3,4,5,6,7\n")
+    (tmp_path / "mine" / "raw.times").write_text("host_ns,bytes,event\n")
+    refused(tmp_path / "mine")
+    assert (tmp_path / "mine" / "raw.bin").read_bytes() == b"0,1,2,3,4,5,6,7\n"
+    assert (tmp_path / "mine" / "raw.times").exists()
+
+
+def test_a_disk_that_is_full_from_the_start_leaves_no_folder_behind(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(StorageError, match="No space left"):
+        RawFile(tmp_path / "s")
+    assert list(tmp_path.iterdir()) == []
+
+
 class _Listed:
     def __init__(self, device, vid=None, pid=None, serial_number=None, product=None):
         self.device, self.vid, self.pid, self.serial_number, self.product = device, vid, pid, serial_number, product

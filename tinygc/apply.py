@@ -21,7 +21,8 @@ from session.dialects.reader import Piece, Reader, temperature_c
 from session.dialects.stamps import counted
 from session.errors import CalibrationError, DataError, FormatError
 from session.fixed_point import rows
-from session.units import DEG, NS
+from session.pace import pace_of
+from session.units import DEG
 from tinygc import models
 from tinygc.calibration import Calibration, Stream
 from tinygc.files import whole
@@ -159,11 +160,9 @@ def _scale(layout: Layout, kind: str, full_scale: float | None, option: str, nam
 
 
 def _rate(first: Piece) -> float:
-    steps = np.diff(first.t_ns)
-    if not (steps > 0).any():
+    if not (np.diff(first.t_ns) > 0).any():
         raise DataError("the log's stamps do not say its data rate, which the model needs; give --odr HZ")
-    usual = steps[(steps > 0) & (steps < 3 * np.median(steps[steps > 0]))]
-    return float(1 / (usual.mean() * NS))
+    return pace_of(first.t_ns).rate_hz
 
 
 def _no_samples(log: Path) -> FormatError:

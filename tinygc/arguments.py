@@ -11,6 +11,8 @@ from tinygc.commands import COMMANDS
 
 METHODS = "raw,raw_bias_removed,least_squares,pso,tinygc,tinygc_denoised"  # as in tinygc.methods, which imports too much for --help
 
+LONGEST_S = 1e9
+
 
 class _Parser(argparse.ArgumentParser):
     """Bad usage is said in one line, like every other error."""
@@ -81,6 +83,17 @@ def positive(text: str) -> float:
 
 
 positive.__name__ = "number"  # argparse says "invalid number value"
+
+
+def seconds(text: str) -> float:
+    """A time of 0 s or more, that a program can wait for and a counter can hold: up to 30 years."""
+    value = float(text)
+    if not 0 <= value <= LONGEST_S:
+        raise argparse.ArgumentTypeError(f"{text} is no time from 0 to {LONGEST_S:g} s")
+    return value
+
+
+seconds.__name__ = "number"
 
 
 def three(text: str) -> list[float]:

@@ -7,6 +7,8 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+from session.writing import naming
+
 
 def write_whole(path: Path, table: dict) -> None:
     """JSON, whole or not at all: a full disk must not leave half a model."""
@@ -22,14 +24,16 @@ def write_text_whole(path: Path, text: str) -> None:
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """Where to write what becomes ``path`` once the block ends well: a file beside it; a device or a pipe itself, which is no file to
-    put another in the place of."""
+    put another in the place of.  A full disk is a StorageError that names ``path``."""
     if is_stream(path):
-        yield path
+        with naming(path):
+            yield path
         return
     partial = path.with_name(f".{path.name}.partial")
     try:
-        yield partial
-        partial.replace(path)
+        with naming(path, partial):
+            yield partial
+            partial.replace(path)
     finally:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)

@@ -14,6 +14,7 @@ from session.check import Finding, check_session
 from session.errors import DataError, SegmentError
 from session.folder import Session, read_session
 from session.units import DEG, G
+from session.writing import result_folder
 from tinygc import models, saved_fit
 from tinygc.closure_run import ClosureRun, read_closure_runs
 from tinygc.files import write_whole
@@ -218,16 +219,16 @@ def to_json(result: FitResult) -> dict:
 def save_models(result: FitResult, folder: Path | None = None) -> Path:
     """Write each method's model, and the figures, into a folder, the session's ``fit`` by default; returns that folder."""
     folder = folder or result.session.folder / "fit"
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, fit in result.methods.items():
-        more = {"method": name, "session": result.session.name, "version": tinygc.__version__}
-        if fit is result.linear:
-            more["covariance"] = result.covariance.tolist()
-            more["unobserved"] = fit.notes.get("unobserved", [])
-        if result.bias_sigma_rps is not None:
-            more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
-        write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
-    made = saved_fit.made_from(result.options, input_hashes(result.session), result.methods)
-    write_whole(folder / "fit.json", to_json(result))
-    write_whole(folder / saved_fit.NAME, made)
+    with result_folder(folder):
+        for name, fit in result.methods.items():
+            more = {"method": name, "session": result.session.name, "version": tinygc.__version__}
+            if fit is result.linear:
+                more["covariance"] = result.covariance.tolist()
+                more["unobserved"] = fit.notes.get("unobserved", [])
+            if result.bias_sigma_rps is not None:
+                more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
+            write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
+        made = saved_fit.made_from(result.options, input_hashes(result.session), result.methods)
+        write_whole(folder / "fit.json", to_json(result))
+        write_whole(folder / saved_fit.NAME, made)
     return folder

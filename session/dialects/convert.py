@@ -19,8 +19,9 @@ from session.errors import CalibrationError, FormatError
 from session.findings import Finding
 from session.folder import log_paths
 from session.logfile import read_log
-from session.samples import Samples
+from session.pace import pace_of
 from session.units import DEG, G
+from session.writing import naming
 
 #: what a stamp in us leaves behind
 US_NS = 1000
@@ -54,17 +55,20 @@ def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = No
         answers = _as_in(sensor, answers)
     _ask_full_scales(readers, answers)
     missing = [path.parent for path in [out, *out.parents] if not path.parent.exists()]
-    out.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+    with naming(out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
     try:
-        log, notes, samples = _write_log(readers, work / "log0001.csv", answers)
-        rate_hz = _rate_hz(read_log(log, _sensor(answers)).samples)
+        with naming(out):
+            log, notes, samples = _write_log(readers, work / "log0001.csv", answers)
+        rate_hz = float(f"{pace_of(read_log(log, _sensor(answers)).samples.t_ns).rate_hz:.4g}")
         if add:
             name = _next_name(out, add) + log.name.removeprefix("log0001")
             log.replace(out / name)
         else:
             odr_hz = answers.odr_hz or rate_hz
-            (work / "session.toml").write_text(_toml(readers, odr_hz, answers, model, serial), encoding="utf-8")
+            with naming(out):
+                (work / "session.toml").write_text(_toml(readers, odr_hz, answers, model, serial), encoding="utf-8")
             work.chmod(0o755)
             name = log.name
             if out.exists():
@@ -136,12 +140,6 @@ def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Pat
             part = [column[start : start + (1 << 15)].tolist() for column in columns]
             file.write("\n".join(map(row.__mod__, zip(*part, strict=True))) + "\n")
     return path, notes, len(joined.t_ns)
-
-
-def _rate_hz(samples: Samples) -> float:
-    """Of what is not a gap: stamps in ms at 208 Hz have a median of 5 ms, and a mean of 4.8."""
-    usual = samples.dt_s[samples.dt_s < 3 * samples.period_s]
-    return float(f"{1 / usual.mean():.4g}")
 
 
 def _is_ours(reader: Reader, answers: Answers) -> bool:

@@ -81,7 +81,8 @@ def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
     if found is None:
         own = _own_header(lines)
         if own is not None:
-            header.parse_header(lines[own], f"{name} line {own + 1}")  # says what is wrong with it
+            number, names = own
+            header.parse_header(",".join(names), f"{name} line {number + 1}")  # says what is wrong with it
         known_ones = ", ".join(dialect.name for dialect in DIALECTS)
         raise FormatError(
             f"{name}: no header of a log that is known ({known_ones}); it begins {_first(lines)!r}: "
@@ -108,8 +109,8 @@ def _matches(lines: list[str]):
             names = split(line, delimiter)
             if len(names) < 2:
                 continue
-            if delimiter == "," and not line.lstrip().startswith("#") and _is_own(names):
-                yield (9, -number), number, ",", None, {}, names
+            if not line.lstrip().startswith("#") and _is_own(names):
+                yield (9, -number), number, delimiter, None, {}, names
             for dialect in DIALECTS:
                 columns = _columns_of(dialect, [_name_and_unit(text) for text in names])
                 if columns:
@@ -143,9 +144,11 @@ def _is_own(names: tuple[str, ...]) -> bool:
     return sum(name in header.TIME_NS for name in names) == 1 and any(name.startswith("gx") for name in names)
 
 
-def _own_header(lines: list[str]) -> int | None:
-    """A line that names one of our columns, though it is no whole header."""
-    return next((n for n, line in enumerate(lines) if set(split(line, ",")) & {*header.TIME_NS, "gx", "gx_dps", "gx_rps"}), None)
+def _own_header(lines: list[str]) -> tuple[int, tuple[str, ...]] | None:
+    """A line, and its names, that names one of our columns, though it is no whole header."""
+    ours = {*header.TIME_NS, "gx", "gx_dps", "gx_rps"}
+    named = ((number, split(line, delimiter)) for number, line in enumerate(lines) for delimiter in DELIMITERS)
+    return next((found for found in named if len(found[1]) > 1 and ours & set(found[1])), None)
 
 
 def _own_columns(names: tuple[str, ...], where: str) -> dict:

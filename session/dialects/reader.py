@@ -15,6 +15,7 @@ from session.dialects.stamps import COUNTER, DAY_NS, Unroll, exact_ns
 from session.dialects.units import Unit
 from session.errors import FormatError
 from session.logfile import LAST_NS
+from session.plausible import beyond_any_sensor, complaint
 
 #: of text that is looked through for a header
 HEAD_LINES, HEAD_BYTES = 400, 1 << 16
@@ -46,6 +47,7 @@ class Reader:
             raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
         self.layout: Layout = recognise(head, path.name, answers)
         self._unroll = self._file = None
+        self._commas = False  # in the place of decimal points; whole numbers at the beginning do not show it
 
     @property
     def position(self) -> int:
@@ -81,11 +83,14 @@ class Reader:
         return lines
 
     def _piece(self, lines: list[str], number: int, last: bool) -> Piece | None:
-        if self.layout.delimiter == ";" and any("," in line for line in lines[:10]):
-            lines = [line.replace(",", ".") for line in lines]
+        if self._commas:
+            lines = _with_points(lines)
         try:
             table, time = self._load(lines)
         except ValueError:
+            if not self._commas and self._has_decimal_commas(lines):
+                self._commas = True
+                lines = _with_points(lines)
             lines = self._mended(lines, number, last)
             try:
                 table, time = self._load(lines)
@@ -95,9 +100,33 @@ class Reader:
             return None
         if not np.isfinite(table).all():
             self._refuse_row(lines, number, int(np.argmin(np.isfinite(table).all(axis=1))), "a value that is not finite")
+        self._require_possible(table, lines, number)
         gyro, accel = (self._triad(table, triad) for triad in (self.layout.gyro, self.layout.accel))
         temp = None if self.layout.temp is None else table[:, self._used.index(self.layout.temp)]
         return Piece(None if time is None else self._stamps(time, lines, number), gyro, accel, temp)
+
+    def _has_decimal_commas(self, lines: list[str]) -> bool:
+        """Whether numbers of these rows have commas in them, and none has a point: 1,234 beside 0.5 may be a thousand."""
+        if self.layout.delimiter not in (";", "\t"):
+            return False
+        wanted = self._used if self.layout.time is None else (self.layout.time, *self._used)
+        rows = (line.split("#")[0].split(self.layout.delimiter) for line in lines if line.strip() != self.layout.header_line)
+        cells = [row[column].strip().split(" ")[-1] for row in rows for column in wanted if column < len(row)]  # of a date, the time
+        return any("," in cell for cell in cells) and not any("." in cell for cell in cells)
+
+    def _require_possible(self, table: np.ndarray, lines: list[str], number: int) -> None:
+        """Refuse what no sensor measures."""
+        layout = self.layout
+        kinds = [("gyro", layout.gyro.columns, layout.gyro.unit)] if layout.gyro else []
+        kinds += [("accel", layout.accel.columns, layout.accel.unit)] if layout.accel else []
+        kinds += [("temp", (layout.temp,), layout.temp_unit)] if layout.temp is not None else []
+        for kind, columns, unit in kinds:
+            for column in columns if unit.si is not None else ():
+                values = table[:, self._used.index(column)]
+                if (far := beyond_any_sensor(values, unit.si, kind)).any():
+                    row = int(np.argmax(far))
+                    what, do = complaint(layout.names[column], values[row], kind).rsplit("; ", 1)
+                    self._refuse_row(lines, number, row, what, do)
 
     @property
     def _used(self) -> tuple[int, ...]:
@@ -195,6 +224,10 @@ class Reader:
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
+
+
+def _with_points(lines: list[str]) -> list[str]:
+    return [line.replace(",", ".") for line in lines]
 
 
 def temperature_c(values: np.ndarray, unit: Unit) -> np.ndarray:

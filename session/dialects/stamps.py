@@ -6,9 +6,10 @@ from decimal import Decimal
 
 import numpy as np
 
+from session.counter import comes_round
 from session.errors import DataError
 
-#: a counter of 32 bits, or a clock, has come round if it falls by more than half of its span
+#: a counter of 32 bits, and a clock
 COUNTER = 2**32
 DAY_NS = 86_400 * 10**9
 #: share of rows that repeat the stamp before them, from which on stamps are coarse and not merely stuttering
@@ -43,11 +44,13 @@ class Unroll:
 
     def __init__(self, span_ns: int):
         self._span, self._last, self._offset = span_ns, None, 0
+        self._lowest = self._highest = 0
         self.wraps = 0
 
     def __call__(self, t_ns: np.ndarray) -> np.ndarray:
         steps = np.diff(t_ns, prepend=t_ns[:1] if self._last is None else self._last)
-        wrapped = steps < -self._span // 2
+        self._lowest, self._highest = min(self._lowest, int(t_ns.min())), max(self._highest, int(t_ns.max()))
+        wrapped = comes_round(steps, self._lowest, self._highest, self._span)
         self._last, offset = t_ns[-1:], self._offset + self._span * np.cumsum(wrapped)
         self._offset, self.wraps = int(offset[-1]), self.wraps + int(wrapped.sum())
         return t_ns + offset

@@ -15,6 +15,7 @@ from session.guide.stillness import Block, Stillness
 from session.guide.stream_check import CHECK_S, FEWEST, stream_problem
 from session.guide.window import Examined, Window
 from session.guide.words import Advice, Change, Instruction, Kind, Stage, Taken
+from session.pace import Pace, pace_of
 from session.samples import Samples, joined
 from session.stills import MIN_STILL_FRACTION
 from session.units import DEG, NS
@@ -62,6 +63,7 @@ class Guide:
         self.log += 1
         self._before_s += self._now_s
         self.health.new_log()
+        self._waits = ""  # it was of the log before
         self._new_log()
         if self.stage is not Stage.DONE:
             self.stage = Stage.CHECK_STREAM
@@ -78,7 +80,7 @@ class Guide:
         if checking and not self._check_stream():
             return self._changes
         pending = joined(self._pending)
-        self.health.feed(pending if checking else samples, self._period_s)
+        self.health.feed(pending if checking else samples, self._pace)
         size = block_size(self._period_s)
         whole = len(pending) // size * size
         for first in range(0, whole, size):
@@ -150,6 +152,7 @@ class Guide:
         self._asked_s: float | None = None
         self._began_ns, self._now_ns = None, 0
         self._period_s = 0.0
+        self._pace: Pace | None = None
         self._window: Window | None = None
         self._stillness: Stillness | None = None
         self._movement = Movement()
@@ -168,6 +171,7 @@ class Guide:
             return False
         if self._window is None:
             self._period_s, self._began_ns, self._now_ns = pending.period_s, int(pending.t_ns[0]), int(pending.t_ns[0])
+            self._pace = pace_of(pending.t_ns)
             self._window = Window(self.sensor, self.protocol, self._period_s)
             self._stillness = Stillness(self._period_s)
         self._waits, self.stage = "", Stage.HOLD_STILL

@@ -6,6 +6,7 @@ from collections import Counter, deque
 
 import numpy as np
 
+from session.pace import Pace
 from session.samples import Samples
 from session.segments import GAP_PERIODS
 from session.units import NS
@@ -21,7 +22,7 @@ class Health:
 
     def __init__(self):
         self.samples, self.gaps, self.troubles = 0, 0, Counter()
-        self.missing = 0  #: samples that the gaps in the stamps hold
+        self._extra = 0  # periods that the steps hold beyond one each
         self.temp_c: float | None = None
         self.info_odr_hz: float | None = None  #: what the board says
         self.clock_ratio: float | None = None  #: seconds of device time in one of the host's
@@ -29,8 +30,8 @@ class Health:
         self._last_ns: int | None = None
         self._temps: deque[tuple[float, float]] = deque(maxlen=round(SLOPE_OVER_S / TEMP_EVERY_S))
 
-    def feed(self, samples: Samples, period_s: float) -> None:
-        """Samples of the log; those that it has had already do not count again."""
+    def feed(self, samples: Samples, pace: Pace) -> None:
+        """Samples of the log, whose pace it is; those that it has had already do not count again."""
         samples = (
             samples if self._last_ns is None else samples.between(int(np.searchsorted(samples.t_ns, self._last_ns, "right")), len(samples))
         )
@@ -38,11 +39,11 @@ class Health:
             return
         t_ns = samples.t_ns if self._last_ns is None else np.concatenate([[self._last_ns], samples.t_ns])
         steps = np.diff(t_ns) * NS
-        whole = (steps > 0) & (steps <= GAP_PERIODS * period_s)
-        self.gaps += int(np.sum(steps > GAP_PERIODS * period_s))
-        self.missing += int(np.sum(np.rint(steps[steps > GAP_PERIODS * period_s] / period_s) - 1))
-        # One sample lost is no gap yet, but its step holds two periods.
-        self._periods += int(np.rint(steps[whole] / period_s).sum())
+        steps = steps[steps > 0]
+        periods, whole = pace.periods(steps), steps <= GAP_PERIODS * pace.period_s
+        self.gaps += int(np.sum(~whole))
+        self._extra += int(np.sum(periods - 1))
+        self._periods += int(periods[whole].sum())
         self._periods_s += float(steps[whole].sum())
         self.samples, self._last_ns = self.samples + len(samples), int(samples.t_ns[-1])
         if samples.temp_c is not None:
@@ -52,6 +53,11 @@ class Health:
         """The device's clock has begun anew."""
         self._last_ns = None
         self._temps.clear()
+
+    @property
+    def missing(self) -> int:
+        """Samples that are missing between the stamps, in gaps and singly."""
+        return max(self._extra, 0)
 
     @property
     def odr_hz(self) -> float | None:

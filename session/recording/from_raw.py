@@ -13,6 +13,7 @@ from session.recording.logwriter import LogWriter
 from session.recording.replay import stream
 from session.session_file import NAME, PATIENCE_S, SessionFile
 from session.stream.decoder import StreamDecoder
+from session.writing import naming
 
 SUFFIX = ".bin"
 
@@ -48,8 +49,9 @@ def convert_raw(
             raise FormatError(
                 f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line)"
             )
-        _configure(raw_path, out, decoder, odr_hz, gyro_fs_dps, accel_fs_g)
-    except CalibrationError:
+        with naming(out):
+            _configure(raw_path, out, decoder, odr_hz, gyro_fs_dps, accel_fs_g)
+    except (CalibrationError, OSError):
         for path in [*logs.paths, out / NAME]:
             path.unlink(missing_ok=True)
         for path in missing:

@@ -38,6 +38,18 @@ class RawFile:
     def __init__(self, folder: Path):
         self.path, self._failed = folder / RAW, None
         self._last_ns = -TIME_STEP_NS
+        self._made = [path for path in (self.path, folder / TIMES, folder, *folder.parents) if not path.exists()]
+        try:
+            self._open(folder)
+        except StorageError:
+            self._unmake()
+            raise
+        self._lock = threading.Lock()
+        self._done = threading.Event()
+        self._syncing = threading.Thread(target=self._sync, name="raw-sync", daemon=True)
+        self._syncing.start()
+
+    def _open(self, folder: Path) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._raw = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
@@ -50,10 +62,6 @@ class RawFile:
             self._write(self._times, f"{TIMES_HEADER}\n".encode())
         elif os.pread(self._times, 1, end - 1) != b"\n":  # a process was killed while it wrote a line
             self._write(self._times, b"\n")
-        self._lock = threading.Lock()
-        self._done = threading.Event()
-        self._syncing = threading.Thread(target=self._sync, name="raw-sync", daemon=True)
-        self._syncing.start()
 
     def append(self, host_ns: int, data: bytes) -> None:
         """Bytes that arrived at host_ns."""
@@ -77,6 +85,19 @@ class RawFile:
         self._syncing.join()
         for file in (self._raw, self._times):
             os.close(file)
+
+    def discard(self) -> None:
+        """Close; where no byte was received, take away the files and folders that were not there before."""
+        self.close()
+        self._unmake()
+
+    def _unmake(self) -> None:
+        with contextlib.suppress(OSError):
+            if self.path.exists() and self.path.stat().st_size > 0:
+                return
+            for path in self._made:
+                # A folder that somebody has put something into by now stays.
+                path.rmdir() if path.is_dir() else path.unlink(missing_ok=True)
 
     def _write(self, file: int, data: bytes) -> None:
         if self._failed:

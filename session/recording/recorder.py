@@ -39,7 +39,7 @@ class Recorder:
         try:
             self.port = Port(name, baudrate, self._keep)
         except CalibrationError:
-            self.raw.close()
+            self.raw.discard()
             raise
 
     def poll(self, timeout_s: float = 0.1) -> list[Event]:

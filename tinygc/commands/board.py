@@ -7,7 +7,7 @@ import signal
 import sys
 from pathlib import Path
 
-from tinygc.arguments import count, positive
+from tinygc.arguments import count, positive, seconds
 from tinygc.commands._results import write_json
 
 SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
@@ -16,14 +16,14 @@ SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("folder", type=Path, nargs="?", help="session folder to stream (a simulated one)")
-    command.add_argument("--rate", type=float, default=416.0, metavar="HZ", help="data rate of the simulated sensor (%(default)g)")
+    command.add_argument("--rate", type=positive, default=416.0, metavar="HZ", help="data rate of the simulated sensor (%(default)g)")
     command.add_argument("--segments", type=count(1), default=40, help="turns of the simulated session (%(default)s)")
-    command.add_argument("--closure", type=float, default=0.0, metavar="S", help="closure run behind it, s (%(default)g: none)")
+    command.add_argument("--closure", type=seconds, default=0.0, metavar="S", help="closure run behind it, s (%(default)g: none)")
     command.add_argument("--frames", action="store_true", help="send frames instead of text lines")
     command.add_argument("--speed", type=positive, default=1.0, metavar="X", help="so many times faster than real (%(default)g)")
-    command.add_argument("--lead", type=float, default=10.0, metavar="S", help="still time before the session (%(default)g)")
-    command.add_argument("--tail", type=float, metavar="S", help="still time behind it, then stop (go on for ever)")
-    command.add_argument("--uptime", type=float, default=0.0, metavar="S", help="device time at the start (%(default)g)")
+    command.add_argument("--lead", type=seconds, default=10.0, metavar="S", help="still time before the session (%(default)g)")
+    command.add_argument("--tail", type=seconds, metavar="S", help="still time behind it, then stop (go on for ever)")
+    command.add_argument("--uptime", type=seconds, default=0.0, metavar="S", help="device time at the start (%(default)g)")
     command.add_argument("--faults", default="", metavar="NAME=X,…", help="lost, torn, flip: probability; garbage: bytes; reset, unplug: s")
     command.add_argument("--link", type=Path, metavar="PATH", help="name of the port (tinygc-board in the temporary folder)")
     command.add_argument("--config", type=Path, metavar="FILE", help="write the session.toml that belongs to the stream")

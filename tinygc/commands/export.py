@@ -23,6 +23,7 @@ def run(args: argparse.Namespace) -> int:
     """A calibration in another program's words."""
     import sys
 
+    from session.writing import result_folder
     from tinygc.exports import exporter
     from tinygc.exports._context import read_context
     from tinygc.files import write_text_whole
@@ -36,9 +37,9 @@ def run(args: argparse.Namespace) -> int:
     model, context = read_context(args.folder, args.model, say)
     folder = args.out or args.folder / "export"
     files = exporter(args.to).export(model, context)
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in files.items():
-        write_text_whole(folder / name, text)
-        output(args).print(f"written: {folder / name}", soft_wrap=True)
+    with result_folder(folder):
+        for name, text in files.items():
+            write_text_whole(folder / name, text)
+            output(args).print(f"written: {folder / name}", soft_wrap=True)
     write_json(args.json, {"schema": "tinygc-export/1", "format": args.to, "files": [str(folder / name) for name in files], "said": said})
     return 0

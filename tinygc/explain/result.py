@@ -8,6 +8,7 @@ import numpy as np
 
 import tinygc
 from session.units import DEG, G
+from session.writing import result_folder
 from tinygc.effects import catalogue
 from tinygc.explain.channels import bonferroni
 from tinygc.explain.claims import Claimed
@@ -68,8 +69,8 @@ def to_json(e: Explanation) -> dict:
 def save(e: Explanation, folder: Path | None = None, pictures: bool = True) -> Path:
     """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder."""
     folder = folder or e.session.folder / "explain"
-    folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "explain.json", to_json(e))
+    with result_folder(folder):
+        write_whole(folder / "explain.json", to_json(e))
     if pictures:
         from tinygc.explain.picture import draw
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from session.writing import result_folder
 from tinygc.files import write_text_whole
 from tinygc.html_report.evidence import Evidence
 from tinygc.html_report.markup import Section, escape
@@ -32,8 +33,9 @@ def page(evidence: Evidence) -> str:
 
 def save(evidence: Evidence, path: Path) -> Path:
     """Write the page, whole or not at all; returns its path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text_whole(path, page(evidence))
+    text = page(evidence)
+    with result_folder(path.parent):
+        write_text_whole(path, text)
     return path
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from session.config import SCHEMA
 from session.errors import FormatError
 from session.units import DEG, MG
+from session.writing import naming, result_folder
 from tinygc.simulation.options import SimulationOptions, command_line
 from tinygc.simulation.simulate import Distort, Recording, Simulation, simulate_session
 from tinygc.simulation.unit import BIAS_DIGITS, MATRIX_DIGITS
@@ -44,13 +45,13 @@ def write_session(
 
 def write_files(simulation: Simulation, folder: Path, config: str) -> None:
     """What a recorded session would hold, and no truth: ``config`` as session.toml, the log, the closure run."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / CONFIG).write_text(config, encoding="utf-8")
-    _write_log(folder / LOG, simulation, simulation.log)
-    if simulation.closure is None:
-        (folder / CLOSURE).unlink(missing_ok=True)
-    else:
-        _write_log(folder / CLOSURE, simulation, simulation.closure)
+    with result_folder(folder), naming(folder):
+        (folder / CONFIG).write_text(config, encoding="utf-8")
+        _write_log(folder / LOG, simulation, simulation.log)
+        if simulation.closure is None:
+            (folder / CLOSURE).unlink(missing_ok=True)
+        else:
+            _write_log(folder / CLOSURE, simulation, simulation.closure)
 
 
 def _check_folder(folder: Path, force: bool) -> None:

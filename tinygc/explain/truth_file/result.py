@@ -11,6 +11,7 @@ from rich.text import Text
 
 import tinygc
 from session.units import DEG, MG
+from session.writing import result_folder
 from tinygc.effects._effect import largest
 from tinygc.explain.truth_file.explain import Claim, TruthExplanation
 from tinygc.files import write_whole
@@ -98,8 +99,8 @@ def _effect(claim: Claim) -> dict:
 def save_truth(e: TruthExplanation, folder: Path | None = None, pictures: bool = True) -> Path:
     """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder."""
     folder = folder or e.problem.session.folder / "explain"
-    folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "explain.json", truth_to_json(e))
+    with result_folder(folder):
+        write_whole(folder / "explain.json", truth_to_json(e))
     if pictures:
         from tinygc.explain.truth_file.picture import draw_truth
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from session.check_axes import check_axes
-from session.check_ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
-from session.check_dead import check_dead
-from session.check_samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
-from session.check_stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
-from session.check_truth import check_truth
+from session.checks.axes import check_axes
+from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
+from session.checks.dead import check_dead
+from session.checks.samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
+from session.checks.stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
+from session.checks.truth import check_truth
 from session.config import Config, read_config
 from session.errors import CalibrationError
 from session.findings import Finding, worst

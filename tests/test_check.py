@@ -8,7 +8,7 @@ import pytest
 from conftest import DEG, SESSION_TOML, Table, config, session_of, write_session
 
 from session.check import Finding, check_folder, first_look, worst
-from session.check_axes import axes_in_words
+from session.checks.axes import axes_in_words
 from session.config import Accelerometer
 from session.folder import Session, read_session
 from session.logfile import Log

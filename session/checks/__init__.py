@@ -1,0 +1,1 @@
+"""The first look, an idea a file; ``session.check`` puts them together."""

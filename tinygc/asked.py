@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+
+from session.errors import FormatError
+from tinygc.files import read_json
 
 
 def asked(folder: Path) -> str | None:
     """``next`` of DIR/explain/explain.json; None where nothing was explained, or nothing asked."""
     try:
-        words = json.loads((folder / "explain" / "explain.json").read_text(encoding="utf-8")).get("next")
-    except (OSError, ValueError, AttributeError):
+        words = read_json(folder / "explain" / "explain.json").get("next")
+    except (FormatError, AttributeError):
         return None
     return words if isinstance(words, str) and words else None

@@ -219,15 +219,16 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
     """Write each method's model, and the figures, into a folder, the session's ``fit`` by default; returns that folder."""
     folder = folder or result.session.folder / "fit"
     folder.mkdir(parents=True, exist_ok=True)
+    hashes = input_hashes(result.session)
     for name, fit in result.methods.items():
-        more = {"method": name, "session": result.session.name, "version": tinygc.__version__}
+        more = {"method": name, "session": result.session.name, "sha256": hashes, "version": tinygc.__version__}
         if fit is result.linear:
             more["covariance"] = result.covariance.tolist()
             more["unobserved"] = fit.notes.get("unobserved", [])
         if result.bias_sigma_rps is not None:
             more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
         write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
-    made = saved_fit.made_from(result.options, input_hashes(result.session), result.methods)
+    made = saved_fit.made_from(result.options, hashes, result.methods)
     write_whole(folder / "fit.json", to_json(result))
     write_whole(folder / saved_fit.NAME, made)
     return folder

@@ -17,6 +17,7 @@ from tinygc.fit import FitResult
 from tinygc.html_report.numbers import tilt_rms
 from tinygc.linear import LinearModel
 from tinygc.physics.model import PhysicsModel
+from tinygc.provenance import input_hashes
 from tinygc.uncertainty import MISMATCH_P
 from tinygc.wander import wander_covariance
 
@@ -154,7 +155,8 @@ def model_table(adopted: Adopted, fit: FitResult) -> dict:
     """The calibration as ``tinygc-model/1``, as ``fit`` saves it."""
     import tinygc
 
-    more = {"method": adopted.name, "session": fit.session.name, "version": tinygc.__version__}
+    hashes = input_hashes(fit.session)
+    more = {"method": adopted.name, "session": fit.session.name, "sha256": hashes, "version": tinygc.__version__}
     if adopted.name == LINEAR:
         more |= {"covariance": adopted.covariance.tolist(), "unobserved": fit.linear.notes.get("unobserved", [])}
     return models.to_dict(adopted.model, **more)

@@ -225,6 +225,10 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
         if fit is result.linear:
             more["covariance"] = result.covariance.tolist()
             more["unobserved"] = fit.notes.get("unobserved", [])
+        if name == "physics":
+            from tinygc.physics.covariance import covariance_table, rate_covariance
+
+            more |= covariance_table(result.physics.model.claims, rate_covariance(result.physics.fit))
         if result.bias_sigma_rps is not None:
             more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
         write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))

@@ -44,7 +44,7 @@ class Context:
 
     @property
     def covariance(self) -> np.ndarray | None:
-        """(12, 12) of E row by row, then B in rad/s; None where the method has none."""
+        """(12, 12) of E row by row, then B in rad/s; of physics the effects' theta after them; None where the method has none."""
         table = self.table.get("covariance")
         return None if table is None else np.asarray(table, dtype=float)
 

@@ -149,6 +149,13 @@ def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, si
     line = unescape(re.search(r"<code>(omega = tinygc[^<]*)</code>", page)[1])
     assert line == 'omega = tinygc.load("model_physics.json")(m, acc=acc)'
     (tmp_path / "model_physics.json").write_bytes(b64decode(re.search(r"data:application/json;base64,([^\"]+)", page)[1]))
+    offered = json.loads((tmp_path / "model_physics.json").read_text())
+    covariance = np.array(offered["covariance"])  # the page points to it
+    assert "covariance, which the model" in page
+    assert len(offered["covariance_of"]) == len(covariance) == 12 + 9
+    assert offered["covariance_of"][-1] == "gyro.g_sensitivity[8]"
+    assert np.sqrt(np.diag(covariance)[12:]).max() / DEG * G < 0.1
+    assert np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() > 0
     rng = np.random.default_rng(0)
     names = {"tinygc": tinygc, "m": rng.normal(size=(50, 3)), "acc": 9.8 * rng.normal(size=(50, 3))}
     exec(line.replace("model_physics.json", str(tmp_path / "model_physics.json")), names)
@@ -162,12 +169,60 @@ def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, si
     assert there["K"] / DEG == pytest.approx(K, abs=0.02)
 
 
-@pytest.mark.parametrize(("limit", "code", "word"), [("5", 0, "Pass"), ("0.0001", 1, "Fail")])
+@pytest.mark.parametrize(("limit", "code", "word"), [("5", 0, "Pass, with doubts"), ("0.0001", 1, "Fail")])
 def test_the_limit_decides(simulated, tmp_path, capfd, limit, code, word):
     out = tmp_path / "r.html"
     assert calibrate.main(["report", str(simulated()), "--out", str(out), *QUICK, "--limit", limit]) == code
     assert f"</svg>{word}</span>" in out.read_text(encoding="utf-8")
     assert ("above --limit" in capfd.readouterr().err) == bool(code)
+
+
+@pytest.mark.parametrize(
+    ("segments", "angles_rad", "limit", "answer"),
+    [
+        (40, 1.3, None, "pass"),
+        (40, 1.3, 1.0, "pass"),
+        (40, 2.1, None, "not decided"),
+        (12, 1.3, None, "not decided"),
+        (13, 1.3, None, "pass"),
+        (12, 1.3, 1.0, "doubtful pass"),
+        (12, 1.3, 1e-9, "fail"),
+    ],
+)
+def test_a_pass_needs_segments_and_a_closure_near_its_floor(segments, angles_rad, limit, answer):
+    from tinygc.html_report.adopted import Adopted
+    from tinygc.html_report.decision import decide
+
+    angles = np.full((segments, 2), angles_rad * 1e-4 / np.sqrt(2))
+    known = dict.fromkeys(Adopted.__dataclass_fields__) | {"angles": angles, "numbers": list(range(segments)), "floor_rms": 1e-4}
+    adopted = Adopted(
+        **known | {"closure_p": 0.5, "closure_freedom": 4, "vector": np.zeros(12), "run_errors": [], "run_p": [], "run_losses": []}
+    )
+    assert adopted.times_floor == pytest.approx(angles_rad)
+    decision = decide(adopted, [], limit)
+    assert decision.answer == answer
+    assert bool(decision.doubts) == (answer in ("not decided", "doubtful pass") or segments < 13)
+    assert decision.passed == (answer != "fail")  # the exit code knows no doubt
+
+
+def test_few_segments_far_above_the_floor_are_no_pass(simulated, tmp_path, capsys):
+    """Eight turns: the fit follows the noise of what it has, and p tells nothing."""
+    folder, out, table = simulated(segments=8, closure_s=0.0), tmp_path / "r.html", tmp_path / "r.json"
+    arguments = ["report", str(folder), "--out", str(out), "--methods", "raw,least_squares", "--no-explain", "--json", str(table)]
+    assert calibrate.main(arguments) == 0
+    report, printed = json.loads(table.read_text()), capsys.readouterr().out
+    ratio = report["closure"]["holdout_tilt_rms_deg"] / report["closure"]["floor_rms_deg"]
+    assert ratio > 2
+    assert report["passed"] is None
+    assert report["answer"] == "not decided"
+    assert report["closure"]["degrees_of_freedom"] == 4
+    words = " ".join(parsed(out.read_text(encoding="utf-8")).words)
+    for text in (printed, words):
+        assert "Not decided" in text
+        assert "8 segments for 12 parameters" in text.replace("\n", " ")
+        assert "4 degrees of freedom" in text
+    assert "a little" not in words
+    assert "Pass" not in words
 
 
 def test_what_fit_saved_is_taken_again_and_only_if_it_is_the_same(simulated, tmp_path):

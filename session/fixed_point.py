@@ -36,7 +36,8 @@ def _whole(values: np.ndarray, places: int) -> np.ndarray:
         whole = values
         fine = (whole > -LIMIT * 9) & (whole < LIMIT * 9)
     else:
-        scaled = np.rint(values * 10.0**places)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused below, in words
+            scaled = np.rint(values * 10.0**places)
         fine = np.abs(scaled) < LIMIT
         whole = np.where(fine, scaled, 0).astype(np.int64)
     if not fine.all():

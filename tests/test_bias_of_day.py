@@ -1,6 +1,7 @@
 """The bias of the day: from gravity over a run that never rests, from a still, from the user."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -9,10 +10,14 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 from session.errors import FitError
+from session.folder import read_session
 from session.rests import find_rests
 from session.samples import Samples
+from tinygc import models
 from tinygc.bias.of_day import bias_from_gravity
+from tinygc.bias.origin import origin_of
 from tinygc.integrate import steps
+from tinygc.linear import LinearModel
 from tinygc.rotation import accumulate, conjugate, log, multiply
 
 RATE_HZ = 200
@@ -113,7 +118,7 @@ def test_a_stored_calibration_in_a_new_session(two_days, tmp_path, method, sourc
     arguments = ["fit", str(two_days / "second"), "--model", str(two_days / "first" / "fit" / f"model_{method}.json"), "--bias", source]
     arguments += ["--bias-dps=0.62,-0.35,0.51"] if source == "given" else []
     assert calibrate.main([*arguments, "--out", str(tmp_path), "--quiet"]) == 0
-    table = json.loads((tmp_path / "fit.json").read_text())
+    table = json.loads((tmp_path / "rebiased.json").read_text())
     tilt = {name: fit["holdout"]["tilt_rms_deg"] for name, fit in table["methods"].items()}
     assert tilt["stored"] > 0.3  # 0.16 dps over 5 s
     assert tilt[f"stored_{source}"] < {"start": 0.04, "gravity": 0.06, "given": 0.03}[source]
@@ -121,6 +126,136 @@ def test_a_stored_calibration_in_a_new_session(two_days, tmp_path, method, sourc
     assert model["kind"] == {"least_squares": "linear"}.get(method, method)
     change = np.array(table["bias"]["change_dps"][source])
     assert np.abs(change - [-0.12, 0.05, 0.09]).max() < 0.02
+    assert table["bias"]["fitted_here"] is False
+    assert "fitted to other logs (first)" in table["bias"]["remarks"][0]
+    assert len(table["bias"]["remarks"]) == 1  # a calibrated E: start and gravity agree
+
+
+def test_what_was_fitted_stays_and_still_compares_and_exports(two_days, tmp_path, capsys):
+    folder = tmp_path / "second"
+    shutil.copytree(two_days / "second", folder)
+    assert calibrate.main(["fit", str(folder), "--methods", "least_squares", "--quiet"]) == 0
+    before = {path.name: path.read_bytes() for path in (folder / "fit").iterdir()}
+    stored = two_days / "first" / "fit" / "model_least_squares.json"
+    assert calibrate.main(["fit", str(folder), "--model", str(stored), "--bias", "start", "--quiet"]) == 0
+    after = {path.name: path.read_bytes() for path in (folder / "fit").iterdir()}
+    assert {name: after[name] for name in before} == before
+    assert set(after) - set(before) == {"model_rebiased.json", "rebiased.json"}
+    assert calibrate.main(["compare", str(two_days / "first"), str(folder), "--quiet"]) == 0
+    # With nothing but the new bias there, its own figures tell the noise.
+    for name in before:
+        (folder / "fit" / name).unlink()
+    for model in ("rebiased", str(folder / "fit" / "model_rebiased.json")):
+        assert calibrate.main(["export", str(folder), "--to", "kalibr", "--model", model, "--quiet"]) == 0
+    noise = json.loads(after["rebiased.json"])["noise"]
+    assert noise == json.loads(before["fit.json"])["noise"]
+    assert f"{noise['accel_g_rthz'][0] * 9.80665:.3g}"[:4] in (folder / "export" / "imu.yaml").read_text()
+    assert calibrate.main(["export", str(folder), "--to", "json", "--model", "rebiased", "--quiet"]) == 0
+
+
+def rebiased(folder, model, out, *more):
+    assert calibrate.main(["fit", str(folder), "--model", str(model), "--out", str(out), "--quiet", *more]) == 0
+    return json.loads((out / "rebiased.json").read_text())
+
+
+def test_a_model_of_this_very_session_is_said_to_be_that(two_days, tmp_path):
+    first = two_days / "first"
+    model = first / "fit" / "model_least_squares.json"
+    table = rebiased(first, model, tmp_path, "--bias", "start")
+    assert table["bias"]["fitted_here"] is True
+    assert "fitted to this very session" in table["bias"]["remarks"][0]
+    # With the bias of another day it is still the model of this one.
+    rebiased(two_days / "second", model, tmp_path, "--bias", "start")
+    again = tmp_path / "model_rebiased.json"
+    assert rebiased(first, again, tmp_path / "x", "--bias", "start")["bias"]["fitted_here"] is True
+    there = rebiased(two_days / "second", again, tmp_path / "y", "--bias", "start")
+    assert there["bias"]["fitted_here"] is False
+    assert "had its bias from this very session" in there["bias"]["remarks"][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "here", "says"),
+    [
+        ({}, True, "this very session"),
+        ({"sha256": {"log0001.csv": "0" * 64}}, None, "of the same name (first)"),
+        ({"sha256": {"log0001.csv": "0" * 64}, "session": "other"}, False, "fitted to other logs (other)"),
+        ({"sha256": None}, None, "of the same name (first)"),
+        ({"sha256": None, "session": "other"}, False, "another session by its name (other)"),
+        ({"sha256": None, "session": None}, None, "not known"),
+        ({"sha256": [3], "session": ["x"], "stored": 7}, None, "not known"),
+    ],
+)
+def test_what_a_stored_model_was_fitted_to(two_days, tmp_path, change, here, says):
+    path = tmp_path / "m.json"
+    path.write_text(json.dumps(json.loads((two_days / "first" / "fit" / "model_tinygc.json").read_text()) | change))
+    found = origin_of(path, read_session(two_days / "first"))
+    assert found.here is here
+    assert says in found.says
+
+
+def test_a_file_of_an_earlier_version_is_known_by_what_fit_left_beside_it(two_days, tmp_path):
+    shutil.copy(two_days / "first" / "fit" / "fitted.json", tmp_path)
+    table = json.loads((two_days / "first" / "fit" / "model_tinygc.json").read_text())
+    (tmp_path / "m.json").write_text(json.dumps({name: value for name, value in table.items() if name != "sha256"} | {"session": "x"}))
+    assert origin_of(tmp_path / "m.json", read_session(two_days / "first")).here is True
+
+
+def test_a_denoised_model_closes_as_it_does_in_its_fit(two_days, tmp_path):
+    first = two_days / "first"
+    table = rebiased(first, first / "fit" / "model_tinygc_denoised.json", tmp_path, "--bias", "start")
+    fitted = json.loads((first / "fit" / "fit.json").read_text())["methods"]["tinygc_denoised"]["train"]
+    assert table["methods"]["stored"]["holdout"]["tilt_rms_deg"] == pytest.approx(fitted["tilt_rms_deg"], rel=1e-6)
+
+
+def test_a_bias_under_a_wrong_matrix_is_said_to_be_doubtful(two_days, tmp_path):
+    E = np.eye(3) + np.array([[0.02, 0.01, 0], [0, -0.02, 0.01], [0.01, 0, 0.02]])
+    (tmp_path / "wrong.json").write_text(json.dumps(models.to_dict(LinearModel(E, np.zeros(3)))))
+    table = rebiased(two_days / "first", tmp_path / "wrong.json", tmp_path / "o", "--bias", "gravity")
+    assert any("start and gravity differ by" in line and "uncalibrated" in line for line in table["bias"]["remarks"])
+    assert max(table["bias"]["sigma_dps"]["gravity"]) > 0.015  # 0.007 with a calibrated E
+
+
+def test_a_segment_left_out_is_not_judged(two_days, tmp_path):
+    model = two_days / "first" / "fit" / "model_least_squares.json"
+    whole = rebiased(two_days / "second", model, tmp_path / "a", "--bias", "start")
+    less = rebiased(two_days / "second", model, tmp_path / "b", "--bias", "start", "--exclude", "2", "--no-earth")
+    assert less["segments"]["used"] == whole["segments"]["used"] - 1
+    assert {entry["segment"] for entry in less["segments"]["rejected"]} == {2}
+    assert less["methods"]["stored"]["holdout"] != whole["methods"]["stored"]["holdout"]
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        ["--resume"],
+        ["--optimizer", "adamw"],
+        ["--variant", "published"],
+        ["--physics", "auto"],
+        ["--conditions", "force"],
+        ["--methods", "raw"],
+        ["--folds", "3"],
+        ["--still-rates"],
+        ["--integrator", "first-order"],
+        ["--loss", "distance"],
+        ["--epochs", "5"],
+        ["--denoise-loss", "still"],
+        ["--denoise-delay", "5"],
+        ["--parts", "2"],
+        ["--bias-per-log"],
+    ],
+)
+def test_what_a_bias_of_the_day_does_not_heed_is_refused(two_days, more, capsys):
+    model = two_days / "first" / "fit" / "model_least_squares.json"
+    assert calibrate.main(["fit", str(two_days / "second"), "--model", str(model), "--bias", "start", *more]) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.startswith(f"calibrate: {more[0]}: ")
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("more", [["--methods", "raw"], ["--methods", "tinygc"], ["--methods", "raw", "--optimizer", "adamw"]])
+def test_nothing_to_resume_is_said(two_days, more, capsys):
+    assert calibrate.main(["fit", str(two_days / "second"), "--resume", *more]) == 2
+    assert "--optimizer adamw" in capsys.readouterr().err
 
 
 def test_the_limit_looks_at_what_was_asked_for(two_days, tmp_path, capsys):

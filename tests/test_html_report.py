@@ -149,6 +149,13 @@ def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, si
     line = unescape(re.search(r"<code>(omega = tinygc[^<]*)</code>", page)[1])
     assert line == 'omega = tinygc.load("model_physics.json")(m, acc=acc)'
     (tmp_path / "model_physics.json").write_bytes(b64decode(re.search(r"data:application/json;base64,([^\"]+)", page)[1]))
+    offered = json.loads((tmp_path / "model_physics.json").read_text())
+    covariance = np.array(offered["covariance"])  # the page points to it
+    assert "covariance, which the model" in page
+    assert len(offered["covariance_of"]) == len(covariance) == 12 + 9
+    assert offered["covariance_of"][-1] == "gyro.g_sensitivity[8]"
+    assert np.sqrt(np.diag(covariance)[12:]).max() / DEG * G < 0.1
+    assert np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() > 0
     rng = np.random.default_rng(0)
     names = {"tinygc": tinygc, "m": rng.normal(size=(50, 3)), "acc": 9.8 * rng.normal(size=(50, 3))}
     exec(line.replace("model_physics.json", str(tmp_path / "model_physics.json")), names)
@@ -162,7 +169,7 @@ def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, si
     assert there["K"] / DEG == pytest.approx(K, abs=0.02)
 
 
-@pytest.mark.parametrize(("limit", "code", "word"), [("5", 0, "Pass"), ("0.0001", 1, "Fail")])
+@pytest.mark.parametrize(("limit", "code", "word"), [("5", 0, "Pass, with doubts"), ("0.0001", 1, "Fail")])
 def test_the_limit_decides(simulated, tmp_path, capfd, limit, code, word):
     out = tmp_path / "r.html"
     assert calibrate.main(["report", str(simulated()), "--out", str(out), *QUICK, "--limit", limit]) == code

@@ -8,6 +8,7 @@ import pytest
 import calibrate
 from session.folder import read_session
 from session.units import DEG, G
+from tinygc.linear import NAMES
 from tinygc.models import load
 from tinygc.physics.model import fit_physics
 from tinygc.problem import build_problem
@@ -74,6 +75,22 @@ def test_the_saved_model_undoes_the_effect(warm):
         drift[name] = np.linalg.norm(np.polyfit(np.arange(len(means)), means, 1)[0]) * len(means) / DEG
     assert drift["linear"] > 0.1
     assert drift["physics"] < 0.01
+
+
+def test_the_saved_model_says_how_well_it_is_known(warm):
+    folder, _ = warm
+    table = json.loads((folder / "fit" / "model_physics.json").read_text())
+    covariance = np.array(table["covariance"])
+    assert table["covariance_of"][:12] == list(NAMES)
+    assert table["covariance_of"][12:] == [f"gyro.thermal_bias[{i}]" for i in range(3)]
+    assert covariance.shape == (15, 15)
+    (effect,) = table["effects"]
+    assert np.abs((np.array(effect["theta_si"]) - PER_C * DEG) / np.sqrt(np.diag(covariance)[12:])).max() < 4
+    assert "covariance" not in json.loads((folder / "fit" / "model_tinygc_physics.json").read_text())
+    assert calibrate.main(["export", str(folder), "--to", "json", "--model", "physics", "--quiet"]) == 0
+    (path,) = (folder / "export").glob("*.json")
+    assert json.loads(path.read_text())["covariance_of"] == table["covariance_of"]
+    assert isinstance(load(path), type(load(folder / "fit" / "model_physics.json")))
 
 
 def test_what_explain_refuses_is_not_fitted(tmp_path, capsys):

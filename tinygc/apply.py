@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import gzip
 import itertools
-import json
 import sys
 from collections import deque
 from collections.abc import Callable
@@ -25,7 +24,7 @@ from session.pace import pace_of
 from session.units import DEG
 from tinygc import models
 from tinygc.calibration import Calibration, Stream
-from tinygc.files import whole
+from tinygc.files import read_json, whole
 
 #: what is written: below the noise of any MEMS sensor by three orders
 DECIMALS = {"rps": 9, "dps": 7, "mps2": 6, "c": 4}
@@ -110,13 +109,13 @@ def _surroundings(model_path: Path, log: Path, session: Path | None) -> _Surroun
     if session is not None or (log.is_file() and (folder / "session.toml").exists()):
         config = read_config(folder / "session.toml")
         return _Surroundings(config.sensor.gyro_fs_dps, config.sensor.accel_fs_g, config.accelerometer)
-    table = json.loads(model_path.read_text(encoding="utf-8"))
+    table = read_json(model_path)
     sensor, accelerometer = table.get("sensor"), table.get("accelerometer")
     try:
         matrix, bias = (np.array(accelerometer[key], dtype=float) for key in ("matrix", "bias_mps2"))
         before = Accelerometer(matrix.reshape(3, 3), bias.reshape(3))
         return _Surroundings(float(sensor["gyro_fs_dps"]), float(sensor["accel_fs_g"]), before)
-    except (KeyError, TypeError, ValueError):
+    except (AttributeError, KeyError, TypeError, ValueError):
         return _Surroundings()
 
 

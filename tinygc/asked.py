@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from session.errors import FormatError
+from tinygc.files import read_json
 from tinygc.provenance import sha256_of
 
 
 def asked(folder: Path) -> str | None:
     """``next`` of DIR/explain/explain.json; None where nothing was explained, nothing asked, or the logs are not those any more."""
     try:
-        explained = json.loads((folder / "explain" / "explain.json").read_text(encoding="utf-8"))
+        explained = read_json(folder / "explain" / "explain.json")
         words, logs = explained.get("next"), explained.get("logs", {}).items()
-    except (OSError, ValueError, AttributeError, RecursionError):
+    except (FormatError, AttributeError):
         return None
     if not isinstance(words, str) or not words:
         return None

@@ -16,7 +16,6 @@ freedom; with two sessions it is the difference's d^T (P_1 + P_2)^-1 d.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +27,7 @@ from session.errors import DataError, FormatError
 from session.folder import log_paths
 from tinygc import models
 from tinygc.field_parameters import WORDS, field_jacobian, field_vector
+from tinygc.files import read_json
 from tinygc.linear import NAMES, LinearModel
 from tinygc.provenance import sha256_of
 
@@ -106,8 +106,7 @@ def read_calibrated(folder: Path) -> Calibrated:
     if not path.exists():
         raise FormatError(f"{path}: not found; run `calibrate.py fit {folder}` first")
     model = models.load(path)
-    table = json.loads(path.read_text(encoding="utf-8"))
-    covariance = np.asarray(table.get("covariance", []), dtype=float)
+    covariance = _matrix((table := read_json(path)).get("covariance"))
     if not isinstance(model, LinearModel) or covariance.shape != (12, 12) or not np.isfinite(covariance).all():
         raise FormatError(f"{path}: no linear model with a covariance of 12 x 12; run `calibrate.py fit {folder}` again")
     if np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() <= 0:
@@ -115,14 +114,24 @@ def read_calibrated(folder: Path) -> Calibrated:
     notes = []
     fit = folder / "fit" / "fit.json"
     try:
-        p_value = json.loads(fit.read_text(encoding="utf-8"))["goodness"]["p_value"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{fit}: cannot be read ({type(error).__name__}); run `calibrate.py fit {folder}` again") from None
+        p_value = float(read_json(fit)["goodness"]["p_value"])
+    except FormatError as error:
+        raise FormatError(f"{error}; run `calibrate.py fit {folder}` again") from None
+    except (ValueError, KeyError, TypeError):
+        raise FormatError(f"{fit}: goodness.p_value is missing or no number; run `calibrate.py fit {folder}` again") from None
     if p_value < DIFFERS_P:
         notes.append("its closure is above its noise floor: its sigmas are widened for that, and `explain` says why")
-    unobserved = tuple(name for name in table.get("unobserved", []) if name in NAMES)
+    unobserved = tuple(name for name in NAMES if name in (table.get("unobserved") or ()))
     hashes = tuple(sha256_of(log) for log in log_paths(folder, "log"))
     return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes))
+
+
+def _matrix(entry) -> np.ndarray:
+    """An array of numbers; an empty one where the entry is none."""
+    try:
+        return np.asarray(entry, dtype=float)
+    except (TypeError, ValueError):
+        return np.empty(0)
 
 
 def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:

@@ -1,4 +1,4 @@
-"""Writing results."""
+"""Results as files: JSON read with one line for all that can be wrong with it, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -6,8 +6,29 @@ import contextlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+from session.errors import FormatError
 from session.writing import naming
+
+#: an integer of more digits is read as a float, infinite where it must be: no reader of numbers then meets one that no float can hold
+LONGEST_INTEGER = 18
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file holds.  FormatError says what is wrong with the file."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"), parse_int=_integer)
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except ValueError as error:
+        raise FormatError(f"{path}: broken JSON: {error}") from None
+    except RecursionError:
+        raise FormatError(f"{path}: broken JSON: lists or tables nested too deeply") from None
+
+
+def _integer(digits: str) -> int | float:
+    return int(digits) if len(digits) <= LONGEST_INTEGER else float(digits)
 
 
 def write_whole(path: Path, table: dict) -> None:

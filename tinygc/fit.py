@@ -36,7 +36,8 @@ class FitResult:
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
     ``goodness.excess``; other_choice: least squares with the opposite choice of still rates; first_order_rad: the largest error of
     the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
-    were not fitted again, but taken from what had been saved; bias_sigma_rps (3,): spread of the logs' biases, where each had its own.
+    were not fitted again, but taken from what had been saved; lost_s: with physics, moments in each run after which samples seem to be
+    missing; bias_sigma_rps (3,): spread of the logs' biases, where each had its own.
     """
 
     problem: Problem
@@ -53,6 +54,7 @@ class FitResult:
     physics: PhysicsFit | None = None
     reused: tuple[str, ...] = ()
     bias_sigma_rps: np.ndarray | None = None
+    lost_s: tuple[np.ndarray, ...] = ()
 
     @property
     def session(self) -> Session:
@@ -95,14 +97,16 @@ def fit_session(
         fits[METHOD] = run_conditions(problem, options, options.conditions, lambda done, of: progress(words, done, of))
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or run_method("least_squares", problem, options)
-    physics = None
+    physics, lost = None, ()
     if options.physics is not None:
+        from tinygc.physics.losses import lost_in
         from tinygc.physics.methods import physics_methods
         from tinygc.physics.methods import run_errors as physics_errors
 
         ids = None if options.physics == ("auto",) else options.physics
         physics, more = physics_methods(problem, options, ids, lambda what: progress(what, 0, 1))
         fits |= more
+        lost = tuple(lost_in(run) for run in runs)
         errors = [
             error | {name: physics_errors(run, fit, physics) for name, fit in more.items()} for run, error in zip(runs, errors, strict=True)
         ]
@@ -118,6 +122,7 @@ def fit_session(
         runs=runs,
         run_errors=errors,
         physics=physics,
+        lost_s=lost,
         goodness=found,
         linear=linear,
         covariance=covariance,
@@ -172,6 +177,7 @@ def to_json(result: FitResult) -> dict:
             "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
             "accel_g_rthz": (problem.noise.accel / G).tolist(),
             "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
+            **({} if result.physics is None else {"closure_floor_mended_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
         },
         "goodness": vars(result.goodness),
         "unobserved": result.linear.notes.get("unobserved", []),
@@ -196,9 +202,10 @@ def to_json(result: FitResult) -> dict:
                 "duration_s": run.duration_s,
                 "floor_rmse_deg": float(np.sqrt(np.mean(run.floor_rad**2))) / DEG,
                 "earth": run.earth.source,
+                **({} if result.physics is None else {"lost_at_s": np.round(result.lost_s[number], 3).tolist()}),
                 **{name: run_figures(error) for name, error in errors.items()},
             }
-            for run, errors in zip(result.runs, result.run_errors, strict=True)
+            for number, (run, errors) in enumerate(zip(result.runs, result.run_errors, strict=True))
         ],
         "still_rates": {"used": result.options.still_rates, "other_choice_holdout": closure_figures(result.other_choice.held_out)},
         "options": {
@@ -219,16 +226,21 @@ def to_json(result: FitResult) -> dict:
 def save_models(result: FitResult, folder: Path | None = None) -> Path:
     """Write each method's model, and the figures, into a folder, the session's ``fit`` by default; returns that folder."""
     folder = folder or result.session.folder / "fit"
+    hashes = input_hashes(result.session)
     with result_folder(folder):
         for name, fit in result.methods.items():
-            more = {"method": name, "session": result.session.name, "version": tinygc.__version__}
+            more = {"method": name, "session": result.session.name, "sha256": hashes, "version": tinygc.__version__}
             if fit is result.linear:
                 more["covariance"] = result.covariance.tolist()
                 more["unobserved"] = fit.notes.get("unobserved", [])
+            if name == "physics":
+                from tinygc.physics.covariance import covariance_table, rate_covariance
+
+                more |= covariance_table(result.physics.model.claims, rate_covariance(result.physics.fit))
             if result.bias_sigma_rps is not None:
                 more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
             write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
-        made = saved_fit.made_from(result.options, input_hashes(result.session), result.methods)
+        made = saved_fit.made_from(result.options, hashes, result.methods)
         write_whole(folder / "fit.json", to_json(result))
         write_whole(folder / saved_fit.NAME, made)
     return folder

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
 from session.errors import FormatError
+from tinygc.files import read_json
 from tinygc.linear import LinearModel
 from tinygc.network import files as network_files
 from tinygc.network.published import PublishedNet
 from tinygc.network.subnet import CalibrationNet
 
-SCHEMA = "tinygc-model/1"
+SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"
 EQUATIONS = {
     "linear": "omega = E @ m + B, m the measured rate in rad/s",
     "tinygc": "h = W1 @ m + b1; omega = m + W2 @ (h if h >= 0 else slope * h) + b2, m the measured rate in rad/s",
@@ -25,10 +25,10 @@ def to_dict(model: LinearModel | CalibrationNet, **more) -> dict:
     """JSON-ready, with schema, equation and units; ``more`` is added as it is."""
     writer = _writer(model)
     if writer is not None:
-        return {"schema": SCHEMA, "units": "rad/s in, rad/s out", **writer(model), **more}
+        return {"schema": SCHEMA, "units": UNITS, **writer(model), **more}
     kind = "tinygc" if isinstance(model, CalibrationNet) else "linear"
     weights = {field.name: np.asarray(getattr(model, field.name)).tolist() for field in fields(model)}
-    return {"schema": SCHEMA, "kind": kind, "equation": EQUATIONS[kind], "units": "rad/s in, rad/s out", "weights": weights, **more}
+    return {"schema": SCHEMA, "kind": kind, "equation": EQUATIONS[kind], "units": UNITS, "weights": weights, **more}
 
 
 def _writer(model):
@@ -52,6 +52,8 @@ def from_dict(table: dict, where: str = "model") -> LinearModel | CalibrationNet
     """The model; FormatError says what is wrong with the table."""
     if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         raise FormatError(f'{where}: no model of this tool, expected "schema": "{SCHEMA}"')
+    if (units := table.get("units", UNITS)) != UNITS:
+        raise FormatError(f'{where}: units are {units!r}, expected "{UNITS}"; convert the numbers, or fit again')
     kind = table.get("kind")
     if kind in ("physics", "tinygc_physics"):
         from tinygc.physics.files import physics_from_dict
@@ -83,9 +85,8 @@ def from_dict(table: dict, where: str = "model") -> LinearModel | CalibrationNet
 
 def load(path: Path | str) -> LinearModel | CalibrationNet:
     """Read a model file."""
+    table = read_json(Path(path))
     try:
-        return from_dict(json.loads(Path(path).read_text(encoding="utf-8")), str(path))
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except ValueError as error:
-        raise FormatError(f"{path}: broken JSON: {error}") from None
+        return from_dict(table, str(path))
+    except RecursionError:
+        raise FormatError(f"{path}: models nested too deeply, expected at most a model within a model") from None

@@ -24,6 +24,7 @@ TITLES = {
     "tinygc_physics": "TinyGC-Net with physics",
 }
 NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
+SAME_FLOOR = 0.01  #: two floors that differ by less are one
 LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
 
 
@@ -110,6 +111,9 @@ def _methods(result: FitResult) -> Table:
         )
     floor = f"{result.problem.floor.tilt_rms / DEG:.4f}"
     table.add_row("noise floor", "", floor, floor, style="dim")
+    if result.physics is not None and abs(result.physics.problem.floor.tilt_rms / result.problem.floor.tilt_rms - 1) > SAME_FLOOR:
+        mended = f"{result.physics.problem.floor.tilt_rms / DEG:.4f}"
+        table.add_row("noise floor of the mended log (physics)", "", mended, mended, style="dim")
     folds = min(result.options.folds, len(result.problem.used))
     table.caption = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
     table.caption_justify = "left"
@@ -173,6 +177,7 @@ def _remarks(result: FitResult) -> list[Text]:
     remarks += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
         remarks.append(Text(_physics_words(result), "cyan"))
+        remarks += [Text(f"{run.file}: {words}.", "yellow") for run, words in _losses(result) if words]
     unobserved = result.linear.notes.get("unobserved")
     if unobserved:
         remarks.append(Text(f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways.", "yellow"))
@@ -190,6 +195,13 @@ def _remarks(result: FitResult) -> list[Text]:
     )
     remarks.append(Text(f"The paper's first-order integrator would err by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
     return remarks
+
+
+def _losses(result: FitResult):
+    """Each closure run, with what is to be said of samples lost in it."""
+    from tinygc.physics.losses import loss_words
+
+    return [(run, loss_words(lost)) for run, lost in zip(result.runs, result.lost_s, strict=True)]
 
 
 def _denoiser_words(figures: dict) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 import tinygc
 from session.errors import CalibrationError
 from tinygc import models
+from tinygc.files import read_json
 from tinygc.methods import FitOptions, MethodFit
 from tinygc.problem import Problem
 
@@ -37,11 +37,11 @@ def _entry(fit: MethodFit) -> dict:
 def saved_methods(folder: Path, problem: Problem, options: FitOptions, hashes: dict[str, str]) -> dict[str, MethodFit]:
     """The methods asked for that a folder of ``fit`` holds for this very problem; none where anything differs or cannot be read."""
     try:
-        table = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        table = read_json(folder / NAME)
         if table["key"] != key(options, hashes):
             return {}
         found = {name: _read(folder, name, table["methods"][name], problem) for name in options.methods if name in table["methods"]}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, CalibrationError):
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, CalibrationError):
         return {}
     if "tinygc_denoised" in options.methods and "tinygc_denoised" not in found:
         found.pop("tinygc", None)  # the denoiser is trained on the fits of the folds, which are not saved

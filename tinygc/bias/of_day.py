@@ -53,6 +53,12 @@ class BiasOfDay:
     knots_s: np.ndarray
     walk: np.ndarray
 
+    @property
+    def excess(self) -> float:
+        """How much farther the bias walked than a bias does, as a factor of at least 1: what a wrong E leaves looks like it."""
+        steps = np.diff(self.walk, axis=0) / (WALK * np.sqrt(np.diff(self.knots_s)))[:, None]
+        return float(np.sqrt(max(1.0, np.mean(steps**2)))) if steps.size else 1.0
+
 
 def bias_from_gravity(
     samples: Samples,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
@@ -15,20 +14,26 @@ from session.errors import CalibrationError, SegmentError
 from session.folder import Session, read_session
 from session.rests import find_rests
 from session.truth import moments_inside
-from session.units import DEG
-from tinygc import models
+from session.units import DEG, G
+from tinygc import models, provenance
 from tinygc.bias.of_day import DAY_SIGMA_RPS, BiasOfDay, bias_from_gravity
+from tinygc.bias.origin import Origin, origin_of
 from tinygc.closure_run import ClosureRun, read_closure_runs
-from tinygc.files import write_whole
+from tinygc.files import read_json, write_whole
 from tinygc.fit import SCHEMA, closure_figures, run_figures, stop_at_errors
 from tinygc.methods import closure_angles
 from tinygc.problem import Problem, build_problem
+
+MODEL, FIGURES = "model_rebiased.json", "rebiased.json"
+#: the first still and gravity that differ by so many sigmas do not speak of the same bias
+DISAGREE_SIGMAS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Rebiased:
     """problem, runs of the new session; stored model; changes (3,) rad/s to its calibrated rate by source, with sigma (3,) or None;
-    source that was asked for; angles (S, d) rad that each leaves, and run errors, by "stored" and source."""
+    source that was asked for; angles (S, d) rad that each leaves, and run errors, by "stored" and source; path of the stored model, and
+    its origin."""
 
     problem: Problem
     runs: list[ClosureRun]
@@ -38,11 +43,20 @@ class Rebiased:
     angles: dict[str, np.ndarray]
     run_errors: list[dict[str, np.ndarray]]
     path: Path
+    origin: Origin
 
     @property
     def model(self):
         """The stored calibration with the bias that was asked for."""
         return with_change(self.stored, self.changes[self.source][0])
+
+    @property
+    def disagreement(self) -> float:
+        """Sigmas between the first still's bias and gravity's, on the axis where it is most; 0 without both."""
+        if not {"start", "gravity"} <= set(self.changes):
+            return 0.0
+        (start, one), (gravity, other) = self.changes["start"], self.changes["gravity"]
+        return float(np.max(np.abs(start - gravity) / np.hypot(one, other)))
 
 
 def rebias_session(
@@ -52,17 +66,19 @@ def rebias_session(
     given_dps: np.ndarray | None = None,
     *,
     use_earth: bool = True,
+    exclude: tuple[int, ...] = (),
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
 ) -> Rebiased:
     """Take the bias from ``source``, and from the others for comparison where they can be had.
 
-    given_dps (3,): what the sensor reads at rest.  Raises SegmentError where ``source`` needs a still or a rest and there is none.
+    given_dps (3,): what the sensor reads at rest; exclude: numbers of segments that the closure is not judged by.
+    Raises SegmentError where ``source`` needs a still or a rest and there is none.
     """
     session = read_session(folder, lambda name: progress(f"reading {name}", 0, 3))
     stop_at_errors(check_session(session))
     stored = models.load(path)
     with_change(stored, np.zeros(3))  # a kind whose bias cannot be moved is refused before the work
-    problem = build_problem(session, use_earth=use_earth, progress=lambda what: progress(what, 1, 3))
+    problem = build_problem(session, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 1, 3))
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]] = {}
     if (start := from_start(problem, stored)) is not None:
         changes["start"] = start
@@ -75,9 +91,19 @@ def rebias_session(
         raise SegmentError(f"{folder}: no still and no rest to take the bias from; use --bias gravity, or --bias given --bias-dps X,Y,Z")
     all_models = {"stored": stored} | {name: with_change(stored, change) for name, (change, _) in changes.items()}
     runs = read_closure_runs(problem)
-    angles = {name: closure_angles(problem.batch, model) for name, model in all_models.items()}
+    angles = {name: _closure(problem, model) for name, model in all_models.items()}
     errors = [{name: run.errors(model) for name, model in all_models.items()} for run in runs]
-    return Rebiased(problem, runs, stored, changes, source, angles, errors, path)
+    return Rebiased(problem, runs, stored, changes, source, angles, errors, path, origin_of(path, session))
+
+
+def _closure(problem: Problem, model) -> np.ndarray:
+    """Error angles (S, d) rad, as ``fit`` judges the same model: a denoiser's delay is allowed for."""
+    if hasattr(model, "denoiser"):
+        from tinygc.denoising.material import of_problem
+        from tinygc.denoising.method import denoised_angles
+
+        return denoised_angles(of_problem(problem), model)
+    return closure_angles(problem.batch, model)
 
 
 def with_change(model, change: np.ndarray):
@@ -109,7 +135,7 @@ def from_gravity(problem: Problem, model, prior: np.ndarray | float = DAY_SIGMA_
     """From all logs of a session, one after the other: what one has found is the next one's prior."""
     # A denoised rate comes late, and beside the accelerometer that passes for a bias; the denoiser itself has none.
     model = getattr(model, "calibration", model)
-    change, sigma, found = np.zeros(3), prior, None
+    change, sigma, found, excess = np.zeros(3), prior, None, 1.0
     g = problem.session.config.site.expected_gravity_mps2
     for number, log in enumerate(problem.logs):
         row, q_first, earth_n = _first_attitude(problem, number)
@@ -118,8 +144,9 @@ def from_gravity(problem: Problem, model, prior: np.ndarray | float = DAY_SIGMA_
         found = bias_from_gravity(
             samples, rate, q_first, prior=sigma, rest=_rest_change(log, model, change), earth_n=earth_n, gravity_mps2=g
         )
-        change, sigma = change + found.change, found.sigma
-    return replace(found, change=change)
+        change, sigma, excess = change + found.change, found.sigma, max(excess, found.excess)
+    # A wrong E turns each turn into a bias of its own: they scatter by far more than a bias walks, and so does their mean.
+    return replace(found, change=change, sigma=found.sigma * excess, direction_sigma=found.direction_sigma * excess)
 
 
 def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.ndarray]:
@@ -152,12 +179,13 @@ def _at_rest(model, rate: np.ndarray) -> np.ndarray:
 
 def _day_sigma(path: Path) -> np.ndarray | float:
     """(3,) rad/s from the model's own file, where the fit has seen several days; else what is usual."""
-    found = json.loads(path.read_text(encoding="utf-8")).get("bias_sigma_rps")
+    found = read_json(path).get("bias_sigma_rps")
     return DAY_SIGMA_RPS if found is None else np.maximum(np.asarray(found, dtype=float), 1e-6)
 
 
 def rebias_to_json(result: Rebiased) -> dict:
-    """``tinygc-fit/1``: the stored calibration, and it with the bias of each source, as methods that nothing here was fitted to."""
+    """``tinygc-fit/1``: the stored calibration, and it with the bias of each source, as methods.  No E was fitted here: all is held out,
+    unless ``bias.fitted_here`` says that the stored model is this session's own."""
     session: Session = result.problem.session
 
     def figures(name: str) -> dict:
@@ -173,15 +201,19 @@ def rebias_to_json(result: Rebiased) -> dict:
             "found": len(result.problem.segments),
             "used": len(result.problem.used),
             "rejected": [{"segment": s.number, "why": s.problem} for s in result.problem.segments if not s.accepted],
+            "notes": [{"segment": s.number, "note": s.note} for s in result.problem.segments if s.accepted and s.note],
         },
         "noise": {
             "gyro_dps_rthz": (result.problem.noise.gyro / DEG).tolist(),
+            "accel_g_rthz": (result.problem.noise.accel / G).tolist(),
             "closure_floor_rms_deg": result.problem.floor.tilt_rms / DEG,
         },
         "methods": {name if name == "stored" else f"stored_{name}": figures(name) for name in result.angles},
         "bias": {
             "model": str(result.path),
             "source": result.source,
+            "fitted_here": result.origin.here,
+            "remarks": remarks(result),
             "change_dps": {name: (change / DEG).tolist() for name, (change, _) in result.changes.items()},
             "sigma_dps": {name: None if sigma is None else (sigma / DEG).tolist() for name, (_, sigma) in result.changes.items()},
         },
@@ -195,18 +227,43 @@ def rebias_to_json(result: Rebiased) -> dict:
 
 
 def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
-    """Write ``model_rebiased.json`` and ``fit.json`` into a folder, the session's ``fit`` by default; returns that folder."""
-    folder = folder or result.problem.session.folder / "fit"
+    """Write ``model_rebiased.json`` and ``rebiased.json`` into a folder, the session's ``fit`` by default; returns that folder.
+
+    ``fit.json`` belongs to the models that were fitted there, and stays.
+    """
+    session = result.problem.session
+    folder = folder or session.folder / "fit"
     folder.mkdir(parents=True, exist_ok=True)
-    more = {"method": f"stored, bias {result.source}", "session": result.problem.session.name, "version": tinygc.__version__}
-    write_whole(folder / "model_rebiased.json", models.to_dict(result.model, **more))
-    write_whole(folder / "fit.json", rebias_to_json(result))
+    table = read_json(result.path)
+    before = table["stored"] if isinstance(table.get("stored"), dict) else table
+    more = {
+        "method": f"stored, bias {result.source}",
+        "session": session.name,
+        "sha256": provenance.input_hashes(session),
+        "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
+        "version": tinygc.__version__,
+    }
+    write_whole(folder / MODEL, models.to_dict(result.model, **more))
+    write_whole(folder / FIGURES, rebias_to_json(result))
     return folder
+
+
+def remarks(result: Rebiased) -> list[str]:
+    """What to know about the figures."""
+    said = [f"{result.origin.says}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
+    if result.disagreement > DISAGREE_SIGMAS:
+        said.append(
+            f"start and gravity differ by {result.disagreement:.0f} sigmas: E is not this sensor's (an uncalibrated model?), or its zero "
+            "moves between rest and motion; one of the two sigmas does not hold"
+        )
+    return said
 
 
 def rebias_report(result: Rebiased):
     """A table for the terminal."""
+    from rich.console import Group
     from rich.table import Table
+    from rich.text import Text
 
     titles = {"stored": "stored bias", "start": "bias start", "gravity": "bias gravity", "given": "bias given"}
     table = Table(title=f"{result.path.name} in {result.problem.session.name}", title_justify="left", title_style="bold", box=None)
@@ -222,5 +279,6 @@ def rebias_report(result: Rebiased):
         yaw = "–" if own["yaw_rms_deg"] is None else f"{own['yaw_rms_deg']:.4f}"
         rmse = [f"{run_figures(errors[name])['rmse_deg']:.4f}" for errors in result.run_errors]
         table.add_row(titles[name], *cells, f"{own['tilt_rms_deg']:.4f}", yaw, *rmse, style="bold" if name == result.source else "")
-    table.caption, table.caption_justify = "nothing here was fitted to these segments; bold is what is saved", "left"
-    return table
+    table.caption, table.caption_justify = "bold is what is saved", "left"
+    first, *warnings = remarks(result)
+    return Group(table, Text(f"{first[0].upper()}{first[1:]}."), *(Text(f"{each[0].upper()}{each[1:]}.", "yellow") for each in warnings))

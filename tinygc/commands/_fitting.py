@@ -69,3 +69,11 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
         conditions=args.conditions,
         bias_per_log=args.bias_per_log,
     )
+
+
+def given(args: argparse.Namespace, but: tuple[str, ...]) -> list[str]:
+    """Options of a fit that were asked for otherwise than by default, as a person writes them; ``but`` those that are heeded."""
+    parser = argparse.ArgumentParser(add_help=False)
+    add_fit_arguments(parser)
+    usual = {**vars(parser.parse_args([])), "resume": False, "physics": None}
+    return [f"--{name.replace('_', '-')}" for name, value in usual.items() if name not in but and getattr(args, name) != value]

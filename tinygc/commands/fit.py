@@ -9,9 +9,11 @@ from pathlib import Path
 
 from session.errors import CalibrationError
 from tinygc.arguments import positive, three
-from tinygc.commands._fitting import add_fit_arguments, fit_options
+from tinygc.commands._fitting import add_fit_arguments, fit_options, given
 from tinygc.commands._results import output, try_destinations, write_json
 
+#: what a bias of the day heeds of a fit's arguments
+HONOURED = ("exclude", "no_earth")
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
 
 
@@ -33,6 +35,11 @@ def run(args: argparse.Namespace) -> int:
     """From a session to models and closure figures."""
     if args.bias or args.model or args.bias_dps:
         return _rebias(args)
+    if args.resume and not _resumable(args):
+        raise CalibrationError(
+            "--resume goes on with an adamw training, and this fit has none; add --optimizer adamw and a method that is trained "
+            "(tinygc or tinygc_denoised), or leave --resume out"
+        )
     from tinygc.console import progress_bar
     from tinygc.fit import fit_session, save_models, to_json
     from tinygc.network.adamw import forget
@@ -67,6 +74,11 @@ def _physics(words: str) -> tuple[str, ...]:
     return ids
 
 
+def _resumable(args: argparse.Namespace) -> bool:
+    """Whether anything of the fit is trained by adamw."""
+    return args.optimizer == "adamw" and bool({"tinygc", "tinygc_denoised"} & set(args.methods))
+
+
 def _rebias(args: argparse.Namespace) -> int:
     """A stored calibration with the bias of the day."""
     if args.model is None or args.bias is None or (args.bias == "given") != (args.bias_dps is not None):
@@ -74,16 +86,22 @@ def _rebias(args: argparse.Namespace) -> int:
             "a bias of the day needs the stored calibration and its source: --model FILE --bias start, or --bias gravity, "
             "or --bias given --bias-dps X,Y,Z"
         )
-    from tinygc.bias.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
+    if idle := given(args, HONOURED):
+        raise CalibrationError(
+            f"{', '.join(idle)}: of no use with --model and --bias, which fit nothing and take only the bias anew; "
+            f"leave {'it' if len(idle) == 1 else 'them'} out"
+        )
+    from tinygc.bias.rebias import MODEL, rebias_report, rebias_session, rebias_to_json, save_rebiased
     from tinygc.console import progress_bar
 
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
-        result = rebias_session(args.folder, args.model, args.bias, args.bias_dps, use_earth=not args.no_earth, progress=progress)
+        how = {"use_earth": not args.no_earth, "exclude": tuple(dict.fromkeys(args.exclude)), "progress": progress}
+        result = rebias_session(args.folder, args.model, args.bias, args.bias_dps, **how)
     table = rebias_to_json(result)
     folder = save_rebiased(result, args.out)
     output(args).print(rebias_report(result))
-    output(args).print(f"model: {folder / 'model_rebiased.json'}", soft_wrap=True)
+    output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
     write_json(args.json, table)
     chosen = f"stored_{args.bias}"
     only = {

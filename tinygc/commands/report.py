@@ -36,9 +36,11 @@ def run(args: argparse.Namespace) -> int:
         evidence = gather(args.folder, fit_options(args), explain=not args.no_explain, limit_deg=args.limit, progress=progress)
     save(evidence, path)
     decision = evidence.decision
-    output(args).print(f"{'pass' if decision.passed else 'FAIL'}: {decision.rule}")
+    output(args).print(f"{decision.word if decision.passed else 'FAIL'}: {decision.rule}")
     for met, reason in decision.reasons:
         output(args).print(f"  {'met' if met else 'not met'}: {reason}")
+    for doubt in decision.doubts:
+        output(args).print(f"  in doubt: {doubt}")
     output(args).print(f"written: {path}", soft_wrap=True)
     write_json(args.json, summary(evidence))
     if args.limit is not None and not decision.passed:

@@ -39,9 +39,9 @@ def denoised_from_dict(table: dict, where: str, model_from_dict) -> DenoisedNet:
     try:
         entries = table["denoiser"]
         rate_hz, slope = float(table["rate_hz"]), float(entries["slope"])
-        dilations = tuple(int(value) for value in entries["dilations"])
+        dilations = tuple(_whole(value) for value in entries["dilations"])
         weights = {name: np.asarray(entries[name], dtype=float) for name in SHAPES}
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise FormatError(f"{where}: the denoiser cannot be read: {error}") from None
     for name, shape in SHAPES.items():
         if weights[name].shape != shape or not np.isfinite(weights[name]).all():
@@ -57,3 +57,10 @@ def denoised_from_dict(table: dict, where: str, model_from_dict) -> DenoisedNet:
     if isinstance(calibration, DenoisedNet) or not callable(calibration):
         raise FormatError(f"{where}: the denoiser's calibration is of a kind that it does not follow")
     return DenoisedNet(calibration, denoiser, rate_hz)
+
+
+def _whole(value) -> int:
+    """A dilation is a number of samples: 2.5 of them must not pass for 2."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != int(value):
+        raise ValueError(f"dilations hold {value!r}, expected whole numbers of samples")
+    return int(value)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from session.config import Config, read_config
-from session.errors import FormatError
 from session.folder import log_paths
 from session.logfile import read_log
 from session.units import DEG, G
 from tinygc import models
 from tinygc.exports import ExportError
+from tinygc.files import read_json
 from tinygc.provenance import sha256_of
 
 #: the method that is taken unless another is asked for
@@ -45,7 +44,7 @@ class Context:
 
     @property
     def covariance(self) -> np.ndarray | None:
-        """(12, 12) of E row by row, then B in rad/s; None where the method has none."""
+        """(12, 12) of E row by row, then B in rad/s; of physics the effects' theta after them; None where the method has none."""
         table = self.table.get("covariance")
         return None if table is None else np.asarray(table, dtype=float)
 
@@ -79,9 +78,7 @@ def read_context(folder: Path, method: str | None = None, say: Callable[[str], N
     if method is None and (folder / "fit" / "model_physics.json").exists():
         say("least squares is exported; the fit holds physics as well: --model physics")
     model = models.load(path)
-    table = json.loads(path.read_text(encoding="utf-8"))
-    beside = path.parent / "fit.json"
-    fit = _read_json(beside) if beside.exists() else {}
+    table, fit = read_json(path), _fit_beside(path)
     sources = [path, folder / "session.toml", *log_paths(folder, "log"), *log_paths(folder, "closure")]
     hashes = {source.name: sha256_of(source) for source in sources}
     name = table.get("session") if isinstance(table.get("session"), str) else folder.resolve().name
@@ -101,9 +98,9 @@ def _model_path(folder: Path, method: str | None) -> Path:
     return there[wanted]
 
 
-def _read_json(path: Path) -> dict:
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise FormatError(f"{path}: cannot be read: {error}") from None
+def _fit_beside(path: Path) -> dict:
+    """What was found with a model: ``rebiased.json`` for one whose bias was taken anew, ``fit.json`` for the others; empty without."""
+    names = ("rebiased.json", "fit.json") if path.name == "model_rebiased.json" else ("fit.json",)
+    beside = next((path.parent / name for name in names if (path.parent / name).exists()), None)
+    table = {} if beside is None else read_json(beside)
     return table if isinstance(table, dict) else {}

@@ -21,8 +21,8 @@ def export(model, context: Context) -> dict[str, str]:
     if context.covariance is not None:
         table |= {
             "covariance": context.covariance.tolist(),
-            "covariance_of": list(linear.NAMES),
-            "covariance_units": "E: 1, B: rad/s; product of the two parameters' units",
+            "covariance_of": context.table.get("covariance_of", list(linear.NAMES)),
+            "covariance_units": "E: 1, B: rad/s, of an effect as theta_si; product of the two parameters' units",
             "unobserved": context.table.get("unobserved", []),
         }
     table |= {

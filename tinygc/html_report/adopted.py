@@ -11,12 +11,15 @@ from tinygc import models
 from tinygc.closure_run import ClosureRun
 from tinygc.explain.explain import Explanation
 from tinygc.explain.movement import conditions
-from tinygc.explain.twin import Claim, State
+from tinygc.explain.twin import Claim
 from tinygc.field_parameters import Quantity, field_quantities
 from tinygc.fit import FitResult
 from tinygc.html_report.numbers import tilt_rms
 from tinygc.linear import LinearModel
+from tinygc.physics.covariance import covariance_table, rate_covariance, rows_of_rates
+from tinygc.physics.losses import loss_words, lost_in
 from tinygc.physics.model import PhysicsModel
+from tinygc.provenance import input_hashes
 from tinygc.uncertainty import MISMATCH_P
 from tinygc.wander import wander_covariance
 
@@ -26,25 +29,41 @@ LINEAR, PHYSICS = "least_squares", "physics"
 
 @dataclass(frozen=True, eq=False)
 class Adopted:
-    """name (least_squares or physics); model; angles (S, d) rad held out, of segments by their numbers; closure_p: of what it leaves;
+    """name (least_squares or physics); model; angles (S, d) rad held out, of segments by their numbers; floor_rms rad of tilt that
+    noise alone leaves on them; closure_p: of what it leaves on segments that it was fitted to, with closure_freedom degrees (None: with
+    more data than these segments);
     vector and covariance of its parameters (12 linear ones first, then the effects'); claims: the effects in it; errors (3,) rad of
-    each closure run and how probable more is from what is known to be uncertain; quantities in the field's words."""
+    each closure run and how probable more is from what is known to be uncertain; run_losses: a sentence for each run in which
+    samples seem lost, else none; quantities in the field's words."""
 
     name: str
     model: LinearModel | PhysicsModel
     angles: np.ndarray
     numbers: list[int]
+    floor_rms: float
     closure_p: float
+    closure_freedom: int | None
     vector: np.ndarray
     covariance: np.ndarray
     claims: tuple[Claim, ...]
     run_errors: list[np.ndarray]
     run_p: list[float]
+    run_losses: list[str]
     quantities: list[Quantity]
 
     @property
     def linear(self) -> LinearModel:
         return LinearModel.from_vector(self.vector[:12])
+
+    @property
+    def times_floor(self) -> float:
+        """Held-out closure over what noise alone leaves."""
+        return tilt_rms(self.angles) / self.floor_rms
+
+    @property
+    def in_numbers(self) -> str:
+        """By how much data its parameters are held."""
+        return f"{len(self.numbers)} segments for {len(self.vector)} parameters"
 
     @property
     def title(self) -> str:
@@ -68,7 +87,9 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         model=fit.linear.model,
         angles=fit.linear.held_out,
         numbers=[segment.number for segment in fit.problem.used],
+        floor_rms=fit.problem.floor.tilt_rms,
         closure_p=fit.goodness.p_value,
+        closure_freedom=fit.goodness.freedom,
         vector=vector,
         covariance=covariance,
         claims=(),
@@ -81,9 +102,7 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
     found = explanation.naming.fit
     claims = tuple(claim for claim in found.state.claims if claim.effect.kind == "rate")
     known = conditions(explanation.mended.problem)
-    rows = _rows_of_rates(found.state)
-    widen = max(1.0, found.chi_square / max(len(found.r) - found.J.shape[1], 1))
-    vector, covariance = found.state.vector[rows], found.covariance[np.ix_(rows, rows)] * widen
+    vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found)
 
     def model(trial: np.ndarray) -> PhysicsModel:
         at, changed = 12, []
@@ -101,23 +120,15 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
         model=model(vector),
         angles=explanation.proof.after,
         numbers=explanation.proof.after_numbers,
+        floor_rms=explanation.proof.floor_rms,
         closure_p=float(explanation.left["closure"]),
+        closure_freedom=None,
         vector=vector,
         covariance=covariance,
         claims=claims,
         **_runs(fit, vector, covariance, errors),
         quantities=field_quantities(vector[:12], covariance[:12, :12]),
     )
-
-
-def _rows_of_rates(state: State) -> np.ndarray:
-    """Of ``State.vector``: the linear model, and the effects that add to the rate."""
-    rows, at = list(range(12)), 15
-    for claim in state.claims:
-        if claim.effect.kind == "rate":
-            rows += range(at, at + len(claim.theta))
-        at += len(claim.theta)
-    return np.array(rows)
 
 
 def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Callable[[np.ndarray, ClosureRun], np.ndarray]) -> dict:
@@ -134,7 +145,7 @@ def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Ca
         expected = np.diag(run.floor_rad**2) + slope @ covariance @ slope.T + drift @ drift.T
         found.append(error)
         p.append(float(chi2.sf(error @ np.linalg.solve(expected, error), 3)))
-    return {"run_errors": found, "run_p": p}
+    return {"run_errors": found, "run_p": p, "run_losses": [loss_words(lost_in(run)) for run in fit.runs]}
 
 
 def _wander_since(fit: FitResult, run: ClosureRun) -> float:
@@ -154,7 +165,10 @@ def model_table(adopted: Adopted, fit: FitResult) -> dict:
     """The calibration as ``tinygc-model/1``, as ``fit`` saves it."""
     import tinygc
 
-    more = {"method": adopted.name, "session": fit.session.name, "version": tinygc.__version__}
+    hashes = input_hashes(fit.session)
+    more = {"method": adopted.name, "session": fit.session.name, "sha256": hashes, "version": tinygc.__version__}
     if adopted.name == LINEAR:
         more |= {"covariance": adopted.covariance.tolist(), "unobserved": fit.linear.notes.get("unobserved", [])}
+    else:
+        more |= covariance_table(adopted.claims, adopted.covariance)
     return models.to_dict(adopted.model, **more)

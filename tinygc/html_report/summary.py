@@ -18,15 +18,18 @@ def summary(evidence: Evidence) -> dict:
     return {
         "schema": SCHEMA,
         "session": evidence.fit.session.name,
-        "passed": decision.passed,
+        "passed": None if decision.answer == "not decided" else decision.passed,
+        "answer": decision.answer,
+        "doubts": decision.doubts,
         "rule": decision.rule,
         "limit_deg": evidence.limit_deg,
         "calibration": adopted.name,
         "effects": [claim.effect.id for claim in adopted.claims],
         "closure": {
             "holdout_tilt_rms_deg": tilt_rms(adopted.angles) / DEG,
-            "floor_rms_deg": evidence.problem.floor.tilt_rms / DEG,
+            "floor_rms_deg": adopted.floor_rms / DEG,
             "p_value": adopted.closure_p,
+            "degrees_of_freedom": adopted.closure_freedom,
             "runs": [
                 {"file": run.file, **run_figures(error), "p_value": p}
                 for run, error, p in zip(evidence.fit.runs, adopted.run_errors, adopted.run_p, strict=True)

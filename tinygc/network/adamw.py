@@ -8,7 +8,6 @@ so that no run is resumed with other data or settings.  That of a training that 
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import time
 from collections.abc import Callable
@@ -17,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from session.errors import FitError
-from tinygc.files import write_whole
+from session.errors import FitError, FormatError
+from tinygc.files import read_json, write_whole
 
 SCHEMA = "tinygc-checkpoint/1"
 NAME = "checkpoint_{}.json"
@@ -120,14 +119,16 @@ def _write(path: Path, state: dict) -> None:
 
 def _read(path: Path, mark: str, shape: tuple[int, ...]) -> dict:
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
+        table = read_json(path)
         if table["schema"] != SCHEMA:
             raise ValueError(f"schema is {table['schema']!r}, expected {SCHEMA!r}")
         arrays = {name: np.asarray(table[name], dtype=float).reshape(shape) for name in ("weights", "best", "exp_avg", "exp_avg_sq")}
         losses = [float(value) for value in table["losses"]]
         if not losses or not all(np.isfinite(array).all() for array in (*arrays.values(), np.array(losses))):
             raise ValueError("it holds no epochs, or numbers that are not finite")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except FormatError as error:
+        raise FitError(f"{error}; remove it, or train without --resume") from None
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise FitError(f"{path}: no checkpoint to resume from ({error}); remove it, or train without --resume") from None
     if table.get("of") != mark:
         raise FitError(f"{path}: a checkpoint of other data or settings; remove it, or train without --resume")

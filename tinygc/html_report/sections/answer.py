@@ -7,10 +7,10 @@ import numpy as np
 from session.units import DEG
 from tinygc.html_report.adopted import agrees
 from tinygc.html_report.chart import drawing, log_axis
-from tinygc.html_report.decision import rmse
+from tinygc.html_report.decision import NEAR_FLOOR, rmse
 from tinygc.html_report.evidence import Evidence
 from tinygc.html_report.markup import Section, escape, figure
-from tinygc.html_report.numbers import degrees, significant, tilt_rms
+from tinygc.html_report.numbers import degrees, probability, significant, tilt_rms
 
 TICK = (
     '<svg viewBox="0 0 16 16" aria-hidden="true"><path d="M2.5 8.5l3.6 3.6L13.5 4" fill="none" stroke="currentColor" '
@@ -20,20 +20,28 @@ CROSS = (
     '<svg viewBox="0 0 16 16" aria-hidden="true"><path d="M3.5 3.5l9 9m0-9l-9 9" fill="none" stroke="currentColor" '
     'stroke-width="2.4"/></svg>'
 )
+QUERY = (
+    '<svg viewBox="0 0 16 16" aria-hidden="true"><path d="M4.8 5.6a3.2 3.2 0 1 1 4.6 2.8c-1 .5-1.4 1-1.4 2.1m0 2v1.6" fill="none" '
+    'stroke="currentColor" stroke-width="2"/></svg>'
+)
 
 
 def section(evidence: Evidence) -> Section:
     """The box at the top."""
     decision = evidence.decision
-    kind, word, sign = ("good", "Pass", TICK) if decision.passed else ("bad", "Fail", CROSS)
+    kind, sign = {"pass": ("good", TICK), "fail": ("bad", CROSS)}.get(decision.answer, ("raw", QUERY))
     reasons = "".join(
         f'<li><b class="k-{"good" if met else "bad"}" style="color:var(--c)" '
         f'aria-label="{"met" if met else "not met"}">{"✓" if met else "✗"}</b>'
         f"<span>{escape(text)}</span></li>"
         for met, text in decision.reasons
+    ) + "".join(
+        f'<li><b class="k-raw" style="color:var(--c)" aria-label="in doubt">?</b><span>{escape(text)}</span></li>'
+        for text in decision.doubts
     )
     html = (
-        f'<div class="answer" id="answer"><div class="verdict"><span class="stamp k-{kind}" style="color:var(--c)">{sign}{word}</span>'
+        f'<div class="answer" id="answer"><div class="verdict"><span class="stamp k-{kind}" style="color:var(--c)">'
+        f"{sign}{decision.word}</span>"
         f'<p>{escape(decision.rule)}</p></div><dl class="heads">{"".join(_heads(evidence))}</dl>'
         f"{figure(lambda width: _strip(evidence, width))}"
         f'<ul class="reasons">{reasons}</ul></div>'
@@ -74,7 +82,11 @@ def _why(evidence: Evidence) -> str:
     adopted = evidence.adopted
     with_physics = f"with {', '.join(escape(claim.effect.id) for claim in adopted.claims)} in the model; " if adopted.claims else ""
     if agrees(adopted.closure_p):
-        return f"{with_physics}noise explains it: held-out segments cost a little more than fitted ones"
+        freedom = "" if adopted.closure_freedom is None else f" with {adopted.closure_freedom} degrees of freedom"
+        fitted = f"noise explains what the fitted segments leave ({probability(adopted.closure_p)}{freedom})"
+        if adopted.times_floor <= NEAR_FLOOR:
+            return f"{with_physics}{fitted}; held out, with {adopted.in_numbers}, they cost a little more"
+        return f"{with_physics}{fitted}, but not this: {adopted.in_numbers} do not tell what the next one will leave"
     if evidence.verdict is None:
         return f"{with_physics}something is missing from the model; explain has not been asked"
     return f"{with_physics}something is left that the model does not have"
@@ -82,7 +94,7 @@ def _why(evidence: Evidence) -> str:
 
 def _segments(evidence: Evidence) -> tuple[float, float, float]:
     """rad: raw, adopted held out, floor."""
-    return _raw_tilt(evidence), tilt_rms(evidence.adopted.angles), evidence.problem.floor.tilt_rms
+    return _raw_tilt(evidence), tilt_rms(evidence.adopted.angles), evidence.adopted.floor_rms
 
 
 def _raw_tilt(evidence: Evidence) -> float:

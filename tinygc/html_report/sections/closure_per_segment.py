@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from session.units import DEG
+from tinygc.html_report.adopted import Adopted, agrees
 from tinygc.html_report.chart import Axis, Chart, drawing, log_axis
+from tinygc.html_report.decision import NEAR_FLOOR
 from tinygc.html_report.evidence import Evidence
 from tinygc.html_report.markup import Section, escape, figure, key, paragraph
 from tinygc.html_report.numbers import degrees, significant, tilt_rms
@@ -28,7 +30,7 @@ def section(evidence: Evidence) -> Section:
     html = figure(
         lambda width: _by_segment(evidence, raw, numbers, width),
         "Each segment judged by a fit that had not seen it. "
-        f"Rms {degrees(tilt_rms(raw))} raw, {degrees(tilt_rms(adopted.angles))} calibrated, {degrees(problem.floor.tilt_rms)} from "
+        f"Rms {degrees(tilt_rms(raw))} raw, {degrees(tilt_rms(adopted.angles))} calibrated, {degrees(adopted.floor_rms)} from "
         "noise alone.",
         [
             key("before", "raw"),
@@ -49,10 +51,20 @@ def section(evidence: Evidence) -> Section:
         "Within the rings lie "
         + ", ".join(f"{100 * share:.0f} % (noise alone: {expected})" for share, (_, expected) in zip(inside, RINGS, strict=True))
         + f". The furthest beyond its floor is segment {adopted.numbers[worst]}, {significant(ratio[worst], 2)} sigmas. "
-        "Held-out errors are a little wider than noise: the fit that judges a segment has fewer segments to go by."
+        f"{_width(adopted)}"
     )
     html += "</div></div>"
     return Section("closure", "Closure per segment", html)
+
+
+def _width(adopted: Adopted) -> str:
+    """How much wider than noise the held-out errors are, and what that means."""
+    ratio = f"Held out, they are {significant(adopted.times_floor)} times what noise alone leaves, rms: "
+    if not agrees(adopted.closure_p):
+        return ratio + "more than noise allows even on the fitted segments, so something is missing from the model."
+    if adopted.times_floor > NEAR_FLOOR:
+        return ratio + f"{adopted.in_numbers} do not hold the fit that judges a segment; record more turns."
+    return ratio + f"with {adopted.in_numbers}, the fit that judges a segment has a little less to go by."
 
 
 def _limit_key(evidence: Evidence) -> list[str]:
@@ -60,7 +72,7 @@ def _limit_key(evidence: Evidence) -> list[str]:
 
 
 def _by_segment(evidence: Evidence, raw: np.ndarray, numbers: list[int], width: int) -> str:
-    adopted, floor = evidence.adopted, evidence.problem.floor.tilt_rms / DEG
+    adopted, floor = evidence.adopted, evidence.adopted.floor_rms / DEG
     before, after = (np.linalg.norm(angles[:, :2], axis=1) / DEG for angles in (raw, adopted.angles))
     y = log_axis(
         [*before, *after, floor, *([evidence.limit_deg] if evidence.limit_deg else [])],

@@ -1,5 +1,7 @@
 """Effects beside one another: the small one beside a great one, and the lookalike that was named while another was in the way."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.signal import butter, lfilter
 
@@ -8,7 +10,7 @@ from tinygc.explain.explain import explain_session
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
-OPTIONS = SimulationOptions(segments=30, closure_s=0.0, warm_up_c=3.0, seed=8)
+OPTIONS = SimulationOptions(segments=18, closure_s=0.0, warm_up_c=3.0, seed=8)
 FULL_SCALE = OPTIONS.gyro_fs_dps * DEG
 
 
@@ -16,8 +18,8 @@ def skewed(t, rate, seconds):
     return np.stack([np.interp(t - s, t, rate[:, axis]) for axis, s in enumerate(seconds)], axis=-1)
 
 
-def explained(folder, distort):
-    return explain_session(write_session(OPTIONS, folder / "session", distort=distort))
+def explained(folder, distort, segments=OPTIONS.segments):
+    return explain_session(write_session(replace(OPTIONS, segments=segments), folder / "session", distort=distort))
 
 
 def ids(result):
@@ -50,7 +52,9 @@ def test_what_a_model_simplifies_of_a_great_effect_gets_no_second_name(tmp_path)
 def test_a_lookalike_named_while_another_was_in_the_way_gives_place(tmp_path):
     """While the cubic is not named yet, a lag describes this skew better than the skew does; beside it, the skew does."""
     cubic, seconds = np.array([-0.0085, 0.0098, -0.0065]), np.array([0.0085, 0.0, 0.0056])
-    result = explained(tmp_path, lambda t, rate, force, temp: skewed(t, rate * (1 + cubic * (rate / FULL_SCALE) ** 2), seconds))
+    result = explained(
+        tmp_path, lambda t, rate, force, temp: skewed(t, rate * (1 + cubic * (rate / FULL_SCALE) ** 2), seconds), segments=30
+    )
     assert ids(result) == {"timing.axis_skew", "gyro.scale_nonlinearity"}
     assert result.verdict == "explained"
 

@@ -7,7 +7,7 @@ EFFECT = Effect(
     equation="ω_i += c_i FS (ω_i / FS)³, FS the full scale",
     parameter=Parameter("cubic_at_fs", (3,), "fraction of full scale", plausible=0.3),
     seen_in=("turn",),
-    columns=lambda movement: diagonal(movement.fs_rps * (movement.rate / movement.fs_rps) ** 3),
+    columns=lambda movement: diagonal(movement.rate * (movement.rate / movement.fs_rps) ** 2),  # a square is quick, a cube is not
     says=lambda theta: (
         f"fast turns read {'more' if largest(theta) > 0 else 'less'} than slow ones (cubic, "
         f"{100 * abs(largest(theta)):.2f} % at full scale "

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from session.checks.axes import check_axes
 from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
+from session.checks.copies import check_copies
 from session.checks.dead import check_dead
 from session.checks.samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
 from session.checks.stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
@@ -79,7 +80,7 @@ def check_folder(folder: Path) -> list[Finding]:
 
 def check_session(session: Session) -> list[Finding]:
     """The first look at every log and closure run of a session that could be read."""
-    findings, all_stills = check_keys(session.config), []
+    findings, all_stills = check_keys(session.config) + check_copies((*session.logs, *session.closures)), []
     for log in (*session.logs, *session.closures):
         stills, noise = find_stills(session.calibrated(log), session.config.protocol.still_s)
         findings += first_look(session, log, stills, noise)

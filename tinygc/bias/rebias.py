@@ -15,7 +15,9 @@ from session.folder import Session, read_session
 from session.rests import find_rests
 from session.truth import moments_inside
 from session.units import DEG, G
+from session.writing import result_folder
 from tinygc import models, provenance
+from tinygc.bias import FIGURES, MODEL
 from tinygc.bias.of_day import DAY_SIGMA_RPS, BiasOfDay, bias_from_gravity
 from tinygc.bias.origin import Origin, origin_of
 from tinygc.closure_run import ClosureRun, read_closure_runs
@@ -24,7 +26,6 @@ from tinygc.fit import SCHEMA, closure_figures, run_figures, stop_at_errors
 from tinygc.methods import closure_angles
 from tinygc.problem import Problem, build_problem
 
-MODEL, FIGURES = "model_rebiased.json", "rebiased.json"
 #: the first still and gravity that differ by so many sigmas do not speak of the same bias
 DISAGREE_SIGMAS = 5.0
 
@@ -233,7 +234,6 @@ def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
     """
     session = result.problem.session
     folder = folder or session.folder / "fit"
-    folder.mkdir(parents=True, exist_ok=True)
     table = read_json(result.path)
     before = table["stored"] if isinstance(table.get("stored"), dict) else table
     more = {
@@ -243,8 +243,9 @@ def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
         "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
         "version": tinygc.__version__,
     }
-    write_whole(folder / MODEL, models.to_dict(result.model, **more))
-    write_whole(folder / FIGURES, rebias_to_json(result))
+    with result_folder(folder):
+        write_whole(folder / MODEL, models.to_dict(result.model, **more))
+        write_whole(folder / FIGURES, rebias_to_json(result))
     return folder
 
 

@@ -91,7 +91,8 @@ def _rebias(args: argparse.Namespace) -> int:
             f"{', '.join(idle)}: of no use with --model and --bias, which fit nothing and take only the bias anew; "
             f"leave {'it' if len(idle) == 1 else 'them'} out"
         )
-    from tinygc.bias.rebias import MODEL, rebias_report, rebias_session, rebias_to_json, save_rebiased
+    from tinygc.bias import MODEL
+    from tinygc.bias.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
     from tinygc.console import progress_bar
 
     try_destinations(args, "fit")

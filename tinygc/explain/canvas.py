@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.util import find_spec
+from pathlib import Path
 from textwrap import fill
 
 from session.errors import CalibrationError
+from tinygc.files import whole
 
 
 def can_draw() -> bool:
@@ -24,3 +26,9 @@ def canvas(rows: int, headline: str, ids: Sequence[str], says: Sequence[str]):
     lines = [headline, ", ".join(ids), *(fill(sentence, 150) for sentence in says)]
     figure.suptitle("\n".join(line for line in lines if line), fontsize=11)
     return figure, figure.subplots(rows, 2)
+
+
+def save(figure, path: Path) -> None:
+    """As PNG, whole or not at all."""
+    with whole(path) as partial:
+        figure.savefig(partial, dpi=110, format="png")

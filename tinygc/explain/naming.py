@@ -233,7 +233,7 @@ def _exchanged(twin, whiten, effects: list[Effect], fit: Refit, tried, seed: int
         return each.chi_square + effect.parameter.size * np.log(len(each.r))
 
     named = dict(named)
-    while True:
+    for rounds in range(MOST_EFFECTS + 1):
         trials = [_replacements(twin, whiten, effects, effect, fit, tried, seed) for effect in effects]
         own = in_gauge(twin, whiten, fit)
         # An effect alone was chosen among its lookalikes so already.
@@ -241,15 +241,16 @@ def _exchanged(twin, whiten, effects: list[Effect], fit: Refit, tried, seed: int
             (score(trial, candidate) - score(own, effect), number, candidate, trial)
             for number, (effect, found) in enumerate(zip(effects, trials, strict=True))
             for candidate, trial in found
-            if len(effects) > 1 and score(trial, candidate) < score(own, effect) - ENOUGH
+            if len(effects) > 1 and rounds < MOST_EFFECTS and score(trial, candidate) < score(own, effect) - ENOUGH
         ]
         if not swaps:
-            return effects, fit, trials, named
+            break
         _, number, candidate, trial = min(swaps, key=lambda swap: swap[0])
         p_value, gain = named.pop(effects[number].id)
         named[candidate.id] = p_value, gain + fit.chi_square - trial.chi_square
         effects = [*effects[:number], candidate, *effects[number + 1 :]]
         fit = refit(twin, whiten, effects, trial.state)
+    return effects, fit, trials, named
 
 
 def _stand_ins(twin: Twin, whiten: Whitener, fit: Refit, trials: list[tuple[Effect, Refit]]) -> tuple[str, ...]:

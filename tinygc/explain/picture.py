@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from session.units import DEG, MG
-from tinygc.explain.canvas import canvas
+from tinygc.explain.canvas import canvas, save
 from tinygc.explain.channels import own_residuals
 from tinygc.explain.drawn import lengths_per_still, rates_per_still
 from tinygc.explain.explain import Explanation
@@ -40,7 +40,7 @@ def draw(e: Explanation, path: Path) -> None:
         _stills_in_time(e, grid[-1, 1])
     else:
         _channels(e, grid[-1, 1])
-    figure.savefig(path, dpi=110)
+    save(figure, path)
 
 
 def _closure(e: Explanation, axes) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from session.clipping import run_bar
+from session.pace import pace_of
 from session.samples import Samples
 from tinygc.explain import bridge
 
@@ -28,8 +29,6 @@ NEIGHBOURHOOD_S, START_S = 0.2, 0.1
 ALONE = 8  #: samples on either side of a loss without another jump
 #: a loss shows in the accelerometer, too: most of them by at least this (noise alone: 0.9); where a rate clips it does not
 LOSS_IN_ACCEL = 3.0
-#: periods: a longer step of time shows openly that samples are missing, and nothing is lost unseen there
-OPEN_GAP = 1.5
 #: losses and false readings are rare: more than one a second is another thing
 PER_SECOND = 1.0
 
@@ -64,8 +63,8 @@ def find_jumps(samples: Samples) -> Jumps:
 
 
 def open_gaps(samples: Samples) -> np.ndarray:
-    """(N - 1,) bool: whether the stamps say that samples are missing between a row and the next."""
-    return samples.dt_s > OPEN_GAP * samples.period_s
+    """(N - 1,) bool: whether the stamps say that samples are missing between a row and the next: nothing is lost unseen there."""
+    return pace_of(samples.t_ns).periods(samples.dt_s) > 1
 
 
 def third_differences(samples: Samples) -> tuple[np.ndarray, np.ndarray]:

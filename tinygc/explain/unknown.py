@@ -23,6 +23,8 @@ RATE_POWERS = ((1.5, True), (2, False), (2, True), (5, True))
 PLAUSIBLE_RPS = 5 * DEG
 #: a rate fixed in the world is the Earth's, at another latitude, if both together are as long as it within this
 LIKE_THE_EARTH = 0.25
+#: and the latitude is another if it is farther off than the stills of a usual session can tell
+ANOTHER_DEG = 10.0
 
 
 def unknown_candidates(twin: Twin) -> list[Effect]:
@@ -117,8 +119,9 @@ def _powers(order: int) -> list[tuple[int, int, int]]:
 def _world(earth: EarthRate, latitude_deg: float | None) -> Effect:
     def says(theta: np.ndarray) -> str:
         whole = earth.rate_t + theta
-        if latitude_deg is not None and abs(np.linalg.norm(whole) / EARTH_RATE_RPS - 1) < LIKE_THE_EARTH:
-            seen = -np.arcsin(whole[2] / np.linalg.norm(whole)) / DEG
+        seen = -np.arcsin(whole[2] / np.linalg.norm(whole)) / DEG
+        as_long = abs(np.linalg.norm(whole) / EARTH_RATE_RPS - 1) < LIKE_THE_EARTH
+        if latitude_deg is not None and as_long and abs(seen - latitude_deg) > ANOTHER_DEG:
             return (
                 f"the stills turn with the Earth at a latitude of about {seen:.0f} deg, session.toml says {latitude_deg:g}: "
                 "look at site.latitude_deg and its sign (south is negative)"

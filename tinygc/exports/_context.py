@@ -13,7 +13,7 @@ from session.config import Config, read_config
 from session.folder import log_paths
 from session.logfile import read_log
 from session.units import DEG, G
-from tinygc import models
+from tinygc import bias, models
 from tinygc.exports import ExportError
 from tinygc.files import read_json
 from tinygc.provenance import sha256_of
@@ -100,7 +100,7 @@ def _model_path(folder: Path, method: str | None) -> Path:
 
 def _fit_beside(path: Path) -> dict:
     """What was found with a model: ``rebiased.json`` for one whose bias was taken anew, ``fit.json`` for the others; empty without."""
-    names = ("rebiased.json", "fit.json") if path.name == "model_rebiased.json" else ("fit.json",)
+    names = (bias.FIGURES, "fit.json") if path.name == bias.MODEL else ("fit.json",)
     beside = next((path.parent / name for name in names if (path.parent / name).exists()), None)
     table = {} if beside is None else read_json(beside)
     return table if isinstance(table, dict) else {}

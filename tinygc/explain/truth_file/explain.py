@@ -90,9 +90,8 @@ class TruthExplanation:
     """What was found; angles in rad.
 
     problem and model: linear, without the suspect moments; jumps: log and s of wrong moments; claims, strongest first; refused: what
-    would fit, but at a size that no gyroscope has; p_value of the
-    first look; angles (S, 3): each used segment's closure about the table's axes, excess: chi-square over what is stated, and closure_rms,
-    all before and after; lengths_s (L,), closure_rad (L, 3): growth;
+    would fit, but at a size that no gyroscope has; p_value of the first look; before and after: angles (S, 3), each used segment's
+    closure about the truth's axes, excess, chi-square over what is stated, and closure_rms; lengths_s (L,), closure_rad (L, 3): growth;
     truth_rad a moment and walk_rad per root second, from it; gyro_rad per root second, the gyro's own walk at its quietest;
     neighbours: correlation of neighbouring segments' errors, before and after; offset: s of the truth's clock and its sigma; turned (3,),
     turned_sigma (3,): the gyro against the truth; rests; force; warnings of the first look.

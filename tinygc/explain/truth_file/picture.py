@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from session.units import DEG, MG
-from tinygc.explain.canvas import canvas
+from tinygc.explain.canvas import canvas, save
 from tinygc.explain.panels.palette import AFTER, AXES, BEFORE, FLOOR
 from tinygc.explain.truth_file.evidence import neighbours
 from tinygc.explain.truth_file.explain import TruthExplanation
@@ -28,7 +28,7 @@ def draw_truth(e: TruthExplanation, path: Path) -> None:
     _neighbours(e, grid[1, 1])
     _frame(e, grid[2, 0])
     _force(e, grid[2, 1])
-    figure.savefig(path, dpi=110)
+    save(figure, path)
 
 
 def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes, when: str) -> None:
@@ -36,11 +36,11 @@ def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes, when: str) -> N
     t_s = e.problem.middle_s
     rate = angles / np.array([segment.duration_s for segment in e.problem.used])[:, None] / DEG
     for i, axis in enumerate("xyz"):
-        axes.plot(t_s, rate[:, i], ".", color=AXES[axis], ms=3, alpha=0.5)
+        axes.plot(t_s, rate[:, i], ".", color=AXES[axis], ms=3, alpha=0.5, label=axis)
         if len(t_s) >= SLOW_SEGMENTS:
             windows = np.lib.stride_tricks.sliding_window_view(rate[:, i], SLOW_SEGMENTS)
             half = SLOW_SEGMENTS // 2
-            axes.plot(t_s[half : len(t_s) - half], np.median(windows, axis=1), color=AXES[axis], lw=1.5, label=f"{axis}, running median")
+            axes.plot(t_s[half : len(t_s) - half], np.median(windows, axis=1), color=AXES[axis], lw=1.5)
     began = np.cumsum([0.0] + [log.samples.duration_s for log in e.problem.logs])
     for number, (log, at) in enumerate(e.jumps):
         axes.axvline(began[log] + at, color=FLOOR, ls=":", label=None if number else "wrong moment of truth, left out")
@@ -49,7 +49,7 @@ def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes, when: str) -> N
     limit = 1.3 * np.quantile(np.abs(e.angles[0]).max(axis=1) / [segment.duration_s for segment in e.problem.used], 0.98) / DEG
     axes.set_ylim(-limit, limit)
     axes.set(xlabel="time (s)", ylabel="closure over duration (dps)", title=f"Rate that the segments miss about the truth's axes, {when}")
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, title="lines: running median" if len(t_s) >= SLOW_SEGMENTS else None, title_fontsize=8)
 
 
 def _growth(e: TruthExplanation, axes) -> None:

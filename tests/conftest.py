@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -14,9 +16,11 @@ from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
+pytest.register_assert_rewrite("commandline", "dialect_logs", "looks")  # whose assertions are the tests'
 
+import calibrate  # noqa: E402
 from session.config import Accelerometer, Config, Protocol, Sensor, Site  # noqa: E402
-from session.folder import Session  # noqa: E402
+from session.folder import Session, read_session  # noqa: E402
 from session.logfile import Log  # noqa: E402
 from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noqa: E402
 from session.samples import Samples  # noqa: E402
@@ -234,3 +238,37 @@ class Turns:
         measured = (self.rate - model.B) @ np.linalg.inv(model.E).T + gyro_noise
         q = self.q if q is None else q
         return Batch(measured, self.dt, np.zeros_like(measured), q[:-1], q[1:], yaw_known)
+
+
+@pytest.fixture(scope="module", params=["made", "recorded"])
+def good(request) -> Session:
+    """A session with nothing wrong: made here, and by another bench."""
+    if request.param == "made":
+        return session_of(Table().tumble(16, seed=5).samples())
+    return read_session(request.getfixturevalue("shared") / "closure" / "case001")
+
+
+@pytest.fixture
+def run(capfd):
+    """``run("fit", folder)``: exit code, standard output, standard error of the command line."""
+
+    def call(*arguments):
+        capfd.readouterr()
+        try:
+            code = calibrate.main([str(argument) for argument in arguments])
+        except SystemExit as stopped:  # argparse
+            code = stopped.code
+        return code, *capfd.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def folder(simulated, tmp_path):
+    """A simulated session of 10 turns that a test may spoil, its log unpacked."""
+    made = tmp_path / "session"
+    shutil.copytree(simulated(), made)
+    packed = made / "log0001.csv.gz"
+    (made / "log0001.csv").write_bytes(gzip.decompress(packed.read_bytes()))
+    packed.unlink()
+    return made

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-import calibrate
 from session.errors import DataError
 from session.folder import read_session
 from session.units import DEG, G
@@ -145,17 +144,6 @@ def explained(session):
         return made[name][0], copy.deepcopy(made[name][1])
 
     return make
-
-
-@pytest.fixture
-def run(capfd):
-    """``run("explain", folder, …)``: exit code, standard output, standard error of the command line."""
-
-    def call(*arguments):
-        capfd.readouterr()
-        return calibrate.main([str(argument) for argument in arguments]), *capfd.readouterr()
-
-    return call
 
 
 def effect_of(result: dict, name: str) -> dict:

@@ -1,0 +1,42 @@
+"""First looks at sessions, and what they say of one thing."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from session.check import Finding, first_look
+from session.folder import Session
+from session.stills import find_stills
+
+G = 9.80665
+IDENTITY = np.eye(3)
+X_Y_EXCHANGED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, 1.0]])
+
+
+def name_of(axes):
+    """A permutation as a test's name: ``+y-x+z`` and the like."""
+    if isinstance(axes, str):
+        return "words"
+    return "".join(("-" if row.sum() < 0 else "+") + "xyz"[np.argmax(np.abs(row))] for row in axes)
+
+
+def look(session: Session, **changes) -> list[Finding]:
+    """First look at the session's log with some of its samples' fields, or the whole log, changed."""
+    log = changes.pop("log", session.logs[0])
+    log = replace(log, samples=replace(log.samples, **changes))
+    session = replace(session, logs=(log,))
+    stills, noise = find_stills(session.calibrated(log), session.config.protocol.still_s)
+    return first_look(session, log, stills, noise)
+
+
+def of(findings: list[Finding], what: str) -> Finding:
+    (finding,) = [finding for finding in findings if finding.what == what]
+    return finding
+
+
+def serious(findings: list[Finding]) -> set[tuple[str, str]]:
+    return {(finding.what, finding.level) for finding in findings if finding.level in ("warning", "error")}
+
+
+def with_sensor(session: Session, **changes) -> Session:
+    return replace(session, config=replace(session.config, sensor=replace(session.config.sensor, **changes)))

@@ -1,0 +1,129 @@
+"""The gyro's axes and sensitivity against gravity: 48 orders, the usual mistakes, and what cannot be seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import DEG, Table, session_of
+from looks import IDENTITY, X_Y_EXCHANGED, look, name_of, of, serious
+
+from session.checks.axes import axes_in_words
+from session.stills import find_stills
+from session.tilt import SIGNED_PERMUTATIONS, agreement
+
+
+def test_each_wrong_order_of_the_gyros_axes_is_found(good):
+    right = good.calibrated(good.logs[0])
+    stills, _ = find_stills(right)
+    for axes in SIGNED_PERMUTATIONS:
+        # m = axes^T omega, so omega = axes m; the gyro's means in the stills turn with it.
+        wrong = replace(right, gyro=right.gyro @ axes)
+        found = agreement(wrong, [replace(still, gyro_mean=still.gyro_mean @ axes) for still in stills])
+        np.testing.assert_array_equal(found.axes, axes, err_msg=name_of(axes))
+        assert found.scale == pytest.approx(1, abs=0.05)
+        assert found.misfit < 0.1
+
+
+@pytest.mark.parametrize(
+    ("axes", "words"),
+    [
+        (np.diag([1, 1, -1.0]), "the gyro's z has the wrong sign; its triad is left-handed"),
+        (np.diag([-1, -1, 1.0]), "the gyro's x and y have the wrong sign"),
+        (-IDENTITY, "all three axes of the gyro have the wrong sign; its triad is left-handed"),
+        (
+            X_Y_EXCHANGED,
+            "the gyro's x and y are exchanged; true x is the logged +y, y is the logged +x, z is the logged +z; its triad is left-handed",
+        ),
+        (
+            np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]),
+            "the gyro's x and y are exchanged; true x is the logged -y, y is the logged +x, z is the logged +z",
+        ),
+        (
+            X_Y_EXCHANGED @ np.diag([1, 1, -1.0]),
+            "the gyro's x and y are exchanged; z has the wrong sign; true x is the logged +y, y is the logged +x, z is the logged -z",
+        ),
+        (
+            np.roll(IDENTITY, 1, axis=1),
+            "the gyro's axes are in a wrong order; true x is the logged +y, y is the logged +z, z is the logged +x",
+        ),
+    ],
+    ids=name_of,
+)
+def test_the_mistake_of_axes_is_said_in_words(good, axes, words):
+    assert axes_in_words(axes) == words
+    findings = look(good, gyro=good.logs[0].samples.gyro @ axes)
+    finding = of(findings, "axes")
+    assert finding.level == "error"
+    assert finding.says.startswith(words + ":")
+    assert serious(findings) == {("axes", "error")}
+
+
+def test_a_mirrored_gyro_is_not_blamed_on_the_mounting_but_a_turned_one_can_be_the_accelerometer():
+    made = session_of(Table().tumble(16, seed=5).samples())
+    samples = made.logs[0].samples
+    assert "a rotation of the board cannot" in of(look(made, gyro=samples.gyro * [1, 1, -1]), "axes").do
+    # Of the accelerometer one wrong sign is the same, to gravity's movement, as two of the gyro.
+    advice = of(look(made, accel=samples.accel * [1, 1, -1]), "axes").do
+    assert "or it is the accelerometer: the accelerometer's z has the wrong sign" in advice
+    advice = of(look(made, accel=samples.accel[:, [1, 0, 2]]), "axes").do
+    assert "the accelerometer's x and y are exchanged" in advice
+
+
+def test_gravity_turned_over_does_not_show():
+    """Axes forward-left-up for both, or +g at rest: the movement is the same, and nothing is claimed."""
+    made = session_of(Table().tumble(16, seed=5).samples())
+    samples = made.logs[0].samples
+    assert serious(look(made, accel=-samples.accel)) == set()
+    assert serious(look(made, accel=samples.accel * [1, -1, -1], gyro=samples.gyro * [1, -1, -1])) == set()
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0)])
+def test_turns_about_one_axis_accuse_nobody(axis):
+    """Only one axis is seen: what its neighbours do stays unknown, and the least changed order is as logged."""
+    table = Table().rest(2)
+    for i in range(14):
+        table.turn((120 + 10 * i) * (-1) ** i, axis).rest(2)
+    findings = look(session_of(table.samples()))
+    assert of(findings, "axes").level == "ok"
+    assert of(findings, "gyro scale").level == "ok"
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_turns_of_more_than_a_circle_know_their_scale(factor):
+    """At 1000 dps gravity goes round three corners in a quarter of a second."""
+    table, rng = Table().rest(2), np.random.default_rng(2)
+    for _ in range(16):
+        table.turn(rng.uniform(500, 1100) * rng.choice([-1, 1]), rng.normal(size=3), 2.0).rest(2)
+    samples = table.samples(odr_hz=416, registers=False)
+    assert np.abs(samples.gyro).max() > 800 * DEG
+    found = agreement(samples, find_stills(samples)[0])
+    assert agreement(replace(samples, gyro=factor * samples.gyro), find_stills(samples)[0]).scale == pytest.approx(1 / factor, rel=0.02)
+    assert found.residual < 4 * DEG
+
+
+def test_turns_about_the_vertical_say_that_nothing_is_seen():
+    table = Table().rest(2)
+    for i in range(14):
+        table.turn(90 * (-1) ** i, (0, 0, 1)).rest(2)
+    findings = look(session_of(table.samples()))
+    assert of(findings, "gyro against gravity").level == "note"
+    assert not [finding for finding in findings if finding.what in ("axes", "gyro scale")]
+
+
+def test_a_gyro_of_another_board_agrees_with_nothing():
+    made = session_of(Table().tumble(16, seed=5).samples())
+    other = Table().tumble(16, seed=6).samples()
+    findings = look(made, gyro=other.gyro)
+    assert ("gyro against gravity", "warning") in serious(findings)
+    assert not [finding for finding in findings if finding.what in ("axes", "gyro scale")]
+
+
+def test_a_closure_run_that_returns_to_its_start_is_no_argument_for_a_scale_of_zero():
+    table = Table().rest(3)
+    for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0)):
+        table.turn(400, axis, 4).turn(-400, axis, 4)
+    made = session_of(table.rest(3).samples())
+    findings = look(made)
+    assert of(findings, "axes").level == "ok"
+    assert of(findings, "gyro scale").level == "ok"
+    assert "deg/s" in of(look(made, gyro=made.logs[0].samples.gyro / DEG), "gyro scale").do

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Calibrate a MEMS gyroscope on a hand-turned table: the command line.
 
-Parses arguments, runs one command (``tinygc/commands``, a file each), turns its errors into one line and an exit code.
+Parses arguments, runs one command (``tinygc/cli/commands``, a file each), turns its errors into one line and an exit code.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from __future__ import annotations
 import os
 import sys
 
-from session.errors import CalibrationError, printable
-from tinygc.arguments import parser
-from tinygc.commands._results import standard_output
+from session.common.errors import CalibrationError, printable
+from tinygc.cli.arguments import parser
+from tinygc.cli.commands._results import standard_output
 
 
 def main(arguments: list[str] | None = None) -> int:

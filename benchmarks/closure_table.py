@@ -14,18 +14,21 @@ from pathlib import Path
 import numpy as np
 from common import first_still_heading_deg, in_parallel, markdown, simulated, with_heading
 
-from session.folder import Session, read_session
-from session.units import DEG
-from tinygc.closure_run import read_closure_runs
-from tinygc.denoising.material import of_problem
-from tinygc.denoising.training import DenoiseOptions, train_denoiser
-from tinygc.fit import closure_figures, run_figures
-from tinygc.least_squares import fit_least_squares
-from tinygc.linear import bias_only
-from tinygc.methods import FitOptions, run_method
-from tinygc.network.training import train_second_order
-from tinygc.problem import Problem, build_problem
-from tinygc.pso import fit_pso
+from session.common.units import DEG
+from session.log.folder import Session, read_session
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.fit.session import closure_figures, run_figures
+from tinygc.methods.denoising.material import of_problem
+from tinygc.methods.denoising.options import DenoiseOptions
+from tinygc.methods.denoising.training import train_denoiser
+from tinygc.methods.network.training import train_second_order
+from tinygc.methods.options import FitOptions
+from tinygc.methods.pso import fit_pso
+from tinygc.methods.run import run_method
+from tinygc.models.linear import bias_only
+from tinygc.problem.build import build_problem
+from tinygc.problem.closure_run import read_closure_runs
+from tinygc.problem.problem import Problem
 from tinygc.simulation.options import SimulationOptions
 
 TITLES = {

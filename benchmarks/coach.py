@@ -16,25 +16,25 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
-from session.config import Accelerometer, Config, Protocol, Sensor, Site
-from session.folder import Session
-from session.guide.words import Taken
-from session.logfile import Log
-from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
-from session.samples import Samples
-from session.segments import Segment
-from session.stills import Noise, Still
-from session.units import DEG, MDPS, MG, G
-from tinygc.coach import Coach
-from tinygc.floor import Floor
-from tinygc.plan import TARGETS
-from tinygc.problem import build_problem
+from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.common.units import DEG, MDPS, MG, G
+from session.detect.segments import Segment
+from session.detect.stills import Noise, Still
+from session.guide.messages import Taken
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
+from session.log.folder import Session
+from session.log.logfile import Log
+from session.log.samples import Samples
+from tinygc.closure.floor import Floor
+from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.plan.coach import Coach
+from tinygc.plan.plan import TARGETS
+from tinygc.plan.turns import Part, Turn
+from tinygc.problem.build import build_problem
 from tinygc.simulation import motion
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.plan import PEAK_RPS, TURN_SPREAD, Plan, not_faster, rest_s, stroke
 from tinygc.simulation.simulate import plan_of, simulate_session
-from tinygc.turns import Part, Turn
-from tinygc.uncertainty import parameter_covariance
+from tinygc.simulation.table_movement import PEAK_RPS, TURN_SPREAD, Plan, not_faster, rest_s, stroke
 
 COUNTS = (8, 12, 20, 40)
 ANGLE_SPREAD, STRAY_RAD = 0.10, 5 * DEG

@@ -13,14 +13,14 @@ import numpy as np
 from common import in_parallel, markdown, simulated
 from scipy import stats
 
-from session.folder import read_session
-from session.units import DEG
-from tinygc.least_squares import fit_least_squares
-from tinygc.linear import NAMES, bias_only
-from tinygc.problem import build_problem
+from session.common.units import DEG
+from session.log.folder import read_session
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.models.linear import NAMES, bias_only
+from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
-from tinygc.uncertainty import goodness, parameter_covariance
 
 
 @dataclass(frozen=True)

@@ -23,17 +23,18 @@ from closure_table import RECORDINGS, rms
 from common import in_parallel, markdown, simulated
 from scipy.signal import butter, lfilter, lfilter_zi, savgol_coeffs
 
-from session.folder import Session, read_session
-from session.units import DEG
+from session.common.units import DEG
+from session.log.folder import Session, read_session
 from tinygc import closure
-from tinygc.closure_run import ClosureRun, read_closure_runs
-from tinygc.denoising import risk as denoise_risk
-from tinygc.denoising.denoiser import DenoisedNet
-from tinygc.denoising.material import REACH, Material, of_problem
-from tinygc.denoising.training import DenoiseOptions, train_denoiser
-from tinygc.fit import run_figures
-from tinygc.network.training import train_second_order
-from tinygc.problem import build_problem
+from tinygc.fit.session import run_figures
+from tinygc.methods.denoising import risk as denoise_risk
+from tinygc.methods.denoising.material import REACH, Material, of_problem
+from tinygc.methods.denoising.options import DenoiseOptions
+from tinygc.methods.denoising.training import train_denoiser
+from tinygc.methods.network.training import train_second_order
+from tinygc.models.denoiser import DenoisedNet
+from tinygc.problem.build import build_problem
+from tinygc.problem.closure_run import ClosureRun, read_closure_runs
 from tinygc.simulation.options import SimulationOptions
 
 DELAYS = (5, 8, 12, 16, 24)

@@ -20,17 +20,17 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
 import measure
 from common import markdown, progress
 
-from session.errors import CalibrationError
-from session.folder import Session, read_session
-from session.units import DEG
+from session.common.errors import CalibrationError
+from session.common.units import DEG
+from session.log.folder import Session, read_session
 from tinygc import models
-from tinygc.denoising.denoiser import DenoisedNet, Denoiser
-from tinygc.embedded.program import Program, program
-from tinygc.embedded.registers import Registers
-from tinygc.embedded.source import source_files
-from tinygc.embedded.stage import Inputs
-from tinygc.fit import fit_session, save_models
-from tinygc.methods import FitOptions
+from tinygc.deploy.embedded.program import Program, program
+from tinygc.deploy.embedded.register_input import Registers
+from tinygc.deploy.embedded.source import source_files
+from tinygc.deploy.embedded.stage import Inputs
+from tinygc.fit.session import fit_session, save_models
+from tinygc.methods.options import FitOptions
+from tinygc.models.denoiser import DenoisedNet, Denoiser
 
 CORE_HZ, ODR_HZ = 168e6, 833
 METHODS = ("least_squares", "tinygc", "tinygc_denoised")

@@ -21,16 +21,18 @@ from pathlib import Path
 import numpy as np
 from common import markdown, progress
 
-from session.folder import Session, read_session
-from session.logfile import read_log
-from session.samples import Samples
-from session.stills import find_stills
-from tinygc.closure import Batch
-from tinygc.least_squares import fit_least_squares
-from tinygc.linear import bias_only
-from tinygc.methods import FitOptions, run_method
-from tinygc.problem import Problem, build_problem
-from tinygc.pso import fit_pso
+from session.detect.stills import find_stills
+from session.log.folder import Session, read_session
+from session.log.logfile import read_log
+from session.log.samples import Samples
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.residual import Batch
+from tinygc.methods.options import FitOptions
+from tinygc.methods.pso import fit_pso
+from tinygc.methods.run import run_method
+from tinygc.models.linear import bias_only
+from tinygc.problem.build import build_problem
+from tinygc.problem.problem import Problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
 
@@ -110,7 +112,7 @@ def _tiled(samples: Samples) -> Samples:
 
 
 def _fast_samples() -> Samples:
-    from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+    from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
     options = SimulationOptions(segments=10, closure_s=0.0, odr_hz=1667)
     log = simulate_session(options).log
@@ -119,7 +121,7 @@ def _fast_samples() -> Samples:
 
 
 def _methods(problem: Problem, args: argparse.Namespace):
-    from tinygc.network.training import train_second_order
+    from tinygc.methods.network.training import train_second_order
 
     batch, sigma, start = problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])
     progress("least squares")
@@ -142,9 +144,9 @@ def _epoch(batch: Batch, repeat: int):
     """One epoch of the network, forward and backward: through the tree product, and sample by sample."""
     import torch
 
-    from tinygc.closure import residual, segment_residuals
-    from tinygc.network.subnet import CalibrationNet
-    from tinygc.rotation import compose, multiply
+    from tinygc.attitude.rotation import compose, multiply
+    from tinygc.closure.residual import residual, segment_residuals
+    from tinygc.models.calibration_net import CalibrationNet
 
     progress("one epoch")
     weights = torch.as_tensor(CalibrationNet.identity().vector).requires_grad_()
@@ -210,7 +212,7 @@ def _whole_job(folder: Path):
 
 
 def _alone(folder: Path, methods: str) -> None:
-    from tinygc.fit import fit_session
+    from tinygc.fit.session import fit_session
 
     fit_session(folder, replace(FitOptions(), methods=tuple(methods.split(","))))
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)

@@ -18,7 +18,7 @@ import numpy as np
 from common import in_parallel, markdown, simulated
 from scipy import stats
 
-from session.errors import CalibrationError
+from session.common.errors import CalibrationError
 from tinygc.simulation.options import SimulationOptions
 
 
@@ -40,7 +40,7 @@ def drawn(seed: int, noise_factor: float) -> SimulationOptions:
 
 def explained(job: tuple[int, float]) -> dict:
     """What ``explain`` says of one null session."""
-    from tinygc.explain.explain import explain_session
+    from tinygc.explain.verdict.explain import explain_session
 
     options = drawn(*job)
     began = time.perf_counter()

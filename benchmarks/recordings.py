@@ -14,13 +14,14 @@ from pathlib import Path
 
 from common import in_parallel, markdown
 
-from session.errors import CalibrationError
-from session.folder import read_session
-from session.units import DEG
-from tinygc.fit import closure_figures
-from tinygc.methods import FitOptions, run_method
-from tinygc.problem import build_problem
-from tinygc.uncertainty import goodness
+from session.common.errors import CalibrationError
+from session.common.units import DEG
+from session.log.folder import read_session
+from tinygc.closure.uncertainty import goodness
+from tinygc.fit.session import closure_figures
+from tinygc.methods.options import FitOptions
+from tinygc.methods.run import run_method
+from tinygc.problem.build import build_problem
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 METHODS = ("raw", "least_squares", "pso", "tinygc")

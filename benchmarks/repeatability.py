@@ -13,19 +13,19 @@ import numpy as np
 from common import in_parallel, markdown
 from scipy import stats
 
-from session.config import Accelerometer, Config, Protocol, Sensor, Site
-from session.folder import Session
-from session.logfile import Log
-from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
-from session.samples import Samples
-from tinygc.compare import DIFFERS_P, Calibrated, compare
-from tinygc.least_squares import fit_least_squares
-from tinygc.linear import bias_only
-from tinygc.problem import build_problem
+from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
+from session.log.folder import Session
+from session.log.logfile import Log
+from session.log.samples import Samples
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.fit.compare import DIFFERS_P, Calibrated, compare
+from tinygc.models.linear import bias_only
+from tinygc.problem.build import build_problem
 from tinygc.simulation import simulate
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.unit import Unit
-from tinygc.uncertainty import goodness, parameter_covariance
 
 
 @dataclass(frozen=True)

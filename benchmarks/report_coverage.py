@@ -14,10 +14,10 @@ from common import in_parallel, markdown, simulated
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from session.registers import GYRO_MDPS_PER_LSB
-from session.units import DEG, G
-from tinygc.html_report.evidence import gather
-from tinygc.methods import FitOptions
+from session.common.registers import GYRO_MDPS_PER_LSB
+from session.common.units import DEG, G
+from tinygc.methods.options import FitOptions
+from tinygc.report.html.evidence import gather
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
 from tinygc.simulation.unit import Unit

@@ -12,7 +12,7 @@ from common import markdown, progress
 from session.stream import frames
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk
-from tinygc.board.faults import flipped
+from tinygc.simulation.board.faults import flipped
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
 

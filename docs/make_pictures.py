@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from session.euroc import write_sequences
-from session.units import DEG
-from tinygc.console import output
-from tinygc.explain.explain import explain_session
-from tinygc.explain.pages import explanation_page
-from tinygc.explain.result import save
-from tinygc.explain.truth_file.explain import explain_truth
-from tinygc.explain.truth_file.result import save_truth
+from session.common.units import DEG
+from session.public.euroc import write_sequences
+from tinygc.cli.console import output
+from tinygc.explain.truth.explain import explain_truth
+from tinygc.explain.truth.result import save_truth
+from tinygc.explain.verdict.explain import explain_session
+from tinygc.explain.verdict.pages import explanation_page
+from tinygc.explain.verdict.result import save
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

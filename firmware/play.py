@@ -23,7 +23,7 @@ import serial
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from session.errors import CalibrationError, DeviceError, FormatError
+from session.common.errors import CalibrationError, DeviceError, FormatError
 from session.stream import frames
 from session.stream.text import HEADER
 

@@ -19,11 +19,11 @@ sys.path.insert(0, str(ROOT))
 pytest.register_assert_rewrite("commandline", "dialect_logs", "looks")  # whose assertions are the tests'
 
 import calibrate  # noqa: E402
-from session.config import Accelerometer, Config, Protocol, Sensor, Site  # noqa: E402
-from session.folder import Session, read_session  # noqa: E402
-from session.logfile import Log  # noqa: E402
-from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noqa: E402
-from session.samples import Samples  # noqa: E402
+from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noqa: E402
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site  # noqa: E402
+from session.log.folder import Session, read_session  # noqa: E402
+from session.log.logfile import Log  # noqa: E402
+from session.log.samples import Samples  # noqa: E402
 
 DEG = np.pi / 180
 GRAVITY = 9.7946
@@ -233,7 +233,7 @@ class Turns:
 
     def batch(self, model, yaw_known: bool = False, gyro_noise=0.0, q=None):
         """What a gyro reads whose true calibration is ``model``, with noise (S, T, 3) added, and attitudes q (S+1, 4) as references."""
-        from tinygc.closure import Batch
+        from tinygc.closure.residual import Batch
 
         measured = (self.rate - model.B) @ np.linalg.inv(model.E).T + gyro_noise
         q = self.q if q is None else q

@@ -3,10 +3,10 @@
 import numpy as np
 from conftest import DEG, Table
 
-from session.dialects.convert import convert
+from session.common.units import G
 from session.dialects.layout import Answers
-from session.folder import read_session
-from session.units import G
+from session.log.folder import read_session
+from session.replay.convert import convert
 
 FULL_SCALES = {"gyro_fs_dps": 500.0, "accel_fs_g": 4.0}
 SAMPLES = Table().tumble(2, rest_s=2.0).samples(odr_hz=104)

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.denoising.denoiser import DenoisedNet, Denoiser
+from tinygc.deploy.embedded.effects import CARRIED
+from tinygc.deploy.embedded.stage import Inputs
 from tinygc.effects import catalogue
-from tinygc.embedded.effects import CARRIED
-from tinygc.embedded.stage import Inputs
-from tinygc.explain.movement import Conditions
-from tinygc.explain.twin import Claim
-from tinygc.linear import LinearModel
-from tinygc.network.conditions import ConditionsModel, ConditionsNet
-from tinygc.network.published import PublishedNet
-from tinygc.network.subnet import CalibrationNet
-from tinygc.physics.methods import CarriedNet
-from tinygc.physics.model import PhysicsModel
+from tinygc.effects.applied import Claim
+from tinygc.effects.conditions import Conditions
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
+from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.linear import LinearModel
+from tinygc.models.physics import CarriedNet, PhysicsModel
+from tinygc.models.published_net import PublishedNet
 
 DEG = np.pi / 180
 RNG = np.random.default_rng(5)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.check import Finding, first_look
-from session.folder import Session
-from session.stills import find_stills
+from session.checks.first_look import Finding, first_look
+from session.detect.stills import find_stills
+from session.log.folder import Session
 
 G = 9.80665
 IDENTITY = np.eye(3)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from session.errors import FitError
-from tinygc.network.adamw import Checkpoint, forget, minimise
+from session.common.errors import FitError
+from tinygc.methods.network.adamw_checkpoint import Checkpoint, forget, minimise
 
 START = np.array([3.0, -2.0, 1.0])
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from session.units import DEG_PER_HOUR
-from tinygc.allan import FLICKER_FLOOR, allan_curve, angle_random_walk, bias_instability
+from session.common.units import DEG_PER_HOUR
+from tinygc.report.allan import FLICKER_FLOOR, allan_curve, angle_random_walk, bias_instability
 
 PERIOD_S, WALK = 0.01, 6e-5
 

@@ -12,24 +12,23 @@ from conftest import DEG, ROOT, SESSION_TOML, Table, write_session
 
 import calibrate
 import tinygc
-from session import fixed_point
-from session.config import Sensor
-from session.errors import CalibrationError
-from session.logfile import read_log
-from session.samples import Samples
-from session.units import G
+from session.common import fixed_point
+from session.common.errors import CalibrationError
+from session.common.units import G
+from session.log.config import Sensor
+from session.log.logfile import read_log
+from session.log.samples import Samples
 from tinygc import models
-from tinygc.calibration import LOOK_AROUND, NEED_FORCE, NEED_TEMPERATURE, NEED_TIME, Calibration
-from tinygc.denoising.denoiser import DenoisedNet, Denoiser
+from tinygc.deploy.calibration import LOOK_AROUND, NEED_FORCE, NEED_TEMPERATURE, NEED_TIME, Calibration
 from tinygc.effects import catalogue
-from tinygc.explain.movement import Conditions, movement_of
-from tinygc.explain.twin import Claim
-from tinygc.linear import LinearModel
-from tinygc.network.conditions import ConditionsModel, ConditionsNet
-from tinygc.network.published import PublishedNet
-from tinygc.network.subnet import CalibrationNet
-from tinygc.physics.methods import CarriedNet
-from tinygc.physics.model import PhysicsModel
+from tinygc.effects.applied import Claim
+from tinygc.effects.conditions import Conditions, movement_of
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
+from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.linear import LinearModel
+from tinygc.models.physics import CarriedNet, PhysicsModel
+from tinygc.models.published_net import PublishedNet
 
 RATE_HZ = 104.0
 SAMPLES = Table().tumble(3, rest_s=1.5).samples(odr_hz=RATE_HZ)
@@ -331,7 +330,7 @@ def test_a_pipe_is_written_to_and_not_put_away(folder, tmp_path):
 
 
 def test_an_interruption_leaves_no_output(folder, tmp_path, monkeypatch):
-    import tinygc.apply as module
+    import tinygc.deploy.apply as module
 
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -344,7 +343,7 @@ def test_an_interruption_leaves_no_output(folder, tmp_path, monkeypatch):
 def test_a_full_disk_leaves_no_output(folder, tmp_path, capsys):
     if not os.path.exists("/dev/full"):
         pytest.skip("no /dev/full here")
-    import tinygc.apply as module
+    import tinygc.deploy.apply as module
 
     opened = module._open
     try:
@@ -370,7 +369,7 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
     import tracemalloc
 
     from session.dialects.layout import Answers
-    from tinygc.apply import apply_model
+    from tinygc.deploy.apply import apply_model
 
     (tmp_path / "model.json").write_text(json.dumps(models.to_dict(MODELS["denoised"])))
     peaks = []

@@ -9,16 +9,16 @@ from conftest import DEG, GRAVITY, Table, write_session
 from scipy.spatial.transform import Rotation
 
 import calibrate
-from session.errors import FitError
-from session.folder import read_session
-from session.rests import find_rests
-from session.samples import Samples
+from session.common.errors import FitError
+from session.detect.rests import find_rests
+from session.log.folder import read_session
+from session.log.samples import Samples
 from tinygc import models
-from tinygc.bias.of_day import bias_from_gravity
-from tinygc.bias.origin import origin_of
-from tinygc.integrate import steps
-from tinygc.linear import LinearModel
-from tinygc.rotation import accumulate, conjugate, log, multiply
+from tinygc.attitude.integrate import steps
+from tinygc.attitude.rotation import accumulate, conjugate, log, multiply
+from tinygc.fit.bias.of_day import bias_from_gravity
+from tinygc.fit.bias.origin import origin_of
+from tinygc.models.linear import LinearModel
 
 RATE_HZ = 200
 STATED = np.array([0.08, -0.05, 0.06]) * DEG

@@ -16,13 +16,13 @@ from conftest import ROOT
 from streams import INFO, samples, smooth_registers
 
 import calibrate
-from session.errors import CalibrationError
+from session.common.errors import CalibrationError
 from session.recording.recorder import Recorder
 from session.stream.events import Chunk, Info
-from tinygc.board.board import Board
-from tinygc.board.faults import Faults, flipped, spoil
-from tinygc.board.source import Source, recorded
-from tinygc.board.terminal import Terminal
+from tinygc.simulation.board.board import Board
+from tinygc.simulation.board.faults import Faults, flipped, spoil
+from tinygc.simulation.board.source import Source, recorded
+from tinygc.simulation.board.terminal import Terminal
 
 SOURCE = Source(smooth_registers(2000), INFO)
 RUNS = {"speed": 4.0, "lead_s": 1.0, "tail_s": 0.5}

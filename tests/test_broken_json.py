@@ -9,13 +9,13 @@ from conftest import Table, write_session
 
 import calibrate
 import tinygc
-from session import fixed_point
-from session.errors import FormatError
+from session.common import fixed_point
+from session.common.errors import FormatError
+from session.common.files import read_json
 from tinygc import models
-from tinygc.denoising.denoiser import DenoisedNet, Denoiser
-from tinygc.files import read_json
-from tinygc.linear import LinearModel
-from tinygc.network.subnet import CalibrationNet
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.linear import LinearModel
 
 LINEAR = models.to_dict(LinearModel(np.eye(3), np.zeros(3)))
 

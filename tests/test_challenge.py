@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.errors import DataError, FormatError
-from session.units import DEG
+from session.common.errors import DataError, FormatError
+from session.common.units import DEG
 from tinygc.challenge import examine as examination
 from tinygc.challenge.conceal import MAKERS, NEEDS, STRENGTHS, Case, conceal, draw_cases
 from tinygc.challenge.concealment import Scene
@@ -16,7 +16,7 @@ from tinygc.challenge.score import parameter_errors, score
 from tinygc.challenge.seal import seal
 from tinygc.challenge.table import challenge_tables, markdown, totals
 from tinygc.effects import catalogue
-from tinygc.effects._effect import Movement
+from tinygc.effects.effect import Movement
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import plan_of, simulate_session, true_signals
 from tinygc.simulation.unit import draw_unit

@@ -8,9 +8,9 @@ import pytest
 from conftest import DEG, SESSION_TOML, Table, config, session_of, write_session
 from looks import G, look, of, serious
 
-from session.check import Finding, check_folder, worst
-from session.config import Accelerometer
-from session.logfile import Log
+from session.checks.first_look import Finding, check_folder, worst
+from session.log.config import Accelerometer
+from session.log.logfile import Log
 
 # Nothing wrong
 

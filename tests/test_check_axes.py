@@ -8,8 +8,8 @@ from conftest import DEG, Table, session_of
 from looks import IDENTITY, X_Y_EXCHANGED, look, name_of, of, serious
 
 from session.checks.axes import axes_in_words
-from session.stills import find_stills
-from session.tilt import SIGNED_PERMUTATIONS, agreement
+from session.detect.stills import find_stills
+from session.detect.tilt import SIGNED_PERMUTATIONS, agreement
 
 
 def test_each_wrong_order_of_the_gyros_axes_is_found(good):

@@ -7,8 +7,8 @@ import pytest
 from conftest import DEG, Table, session_of
 from looks import G, look, of, serious, with_sensor
 
-from session.samples import Samples
-from session.stills import find_stills
+from session.detect.stills import find_stills
+from session.log.samples import Samples
 
 # Stamps
 

@@ -12,8 +12,8 @@ import pytest
 from commandline import HEADER, QUICK, refused, spoil
 from conftest import ROOT
 
-from tinygc import arguments as arguments_of
-from tinygc.methods import METHODS
+from tinygc.cli import arguments as arguments_of
+from tinygc.methods.names import METHODS
 
 # Streams
 
@@ -216,7 +216,7 @@ def test_least_squares_does_not_import_torch(folder):
     loaded = modules_after(
         f"assert calibrate.main(['fit', {str(folder)!r}, '--methods', 'raw,least_squares', '--quiet', '--folds', '2']) == 0"
     )
-    assert "tinygc.least_squares" in loaded
+    assert "tinygc.closure.least_squares" in loaded
     assert "torch" not in loaded
 
 

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from session.units import DEG
-from tinygc import closure, linear, rotation
-from tinygc.linear import LinearModel
-from tinygc.network.subnet import CalibrationNet
+from session.common.units import DEG
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.models import linear
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.linear import LinearModel
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
 RNG = np.random.default_rng(0)

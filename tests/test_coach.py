@@ -5,12 +5,13 @@ import pytest
 from conftest import DEG, config, session_of
 from test_guide import guide_of, play, simulated
 
-from tinygc import linear, rotation
-from tinygc.coach import Coach
-from tinygc.plan import TARGETS
-from tinygc.problem import build_problem
-from tinygc.turns import columns, turns_from
-from tinygc.uncertainty import parameter_covariance
+from tinygc.attitude import rotation
+from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.models import linear
+from tinygc.plan.coach import Coach
+from tinygc.plan.plan import TARGETS
+from tinygc.plan.turns import columns, turns_from
+from tinygc.problem.build import build_problem
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from conftest import SESSION_TOML, Table, write_session
 
-from session.check import check_folder, check_keys
-from session.config import Accelerometer, read_config
-from session.errors import CalibrationError, FormatError
-from session.units import STANDARD_GRAVITY_MPS2
+from session.checks.first_look import check_folder, check_keys
+from session.common.errors import CalibrationError, FormatError
+from session.common.units import STANDARD_GRAVITY_MPS2
+from session.log.config import Accelerometer, read_config
 
 
 def read(tmp_path, text):

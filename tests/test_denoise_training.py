@@ -7,14 +7,17 @@ import pytest
 import torch
 from conftest import Turns
 
-from session.errors import FitError
-from session.units import DEG
+from session.common.errors import FitError
+from session.common.units import DEG
 from tinygc import closure
-from tinygc.denoising import risk as denoise_risk
-from tinygc.denoising.denoiser import Denoiser
-from tinygc.denoising.material import REACH, of_batch
-from tinygc.denoising.training import DenoiseOptions, start, taps_and_jacobian, train_denoiser
-from tinygc.linear import bias_only
+from tinygc.methods.denoising import risk as denoise_risk
+from tinygc.methods.denoising.material import REACH, of_batch
+from tinygc.methods.denoising.options import DenoiseOptions
+from tinygc.methods.denoising.second_order import taps_and_jacobian
+from tinygc.methods.denoising.start import start
+from tinygc.methods.denoising.training import train_denoiser
+from tinygc.models.denoiser import Denoiser
+from tinygc.models.linear import bias_only
 
 ODR_HZ, NOISE_RPS = 208.0, 0.05 * DEG
 

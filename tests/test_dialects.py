@@ -7,10 +7,10 @@ import pytest
 from conftest import DEG, write_session
 from dialect_logs import ACCEL, DIALECTS, GYRO, SAMPLES, T_US, TEMP, betaflight, inertial, make, rows, same, triads
 
+from session.common.errors import CalibrationError, FormatError
+from session.common.units import G
 from session.dialects.units import parse_unit
-from session.errors import CalibrationError, FormatError
-from session.folder import read_session
-from session.units import G
+from session.log.folder import read_session
 
 
 @pytest.mark.parametrize("name", DIALECTS)

@@ -24,11 +24,11 @@ from dialect_logs import (
     triads,
 )
 
-from session.dialects.convert import convert
+from session.common.errors import CalibrationError, DataError, FormatError, StorageError
 from session.dialects.layout import Answers
 from session.dialects.stamps import exact_ns
-from session.errors import CalibrationError, DataError, FormatError, StorageError
-from session.folder import read_session
+from session.log.folder import read_session
+from session.replay.convert import convert
 
 # Time
 
@@ -226,7 +226,7 @@ def test_a_closure_run_is_added_to_its_session(tmp_path):
 
 
 def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
-    import session.dialects.convert as module
+    import session.replay.convert as module
 
     def full(*_):
         raise OSError(28, "No space left on device")
@@ -238,7 +238,7 @@ def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
 
 
 def test_a_full_disk_under_a_copied_log_is_not_the_logs_fault(tmp_path, monkeypatch):
-    import session.dialects.convert as module
+    import session.replay.convert as module
 
     def full(source, target):
         raise OSError(28, "No space left on device", str(source), None, str(target))
@@ -256,7 +256,7 @@ def test_the_command_line_makes_a_session_that_fits(simulated, tmp_path, capsys)
     import json
 
     import calibrate
-    from session.logfile import read_log
+    from session.log.logfile import read_log
 
     folder = simulated()
     sensor = read_session(folder).config.sensor

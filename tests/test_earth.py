@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from session.folder import read_session
-from session.units import DEG, DEG_PER_HOUR
-from tinygc import rotation
-from tinygc.earth import estimate_heading, no_earth, vertical_only, with_heading
-from tinygc.problem import build_problem
+from session.common.units import DEG, DEG_PER_HOUR
+from session.log.folder import read_session
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import estimate_heading, no_earth, vertical_only, with_heading
+from tinygc.problem.build import build_problem
 
 SIDEREAL_DPH = 15.041
 

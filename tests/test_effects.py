@@ -10,12 +10,11 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.signal import lsim
 
-from session.units import DEG, EARTH_RATE_RPS, MG
-from tinygc import effects
-from tinygc.effects import catalogue
-from tinygc.effects._effect import Effect, Movement, axis_of, diagonal, full, largest
-from tinygc.effects.earth_rotation import latitude_deg
-from tinygc.explain.explain import explain_session
+from session.common.units import DEG, EARTH_RATE_RPS, MG
+from tinygc.effects import catalogue, entries
+from tinygc.effects.effect import Effect, Movement, axis_of, diagonal, full, largest
+from tinygc.effects.entries.earth_rotation import latitude_deg
+from tinygc.explain.verdict.explain import explain_session
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -105,14 +104,14 @@ def theta_of(effect: Effect, value=None) -> np.ndarray:
 @pytest.fixture
 def new_file(tmp_path, monkeypatch):
     """A folder in which a test may put one more effect; the catalogue forgets it afterwards."""
-    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    monkeypatch.setattr(entries, "__path__", [*entries.__path__, str(tmp_path)])
     catalogue.cache_clear()
     before = set(sys.modules)
     yield tmp_path
     for name in set(sys.modules) - before:
-        if name.startswith("tinygc.effects."):
+        if name.startswith("tinygc.effects.entries."):
             del sys.modules[name]
-            delattr(effects, name.rsplit(".", 1)[1])
+            delattr(entries, name.rsplit(".", 1)[1])
     catalogue.cache_clear()
 
 
@@ -130,7 +129,7 @@ def test_the_list_of_ids_is_that_of_formats(shared):
 
 def test_a_new_file_is_a_new_effect(new_file):
     text = 'EFFECT = replace(EFFECT, id="gyro.made_up")\n'
-    (new_file / "made_up.py").write_text("from dataclasses import replace\nfrom tinygc.effects.bias_drift import EFFECT\n" + text)
+    (new_file / "made_up.py").write_text("from dataclasses import replace\nfrom tinygc.effects.entries.bias_drift import EFFECT\n" + text)
     (new_file / "_helper.py").write_text("raise RuntimeError('a helper is no effect')\n")
     assert set(catalogue()) == {*IDS, "gyro.made_up"}
     assert list(catalogue()) == sorted(catalogue())

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from session.errors import DataError
-from session.folder import read_session
-from session.units import DEG, G
+from session.common.errors import DataError
+from session.common.units import DEG, G
+from session.log.folder import read_session
 from tinygc.effects import catalogue
-from tinygc.explain.explain import explain_session
-from tinygc.explain.result import SCHEMA, save, to_json
-from tinygc.problem import build_problem
+from tinygc.explain.verdict.explain import explain_session
+from tinygc.explain.verdict.result import SCHEMA, save, to_json
+from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -7,22 +7,24 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from session.folder import read_session
-from session.units import DEG, EARTH_RATE_RPS, MG, G
-from tinygc import closure, rotation
+from session.common.units import DEG, EARTH_RATE_RPS, MG, G
+from session.log.folder import read_session
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.closure.bias_wander import wander_covariance
 from tinygc.effects import catalogue
-from tinygc.explain.gauge import in_gauge
-from tinygc.explain.naming import candidates
-from tinygc.explain.refit import refit
-from tinygc.explain.selection import Selection
-from tinygc.explain.turn_gravity import turn_gravity
-from tinygc.explain.twin import Channels, Claim, State, Twin
-from tinygc.explain.unknown import slow_candidates
-from tinygc.explain.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, UNIT_INSTABILITY, Whitener
-from tinygc.problem import build_problem
+from tinygc.effects.applied import Claim
+from tinygc.explain.naming.forward import candidates
+from tinygc.explain.naming.selection import Selection
+from tinygc.explain.naming.unknown import slow_candidates
+from tinygc.explain.twin.common_delay import in_gauge
+from tinygc.explain.twin.refit import refit
+from tinygc.explain.twin.turn_gravity import turn_gravity
+from tinygc.explain.twin.twin import Channels, State, Twin
+from tinygc.explain.twin.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, UNIT_INSTABILITY, Whitener
+from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
-from tinygc.wander import wander_covariance
 
 LEVER_M = (0.02, -0.015, 0.01)
 

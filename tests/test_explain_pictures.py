@@ -7,14 +7,14 @@ import pytest
 from matplotlib.figure import Figure
 from test_explain import FALSE_ROWS, explained, session  # noqa: F401  (fixtures)
 
-from session.units import DEG
+from session.common.units import DEG
 from tinygc.effects import catalogue
-from tinygc.effects._effect import Effect, Parameter, diagonal
-from tinygc.explain.explain import explain_session
-from tinygc.explain.panels import OWN, panels_of
-from tinygc.explain.panels.palette import BEFORE, PALE
-from tinygc.explain.regime import READ, Regime, regime_of
-from tinygc.explain.turn_gravity import turn_equations
+from tinygc.effects.effect import Effect, Parameter, diagonal
+from tinygc.explain.pictures.panels import OWN, panels_of
+from tinygc.explain.pictures.panels.palette import BEFORE, PALE
+from tinygc.explain.twin.turn_gravity import turn_equations
+from tinygc.explain.twin.variable import READ, Regime, regime_of
+from tinygc.explain.verdict.explain import explain_session
 
 
 def drawn(explanation, number: int):

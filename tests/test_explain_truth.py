@@ -9,15 +9,15 @@ from conftest import DEG, Table
 from scipy.spatial.transform import Rotation
 
 import calibrate
-from session.folder import read_session
-from tinygc.bias.days import level_days
-from tinygc.distance import fit_distance
-from tinygc.explain.truth_file.explain import explain_truth
-from tinygc.explain.truth_file.picture import draw_truth
-from tinygc.explain.truth_file.result import refusals, truth_to_json
-from tinygc.least_squares import fit_least_squares
-from tinygc.orientation import absolute_orientation_error
-from tinygc.problem import build_problem
+from session.log.folder import read_session
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.explain.truth.explain import explain_truth
+from tinygc.explain.truth.picture import draw_truth
+from tinygc.explain.truth.result import refusals, truth_to_json
+from tinygc.fit.bias.days import level_days
+from tinygc.methods.network.distance_loss import fit_distance
+from tinygc.problem.build import build_problem
+from tinygc.problem.truth_orientation import absolute_orientation_error
 
 TOML = """schema = "tinygc-session/1"
 [sensor]

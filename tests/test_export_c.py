@@ -16,18 +16,18 @@ import pytest
 import torch
 from exported_models import KNOWN, LINEAR, MODELS, NET, RNG, WHOLE, as_inputs, claim, physics, random_inputs
 
-from session.config import Accelerometer
-from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
-from session.samples import Samples
-from tinygc.denoising.denoiser import DenoisedNet, Denoiser
-from tinygc.embedded.effects import CARRIED, REFUSED
-from tinygc.embedded.program import program
-from tinygc.embedded.registers import Registers
-from tinygc.embedded.source import FLAGS, source_files
-from tinygc.exports import ExportError
-from tinygc.linear import LinearModel
-from tinygc.network.subnet import CalibrationNet
-from tinygc.physics.model import PhysicsModel
+from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.log.config import Accelerometer
+from session.log.samples import Samples
+from tinygc.deploy.embedded.effects import CARRIED, REFUSED
+from tinygc.deploy.embedded.program import program
+from tinygc.deploy.embedded.register_input import Registers
+from tinygc.deploy.embedded.source import FLAGS, source_files
+from tinygc.deploy.exports import ExportError
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.linear import LinearModel
+from tinygc.models.physics import PhysicsModel
 
 needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
 SENSOR = Registers(500, 4, 208.0, Accelerometer(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.1, -0.2, 0.3])))
@@ -281,7 +281,7 @@ def test_no_name_can_leave_its_comment(name, tmp_path):
 def test_export_writes_what_compiles_and_agrees_with_the_fit(simulated, tmp_path):
     """From the command line to the rates of the session's own log."""
     import calibrate
-    from session.folder import read_session
+    from session.log.folder import read_session
     from tinygc import models
 
     folder = tmp_path / "session"

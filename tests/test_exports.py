@@ -10,22 +10,21 @@ import yaml
 from conftest import DEG, config
 
 import tinygc
-from session.samples import Samples
-from session.units import G
+from session.common.units import G
+from session.log.samples import Samples
 from tinygc import models
-from tinygc.calibration import Calibration
-from tinygc.denoising.denoiser import DenoisedNet, Denoiser
+from tinygc.deploy.calibration import Calibration
+from tinygc.deploy.exports import FORMATS, ExportError, exporter
+from tinygc.deploy.exports._context import Context
 from tinygc.effects import catalogue
-from tinygc.explain.movement import Conditions
-from tinygc.explain.twin import Claim
-from tinygc.exports import FORMATS, ExportError, exporter
-from tinygc.exports._context import Context
-from tinygc.linear import LinearModel
-from tinygc.network.conditions import ConditionsModel, ConditionsNet
-from tinygc.network.published import PublishedNet
-from tinygc.network.subnet import CalibrationNet
-from tinygc.physics.methods import CarriedNet
-from tinygc.physics.model import PhysicsModel
+from tinygc.effects.applied import Claim
+from tinygc.effects.conditions import Conditions
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
+from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.linear import LinearModel
+from tinygc.models.physics import CarriedNet, PhysicsModel
+from tinygc.models.published_net import PublishedNet
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.units import DEG
-from tinygc.explain.false_readings import find_glitches, without_glitches
+from session.common.units import DEG
+from tinygc.explain.mends.false_readings import find_glitches, without_glitches
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from session.units import DEG
-from tinygc.field_parameters import WORDS, field_quantities, field_vector
-from tinygc.linear import NAMES
+from session.common.units import DEG
+from tinygc.models.field_parameters import WORDS, field_quantities, field_vector
+from tinygc.models.linear import NAMES
 
 
 def calibration_of(M, b=(0.0, 0.0, 0.0)):

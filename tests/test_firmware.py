@@ -19,15 +19,15 @@ sys.path.insert(0, str(ROOT / "firmware"))
 import measure
 from play import Board, read_registers
 
-from session.errors import DeviceError, FormatError
-from session.folder import read_session
+from session.common.errors import DeviceError, FormatError
+from session.log.folder import read_session
 from session.recording.recorder import Recorder
 from session.stream import frames
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Info
-from tinygc.embedded.program import program
-from tinygc.embedded.registers import Registers
-from tinygc.embedded.source import source_files
+from tinygc.deploy.embedded.program import program
+from tinygc.deploy.embedded.register_input import Registers
+from tinygc.deploy.embedded.source import source_files
 
 MISSING = measure.tools_missing()
 needs_board = pytest.mark.skipif(bool(MISSING), reason=MISSING)

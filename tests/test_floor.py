@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from conftest import Turns
 
-from session.stills import Noise, Still
-from session.units import DEG
-from tinygc import closure, rotation
-from tinygc.floor import Floor, closure_floor, gyro_variance, still_tilt_variance
-from tinygc.linear import LinearModel
+from session.common.units import DEG
+from session.detect.stills import Noise, Still
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.closure.floor import Floor, closure_floor, gyro_variance, still_tilt_variance
+from tinygc.models.linear import LinearModel
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
 GRAVITY = 9.7946

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from streams import frame_list, sent
 
-from session.errors import FormatError
+from session.common.errors import FormatError
 from session.recording.growing import GrowingFile
 from session.recording.logwriter import LogWriter
 from session.recording.replay import stream

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, config
 
+from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.detect.segments import cut_segments
+from session.detect.stills import find_stills
 from session.guide.coverage import face_up
 from session.guide.guide import Guide
+from session.guide.messages import Advice, Kind, Stage
 from session.guide.stream_check import stream_problem
-from session.guide.words import Advice, Kind, Stage
-from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
-from session.samples import Samples, joined
-from session.segments import cut_segments
-from session.stills import find_stills
+from session.log.samples import Samples, joined
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from conftest import Table, config
 
-from session.errors import CalibrationError
+from session.common.errors import CalibrationError
+from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.guide.guide import Guide
-from session.guide.words import Kind, Stage
-from session.guided import GuidedRecording
-from session.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.guide.guided_session import GuidedRecording
+from session.guide.messages import Kind, Stage
 from session.stream.events import Chunk, Info, Trouble
 
 INFO = Info(500.0, 4.0, 208.0, "1")
@@ -94,16 +94,16 @@ def test_pulled_and_reset_anywhere(at):
 
 
 def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
-    monkeypatch.setattr("session.guided.SHOW_EVERY_S", -1.0)
+    monkeypatch.setattr("session.guide.guided_session.SHOW_EVERY_S", -1.0)
 
     def silent(port):
-        monkeypatch.setattr("session.guided.SILENT_S", -1.0)
+        monkeypatch.setattr("session.guide.guided_session.SILENT_S", -1.0)
 
     def wrong_baud(port):
         port.decoder = SimpleNamespace(garbage=812, crc_errors=3)
 
     def right_again(port):
-        monkeypatch.setattr("session.guided.SILENT_S", 60.0)
+        monkeypatch.setattr("session.guide.guided_session.SILENT_S", 60.0)
 
     guide, said = led(Port([INFO, pulled, plugged, silent, wrong_baud, right_again, *chunks(SESSION)]))
     why = [now.why for now in said.instructions]

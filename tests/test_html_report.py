@@ -10,11 +10,11 @@ import pytest
 from conftest import SESSION_TOML, Table, write_session, wxyz
 
 import calibrate
-from session.units import DEG
-from tinygc.html_report import numbers
-from tinygc.html_report.chart import Axis, Chart, log_axis
-from tinygc.html_report.sphere import coverage
-from tinygc.html_report.style import COLOURS, PAGE
+from session.common.units import DEG
+from tinygc.report.html import numbers
+from tinygc.report.html.chart import Axis, Chart, log_axis
+from tinygc.report.html.sphere import coverage
+from tinygc.report.html.style import COLOURS, PAGE
 
 QUICK = ("--methods", "raw,least_squares", "--no-explain", "--quiet")
 WHOLE = ("--methods", "raw,raw_bias_removed,least_squares", "--quiet")
@@ -126,7 +126,7 @@ def test_its_code_calibrates_as_the_model_does(simulated, text):
     offered = re.search(r"data:application/json;base64,([^\"]+)", text).group(1)
     from base64 import b64decode
 
-    from tinygc.models import from_dict
+    from tinygc.models.files import from_dict
 
     model = from_dict(json.loads(b64decode(offered)))
     assert names["E"] == pytest.approx(model.E, rel=1e-9)
@@ -138,7 +138,7 @@ def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, si
     from html import unescape
 
     import tinygc
-    from session.units import G
+    from session.common.units import G
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.write import write_session as write_simulation
 
@@ -196,10 +196,10 @@ def test_what_fit_saved_is_taken_again_and_only_if_it_is_the_same(simulated, tmp
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 1}', "[" * 100_000])
 def test_a_saved_fit_that_is_none_is_not_believed(simulated, tmp_path, text):
-    from session.folder import read_session
-    from tinygc.methods import FitOptions
-    from tinygc.problem import build_problem
-    from tinygc.saved_fit import NAME, saved_methods
+    from session.log.folder import read_session
+    from tinygc.fit.saved_fit import NAME, saved_methods
+    from tinygc.methods.options import FitOptions
+    from tinygc.problem.build import build_problem
 
     (tmp_path / NAME).write_text(text)
     assert saved_methods(tmp_path, build_problem(read_session(simulated())), FitOptions(), {}) == {}

@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 from conftest import Turns
 
-from session.errors import FitError
-from session.stills import Noise
-from session.units import DEG
-from tinygc import closure, rotation
-from tinygc.earth import no_earth, with_heading
-from tinygc.floor import closure_floor
-from tinygc.least_squares import PRIOR_SIGMA, fit_least_squares
-from tinygc.linear import NAMES, LinearModel, bias_only
-from tinygc.still_rates import StillRates
-from tinygc.uncertainty import goodness, parameter_covariance
+from session.common.errors import FitError
+from session.common.units import DEG
+from session.detect.stills import Noise
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import no_earth, with_heading
+from tinygc.closure.floor import closure_floor
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.still_rates import StillRates
+from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.models.linear import NAMES, PRIOR_SIGMA, LinearModel, bias_only
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
 #: of a typical unit: 1 % of scale, 5 mrad of misalignment, 1 dps

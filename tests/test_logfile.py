@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from conftest import SESSION_TOML, Table, write_session
 
-from session.config import Sensor
-from session.errors import CalibrationError, DataError, FormatError
-from session.folder import read_session
-from session.logfile import read_log
+from session.common.errors import CalibrationError, DataError, FormatError
+from session.log.config import Sensor
+from session.log.folder import read_session
+from session.log.logfile import read_log
 
 SENSOR = Sensor("ASM330LHH", "42", 208.0, 500.0, 4.0)
 HEADER = "t_us,gx,gy,gz,ax,ay,az,temp"

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import butter, lfilter
 
-from session.units import DEG
-from tinygc.explain.explain import explain_session
+from session.common.units import DEG
+from tinygc.explain.verdict.explain import explain_session
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

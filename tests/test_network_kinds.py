@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from session.errors import FitError, FormatError
-from session.samples import Samples
+from session.common.errors import FitError, FormatError
+from session.log.samples import Samples
 from tinygc import models
-from tinygc.explain.movement import Conditions
-from tinygc.network.conditions import ConditionsModel, ConditionsNet, inputs_of
-from tinygc.network.published import PublishedNet
-from tinygc.network.subnet import CalibrationNet
+from tinygc.effects.conditions import Conditions
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.conditions_net import ConditionsModel, ConditionsNet, inputs_of
+from tinygc.models.published_net import PublishedNet
 
 RNG = np.random.default_rng(0)
 RATE = RNG.normal(size=(4, 50, 3)) * 3

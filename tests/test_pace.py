@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from session.detect.pace import pace_of
 from session.guide.health import Health
-from session.pace import pace_of
-from session.samples import Samples
+from session.log.samples import Samples
 
 ODR_HZ = 209.56
 

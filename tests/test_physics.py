@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import calibrate
-from session.folder import read_session
-from session.units import DEG, G
-from tinygc.linear import NAMES
-from tinygc.models import load
-from tinygc.physics.model import fit_physics
-from tinygc.problem import build_problem
+from session.common.units import DEG, G
+from session.log.folder import read_session
+from tinygc.fit.physics.fit_physics import fit_physics
+from tinygc.models.files import load
+from tinygc.models.linear import NAMES
+from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

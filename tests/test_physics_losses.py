@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import calibrate
-from session.folder import read_session
-from tinygc.closure_run import read_closure_runs
-from tinygc.physics.losses import loss_words, lost_in
-from tinygc.problem import build_problem
+from session.log.folder import read_session
+from tinygc.fit.physics.lost_in_runs import loss_words, lost_in
+from tinygc.problem.build import build_problem
+from tinygc.problem.closure_run import read_closure_runs
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import calibrate
-from session.folder import read_session
-from tinygc import linear
-from tinygc.asked import asked
-from tinygc.plan import TARGETS, parameter_words, propose
-from tinygc.problem import build_problem
+from session.log.folder import read_session
+from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.models import linear
+from tinygc.plan.plan import TARGETS, parameter_words, propose
+from tinygc.plan.requested import asked
+from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
-from tinygc.uncertainty import parameter_covariance
 
 CONFIG = 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 208.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n'
 WORDS = "record five fast turns both ways about z"

@@ -5,12 +5,12 @@ import pytest
 from conftest import Table
 from test_registers import session_of_logs
 
-from session.folder import read_session
-from session.units import DEG
-from tinygc.explain.explain import explain_session
-from tinygc.explain.mending import mend
-from tinygc.explain.plateaus import find_plateaus
-from tinygc.problem import build_problem
+from session.common.units import DEG
+from session.log.folder import read_session
+from tinygc.explain.mends.mending import mend
+from tinygc.explain.mends.plateaus import find_plateaus
+from tinygc.explain.verdict.explain import explain_session
+from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

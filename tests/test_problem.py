@@ -8,12 +8,14 @@ import pytest
 from conftest import DEG, Table, session_of
 from scipy.spatial.transform import Rotation
 
-from session.errors import DataError, SegmentError
-from session.folder import read_session
-from session.samples import Samples
-from tinygc import closure, rotation
-from tinygc.linear import LinearModel
-from tinygc.problem import CLIPPED, FEWEST_SEGMENTS, LEFT_OUT, build_problem
+from session.common.errors import DataError, SegmentError
+from session.log.folder import read_session
+from session.log.samples import Samples
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.models.linear import LinearModel
+from tinygc.problem.build import FEWEST_SEGMENTS, build_problem
+from tinygc.problem.rejections import CLIPPED, LEFT_OUT
 from tinygc.simulation.motion import move
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session

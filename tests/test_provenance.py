@@ -2,8 +2,9 @@
 
 import hashlib
 
-from session.folder import read_session
-from tinygc.provenance import input_hashes, sha256_of, versions
+from session.log.folder import read_session
+from session.log.hashes import input_hashes, sha256_of
+from tinygc.fit.versions import versions
 
 
 def test_every_file_of_a_session_is_hashed(simulated):

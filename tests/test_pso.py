@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from conftest import Turns
 
-from session.folder import read_session
-from session.units import DEG
+from session.common.units import DEG
+from session.log.folder import read_session
 from tinygc import closure
-from tinygc.earth import with_heading
-from tinygc.least_squares import fit_least_squares
-from tinygc.linear import LinearModel, bias_only
-from tinygc.preintegration import preintegrate
-from tinygc.problem import build_problem
-from tinygc.pso import fit_pso, minimise
+from tinygc.attitude.earth import with_heading
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.preintegration import preintegrate
+from tinygc.methods.pso import fit_pso, minimise
+from tinygc.models.linear import LinearModel, bias_only
+from tinygc.problem.build import build_problem
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
 

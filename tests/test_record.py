@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from session.config import Config
-from session.folder import Session, read_session
-from session.logfile import Log
-from session.samples import Samples
-from tinygc.methods import FitOptions, closure_angles, run_method
-from tinygc.problem import build_problem
+from session.log.config import Config
+from session.log.folder import Session, read_session
+from session.log.logfile import Log
+from session.log.samples import Samples
+from tinygc.closure.residual import closure_angles
+from tinygc.methods.options import FitOptions
+from tinygc.methods.run import run_method
+from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -193,5 +195,5 @@ def test_a_range_that_contradicts_the_board_ends_it_with_the_bytes_kept(board, t
 
 
 def test_the_recorder_never_loads_torch():
-    code = "import sys; import tinygc.coach, session.guided, session.screen; print('torch' in sys.modules)"
+    code = "import sys; import tinygc.plan.coach, session.guide.guided_session, session.guide.screen; print('torch' in sys.modules)"
     assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT, env=environment()).strip() == "False"

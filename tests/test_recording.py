@@ -20,9 +20,9 @@ import serial
 from streams import INFO, decode, frame_list, line_list, samples, sent
 
 import calibrate
-from session.config import read_config
-from session.errors import DeviceError, StorageError
-from session.folder import read_session
+from session.common.errors import DeviceError, StorageError
+from session.log.config import read_config
+from session.log.folder import read_session
 from session.recording import rawfile
 from session.recording.clock import ComparisonOfClocks
 from session.recording.logwriter import LogWriter
@@ -34,7 +34,7 @@ from session.recording.replay import stream
 from session.stream import frames
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk, Comment, Info, Trouble
-from tinygc.board.terminal import Terminal
+from tinygc.simulation.board.terminal import Terminal
 
 PATIENCE_S = 10.0
 CONFIG = """schema = "tinygc-session/1"

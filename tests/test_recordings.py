@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.folder import read_session
-from session.units import DEG
-from tinygc.closure_run import read_closure_runs
-from tinygc.fit import closure_figures, run_figures
-from tinygc.methods import FitOptions, run_method
-from tinygc.problem import build_problem
-from tinygc.uncertainty import goodness, parameter_covariance
+from session.common.units import DEG
+from session.log.folder import read_session
+from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.fit.session import closure_figures, run_figures
+from tinygc.methods.options import FitOptions
+from tinygc.methods.run import run_method
+from tinygc.problem.build import build_problem
+from tinygc.problem.closure_run import read_closure_runs
 
 
 def fitted(folder):

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, config
 
-from session.folder import Session
-from session.logfile import Log
-from session.samples import Samples
-from tinygc.explain import bridge, false_readings, registers
-from tinygc.explain.false_readings import find_glitches, without_glitches
-from tinygc.explain.mending import mend
-from tinygc.explain.registers import find_ceiling, find_jumps, find_losses, with_lost
-from tinygc.problem import build_problem
+from session.log.folder import Session
+from session.log.logfile import Log
+from session.log.samples import Samples
+from tinygc.explain.mends import false_readings, interpolation, lost_samples
+from tinygc.explain.mends.false_readings import find_glitches, without_glitches
+from tinygc.explain.mends.lost_samples import find_ceiling, find_jumps, find_losses, with_lost
+from tinygc.explain.mends.mending import mend
+from tinygc.problem.build import build_problem
 
 RATES = (104.0, 208.0, 416.0, 833.0)
 FS = 500 * DEG
@@ -191,7 +191,7 @@ def test_losses_are_found_at_their_rows(odr_hz, lost_s):
         values = np.concatenate([true, attitude.inv().apply([0, 0, -9.7946])], axis=1)
         step = np.abs(values[rows + count + 1] - values[rows])
         size = np.linalg.norm(2 * step / (np.sqrt(20) * noise_std(odr_hz)), axis=1)
-        clear = set(closed_up(rows, count)[size > 2 * registers.JUMP])
+        clear = set(closed_up(rows, count)[size > 2 * lost_samples.JUMP])
         assert clear <= found
         found_all += len(clear)
     assert found_all >= 3
@@ -354,8 +354,8 @@ def test_a_gap_is_crossed_as_well_as_this_movement_allows_and_the_floor_says_how
     (first, table), _ = two
     rows, count = rows_in_turns(table, first, 1, 6), 9
     spoilt, at = with_losses(first, rows, count), closed_up(rows, count)
-    order, promised = bridge.best_order(spoilt, at, count)
-    back = registers.with_lost(spoilt, at, count, order)
+    order, promised = interpolation.best_order(spoilt, at, count)
+    back = lost_samples.with_lost(spoilt, at, count, order)
     missed = [(back.gyro - first.gyro)[row + 1 : row + 1 + count].sum(axis=0) * first.period_s for row in rows]
     assert np.sqrt(np.mean(np.square(missed))) == pytest.approx(promised, rel=0.5)
 
@@ -366,6 +366,6 @@ def test_a_rough_hand_asks_for_a_high_order_and_a_noisy_sensor_for_a_low_one(sha
     gyro = 100 * DEG * np.sin(2 * np.pi * shaking_hz * t[:, None] + [0, 1, 2])
     gyro += noise_dps * DEG * np.random.default_rng(2).standard_normal(gyro.shape)
     samples = Samples((t * 1e9).astype(np.int64), gyro, np.zeros_like(gyro), None)
-    order, missed_rad = bridge.best_order(samples, np.array([4000]), 9)
+    order, missed_rad = interpolation.best_order(samples, np.array([4000]), 9)
     assert order == expected
     assert missed_rad > 0.9 * noise_dps * DEG * np.sqrt(9) / 208  # what was not read holds noise of its own

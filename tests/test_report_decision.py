@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import calibrate
-from tinygc.html_report.adopted import Adopted
-from tinygc.html_report.decision import decide
+from tinygc.report.html.adopted import Adopted
+from tinygc.report.html.decision import decide
 
 
 @pytest.mark.parametrize(

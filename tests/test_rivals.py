@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from session.units import DEG
-from tinygc.explain.explain import explain_session
+from session.common.units import DEG
+from tinygc.explain.verdict.explain import explain_session
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

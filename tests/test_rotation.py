@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from tinygc import rotation
+from tinygc.attitude import rotation
 
 RNG = np.random.default_rng(0)
 

@@ -7,9 +7,9 @@ from conftest import Table
 from rich.console import Console
 from test_guide import guide_of, play
 
-from session.guide.words import Advice, Change, Kind, Stage
-from session.samples import Samples
-from session.screen import LiveScreen, PlainLines, view
+from session.guide.messages import Advice, Change, Kind, Stage
+from session.guide.screen import LiveScreen, PlainLines, view
+from session.log.samples import Samples
 
 LONG = Advice(
     "turn left about the vertical (-x axis up) by 270°, then at once about the sensor's y axis (z towards x) by 180°; about 4 s",

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from session.config import read_config
-from session.errors import CalibrationError, FormatError
-from session.session_file import SessionFile, nominal_hz, toml_text
+from session.common.errors import CalibrationError, FormatError
+from session.log.config import read_config
+from session.recording.session_file import SessionFile, nominal_hz, toml_text
 from session.stream.events import Info
 
 INFO = Info(500.0, 4.0, 425.98, 'S/N "7"\\')

@@ -12,18 +12,18 @@ import pytest
 from conftest import product, turned
 from scipy.spatial.transform import Rotation
 
-from session.errors import CalibrationError, FormatError
-from session.folder import read_session
-from session.registers import gyro_rps_per_lsb
-from session.segments import cut_segments
-from session.stills import find_stills
-from session.units import DEG, EARTH_RATE_RPS
+from session.common.errors import CalibrationError, FormatError
+from session.common.registers import gyro_rps_per_lsb
+from session.common.units import DEG, EARTH_RATE_RPS
+from session.detect.segments import cut_segments
+from session.detect.stills import find_stills
+from session.log.folder import read_session
 from tinygc.simulation.motion import earth_rate_table, move, table_to_body
 from tinygc.simulation.noise import bias_instability
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions, command_line
-from tinygc.simulation.plan import hand_plan
 from tinygc.simulation.sensor import low_pass, oversampling
 from tinygc.simulation.simulate import simulate_session, true_signals
+from tinygc.simulation.table_movement import hand_plan
 from tinygc.simulation.write import write_session
 
 SHORT = SimulationOptions(segments=3, closure_s=20, seed=5)

@@ -12,7 +12,7 @@ from session.stream import frames
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk, Comment, Info, Trouble
 from session.stream.text import parse_lines
-from tinygc.board.faults import Faults, flipped, spoil
+from tinygc.simulation.board.faults import Faults, flipped, spoil
 
 BOTH = pytest.mark.parametrize("encode", [frame_list, line_list], ids=["frames", "text"])
 
@@ -335,7 +335,7 @@ def test_of_many_damaged_frames_none_enters():
 
 def test_motion_and_knocks_are_not_doubted_on_a_bad_wire(simulated):
     """Simulated hand turns at 104 Hz, where steps are largest, with a damaged frame in seven: every whole frame arrives."""
-    from tinygc.board.source import recorded
+    from tinygc.simulation.board.source import recorded
 
     source = recorded(simulated())
     t_us = np.rint(np.arange(len(source.rows)) * 1e6 / source.info.odr_hz).astype(np.int64)

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from conftest import Turns
 
-from session.errors import FitError
-from session.units import DEG
+from session.common.errors import FitError
+from session.common.units import DEG
 from tinygc import closure
-from tinygc.distance import fit_distance, mean_distance, train_distance
-from tinygc.least_squares import fit_least_squares
-from tinygc.linear import LinearModel, bias_only
-from tinygc.network.published import PublishedNet
-from tinygc.network.subnet import TIES, CalibrationNet
-from tinygc.network.training import train_second_order
-from tinygc.network.training_adamw import train_adamw
-from tinygc.still_rates import StillRates
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.still_rates import StillRates
+from tinygc.methods.network.adamw_training import train_adamw
+from tinygc.methods.network.distance_loss import fit_distance, mean_distance, train_distance
+from tinygc.methods.network.training import train_second_order
+from tinygc.models.calibration_net import TIES, CalibrationNet
+from tinygc.models.linear import LinearModel, bias_only
+from tinygc.models.published_net import PublishedNet
 
 MODEL = LinearModel(np.array([[1.01, 0.005, -0.004], [-0.006, 0.988, 0.003], [0.005, -0.002, 1.008]]), np.array([1.0, -0.7, 0.4]) * DEG)
 NOISE_DPS, ODR_HZ = 0.005, 52.0

@@ -5,16 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from session.folder import read_session
-from session.units import DEG, DEG_PER_HOUR
-from tinygc.fit import fit_session
-from tinygc.least_squares import fit_least_squares
-from tinygc.linear import LinearModel, bias_only
-from tinygc.methods import FitOptions
-from tinygc.problem import build_problem
+from session.common.units import DEG, DEG_PER_HOUR
+from session.log.folder import read_session
+from tinygc.closure.bias_wander import BIAS_INSTABILITY_RPS, TIMES_S, wander_covariance
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.fit.session import fit_session
+from tinygc.methods.options import FitOptions
+from tinygc.models.linear import LinearModel, bias_only
+from tinygc.problem.build import build_problem
 from tinygc.simulation.noise import bias_instability
-from tinygc.uncertainty import parameter_covariance
-from tinygc.wander import BIAS_INSTABILITY_RPS, TIMES_S, wander_covariance
 
 FLOOR = np.sqrt(2 * np.log(2) / np.pi)  # 0.664: IEEE 952, C.1
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.folder import read_session
-from session.units import DEG
-from tinygc.explain.twin import Twin
-from tinygc.explain.within_stills import within_stills
-from tinygc.problem import build_problem
+from session.common.units import DEG
+from session.log.folder import read_session
+from tinygc.explain.twin.twin import Twin
+from tinygc.explain.twin.within_stills import within_stills
+from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

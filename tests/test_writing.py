@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import calibrate
-from session.errors import StorageError
-from session.writing import naming, result_folder
-from tinygc.files import write_text_whole
+from session.common.errors import StorageError
+from session.common.files import write_text_whole
+from session.common.writing import naming, result_folder
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_export_to_a_full_disk(form, simulated, full_disk, tmp_path, capsys):
 
 
 def test_report_to_a_full_disk(full_disk, monkeypatch, tmp_path):
-    from tinygc.html_report import page as module
+    from tinygc.report.html import page as module
 
     monkeypatch.setattr(module, "page", lambda evidence: "<html></html>")
     full_disk()

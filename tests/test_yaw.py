@@ -6,11 +6,11 @@ import shutil
 import numpy as np
 import pytest
 
-from session.folder import read_session
-from session.units import DEG
-from tinygc.closure_run import read_closure_runs
-from tinygc.least_squares import fit_least_squares
-from tinygc.problem import build_problem
+from session.common.units import DEG
+from session.log.folder import read_session
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.problem.build import build_problem
+from tinygc.problem.closure_run import read_closure_runs
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -7,7 +7,7 @@ __version__ = "0.1.0"
 
 
 def load(path, rate_hz=None):
-    """A model file as ``omega = model(raw, acc, temp)``, rad/s in and out: see ``tinygc.calibration.Calibration``."""
-    from tinygc.calibration import load
+    """A model file as ``omega = model(raw, acc, temp)``, rad/s in and out: see ``tinygc.deploy.calibration.Calibration``."""
+    from tinygc.deploy.calibration import load
 
     return load(path, rate_hz)

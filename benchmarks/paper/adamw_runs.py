@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from paper.euroc import Euroc
-from tinygc.files import write_whole
-from tinygc.network.adamw import Checkpoint
-from tinygc.network.published import PublishedNet
-from tinygc.network.subnet import CalibrationNet
-from tinygc.network.training_adamw import train_adamw
+from session.common.files import write_whole
+from tinygc.methods.network.adamw_checkpoint import Checkpoint
+from tinygc.methods.network.adamw_training import train_adamw
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.published_net import PublishedNet
 
 RUNS = Path(__file__).resolve().parents[2] / "build" / "paper"
 NETS = {"27": CalibrationNet, "26": PublishedNet}

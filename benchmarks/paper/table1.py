@@ -15,16 +15,17 @@ from scipy.optimize import minimize
 
 from paper.adamw_runs import adamw_run
 from paper.euroc import EUROC, TEST, Euroc
-from session.euroc import true_bias_rps
-from session.units import DEG
-from tinygc.bias.rebias import from_gravity, from_start, with_change
-from tinygc.denoising.material import of_problem
-from tinygc.denoising.training import DenoiseOptions, train_denoiser
-from tinygc.distance import fit_distance
-from tinygc.least_squares import fit_least_squares
-from tinygc.linear import LinearModel, bias_only
-from tinygc.network.published import PublishedNet
-from tinygc.network.training import train_second_order
+from session.common.units import DEG
+from session.public.euroc import true_bias_rps
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.fit.bias.rebias import from_gravity, from_start, with_change
+from tinygc.methods.denoising.material import of_problem
+from tinygc.methods.denoising.options import DenoiseOptions
+from tinygc.methods.denoising.training import train_denoiser
+from tinygc.methods.network.distance_loss import fit_distance
+from tinygc.methods.network.training import train_second_order
+from tinygc.models.linear import LinearModel, bias_only
+from tinygc.models.published_net import PublishedNet
 
 HEADER = ("", "par.", "test inputs", *TEST, "mean")
 PUBLISHED = (

@@ -13,11 +13,11 @@ import numpy as np
 from closure_table import CLOSURE_S, RECORDINGS, TITLES, fit_model, rms
 from common import in_parallel, markdown, simulated, with_heading
 
-from session.folder import Session, read_session
-from session.units import DEG
-from tinygc.closure_run import read_closure_runs
-from tinygc.fit import run_figures
-from tinygc.problem import build_problem
+from session.common.units import DEG
+from session.log.folder import Session, read_session
+from tinygc.fit.session import run_figures
+from tinygc.problem.build import build_problem
+from tinygc.problem.closure_run import read_closure_runs
 from tinygc.simulation.options import SimulationOptions
 
 METHODS = ("raw", "pso", "least_squares", "tinygc", "tinygc_denoised")

@@ -1,1 +1,1 @@
-"""The first look, an idea a file; ``session.check`` puts them together."""
+"""The first look, an idea a file; ``session.checks.first_look`` puts them together."""

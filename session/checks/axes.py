@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.config import Config
-from session.findings import Finding
-from session.registers import GYRO_MDPS_PER_LSB
-from session.samples import Samples
-from session.stills import Still
-from session.tilt import Agreement, agreement
-from session.units import DEG
+from session.checks.findings import Finding
+from session.common.registers import GYRO_MDPS_PER_LSB
+from session.common.units import DEG
+from session.detect.stills import Still
+from session.detect.tilt import Agreement, agreement
+from session.log.config import Config
+from session.log.samples import Samples
 
 CLEARLY = 0.5  #: another order of axes must halve what is unexplained
 EXPLAINED = 0.5  #: of gravity's movement, or nothing is said of axes

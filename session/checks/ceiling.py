@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from session.clipping import LEAST_RUN, plateau
-from session.config import Sensor
-from session.findings import Finding, axes_text
-from session.logfile import Log
-from session.stills import Still
-from session.units import DEG
+from session.checks.findings import Finding, axes_text
+from session.common.units import DEG
+from session.detect.clipping import LEAST_RUN, plateau
+from session.detect.stills import Still
+from session.log.config import Sensor
+from session.log.logfile import Log
 
 #: readings at a level, of either sign, from which it is one; a turn's own peak is a few
 LEAST_AT = 20

@@ -6,8 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
-from session.findings import Finding
-from session.logfile import Log
+from session.checks.findings import Finding
+from session.log.logfile import Log
 
 #: samples that two recordings cannot have in common by chance: a sensor has noise
 LEAST = 100

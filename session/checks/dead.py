@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.findings import Finding
-from session.logfile import Log
-from session.units import DEG, G
+from session.checks.findings import Finding
+from session.common.units import DEG, G
+from session.log.logfile import Log
 
 LEAST_S = 1.0
 #: a run at the axis's own extreme may be a turn that clips; beyond this no turn lasts

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.clipping import accel_reach_g, gyro_reach_dps, plateau, run_bar
-from session.config import Sensor
-from session.findings import Finding, axes_text
-from session.logfile import Log
-from session.pace import pace_of
-from session.segments import GAP_PERIODS
-from session.stills import Noise, Still
-from session.units import DEG, G
+from session.checks.findings import Finding, axes_text
+from session.common.units import DEG, G
+from session.detect.clipping import accel_reach_g, gyro_reach_dps, plateau, run_bar
+from session.detect.pace import pace_of
+from session.detect.segments import GAP_PERIODS
+from session.detect.stills import Noise, Still
+from session.log.config import Sensor
+from session.log.logfile import Log
 
 ODR_HZ = (12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667)
 ODR_UNIT_SPREAD = 0.01  #: part-to-part departure from the nominal rate that is usual

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.config import Config
-from session.findings import Finding, xyz_text
-from session.registers import ACCEL_MG_PER_LSB
-from session.stills import Noise, Still
-from session.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
+from session.checks.findings import Finding, xyz_text
+from session.common.registers import ACCEL_MG_PER_LSB
+from session.common.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
+from session.detect.stills import Noise, Still
+from session.log.config import Config
 
 #: of the ASM330LHH: noise densities in mdps/sqrt(Hz) and ug/sqrt(Hz), greatest zero-rate level in dps
 GYRO_NOISE_MDPS, ACCEL_NOISE_UG, ZERO_RATE_DPS = 5.0, 60.0, 3.0

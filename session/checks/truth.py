@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from session.config import Config
-from session.errors import CalibrationError
-from session.findings import Finding, xyz_text
-from session.logfile import Log
-from session.truth import Truth, cut_at_truth
-from session.units import DEG
+from session.checks.findings import Finding, xyz_text
+from session.common.errors import CalibrationError
+from session.common.units import DEG
+from session.detect.truth_segments import cut_at_truth
+from session.log.config import Config
+from session.log.logfile import Log
+from session.log.truth import Truth
 
 EXPLAINED = 0.5  #: of the truth's rotations, or they are not this gyro's
 MOST_SEGMENTS = 200

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from session.errors import FormatError
+from session.common.errors import FormatError
 
 EXPECTED = (
     "expected t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME; NAME is the header's, or the column's number from 1, with - for a wrong sign"

@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from session import header, registers
+from session.common import registers
+from session.common.errors import FormatError
 from session.dialects.columns import DELIMITERS, from_columns, split
 from session.dialects.table import DIALECTS, Dialect
 from session.dialects.units import Unit, known, parse_unit
-from session.errors import FormatError
+from session.log import header
 
 OWN = "TinyGC"
 UNIT = re.compile(r"\s*[\[(]([^\])]*[^\W\d_][^\])]*)[\])]$")

@@ -8,7 +8,7 @@ import io
 import zlib
 from pathlib import Path
 
-from session.errors import FormatError
+from session.common.errors import FormatError
 
 #: in the place of a file name: standard input
 STANDARD = "-"

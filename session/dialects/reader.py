@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from session.common.errors import FormatError
+from session.common.plausible import beyond_any_sensor, complaint
 from session.dialects.layout import Answers, Layout, recognise
 from session.dialects.lines import Lines
 from session.dialects.stamps import COUNTER, DAY_NS, Unroll, exact_ns
 from session.dialects.units import Unit
-from session.errors import FormatError
-from session.logfile import LAST_NS
-from session.plausible import beyond_any_sensor, complaint
+from session.log.logfile import LAST_NS
 
 #: of text that is looked through for a header
 HEAD_LINES, HEAD_BYTES = 400, 1 << 16
@@ -232,6 +232,6 @@ def _with_points(lines: list[str]) -> list[str]:
 
 def temperature_c(values: np.ndarray, unit: Unit) -> np.ndarray:
     """degC from what is written."""
-    from session.registers import temperature_c as of_register
+    from session.common.registers import temperature_c as of_register
 
     return of_register(values) if unit.si is None else values * unit.si

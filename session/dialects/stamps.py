@@ -6,8 +6,8 @@ from decimal import Decimal
 
 import numpy as np
 
-from session.counter import comes_round
-from session.errors import DataError
+from session.common.counter import comes_round
+from session.common.errors import DataError
 
 #: a counter of 32 bits, and a clock
 COUNTER = 2**32

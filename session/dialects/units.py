@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from session.units import DEG, MDPS, MG, G
+from session.common.units import DEG, MDPS, MG, G
 
 #: words of each kind of quantity -> SI per unit (time: nanoseconds, exact)
 TIME = {"ns": 1, "us": 1_000, "µs": 1_000, "μs": 1_000, "ms": 1_000_000, "s": 1_000_000_000, "sec": 1_000_000_000}

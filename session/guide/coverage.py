@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.guide.words import Taken
-from session.units import DEG
+from session.common.units import DEG
+from session.guide.messages import Taken
 
 FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
 SLANTED = 0.90  #: cosine: an axis further than 26° from the vertical is not up

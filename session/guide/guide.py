@@ -6,19 +6,19 @@ changes.  It never waits without saying for what.
 
 from __future__ import annotations
 
-from session.blocks import block_size
-from session.config import Protocol, Sensor
+from session.common.units import DEG, NS
+from session.detect.blocks import block_size
+from session.detect.pace import Pace, pace_of
+from session.detect.stills import MIN_STILL_FRACTION
 from session.guide.coverage import Coverage
 from session.guide.health import Health
-from session.guide.movement import Movement
+from session.guide.messages import Advice, Change, Instruction, Kind, Stage, Taken
 from session.guide.stillness import Block, Stillness
 from session.guide.stream_check import CHECK_S, FEWEST, stream_problem
+from session.guide.turn_in_progress import Movement
 from session.guide.window import Examined, Window
-from session.guide.words import Advice, Change, Instruction, Kind, Stage, Taken
-from session.pace import Pace, pace_of
-from session.samples import Samples, joined
-from session.stills import MIN_STILL_FRACTION
-from session.units import DEG, NS
+from session.log.config import Protocol, Sensor
+from session.log.samples import Samples, joined
 
 HOLD_STILLS = 1.5  #: times the protocol's still_s are asked for: a still serves two turns
 SETTLING_S = 0.3  #: quiet for so long, a turn is over

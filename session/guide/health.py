@@ -6,10 +6,10 @@ from collections import Counter, deque
 
 import numpy as np
 
-from session.pace import Pace
-from session.samples import Samples
-from session.segments import GAP_PERIODS
-from session.units import NS
+from session.common.units import NS
+from session.detect.pace import Pace
+from session.detect.segments import GAP_PERIODS
+from session.log.samples import Samples
 
 SLOPE_OVER_S = 60.0
 LEAST_SLOPE_S = 10.0

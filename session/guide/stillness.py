@@ -1,6 +1,6 @@
-"""Stillness as it happens, a block of 0.1 s at a time, by the bars of ``session.stills``.
+"""Stillness as it happens, a block of 0.1 s at a time, by the bars of ``session.detect.stills``.
 
-What it says is for the person at the table.  Whether a still counts is asked of ``session.stills`` itself (``window``), so that the
+What it says is for the person at the table.  Whether a still counts is asked of ``session.detect.stills`` itself (``window``), so that the
 recorded log is judged alike.
 """
 
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.blocks import block_moments, block_size
-from session.samples import Samples
-from session.stills import MEAN_SIGMAS, QUIET_ACCEL_RATIO, QUIET_VARIANCE_RATIO, TURNING_RPS, noise_variance
-from session.units import DEG, MDPS, MG
+from session.common.units import DEG, MDPS, MG
+from session.detect.blocks import block_moments, block_size
+from session.detect.stills import MEAN_SIGMAS, QUIET_ACCEL_RATIO, QUIET_VARIANCE_RATIO, TURNING_RPS, noise_variance
+from session.log.samples import Samples
 
 #: until a first still is known, no more than this is taken for the sensor's own noise: three times the data sheet's, one-sided densities
 GYRO_CEILING, ACCEL_CEILING = 15 * MDPS, 180e-3 * MG

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.samples import Samples
-from session.units import STANDARD_GRAVITY_MPS2, G
+from session.common.units import STANDARD_GRAVITY_MPS2, G
+from session.log.samples import Samples
 
 CHECK_S = 1.0
 FEWEST = 50

@@ -1,4 +1,4 @@
-"""The samples since the last reference stills, and what ``session.stills`` and ``session.segments`` make of them.
+"""The samples since the last reference stills, and what ``session.detect.stills`` and ``session.detect.segments`` make of them.
 
 The very code that will judge the recorded log judges it here: what the guide accepts, the fit accepts.
 """
@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.blocks import block_size
-from session.config import Protocol, Sensor
-from session.samples import Samples, joined
-from session.segments import Segment, cut_segments
-from session.stills import MIN_STILL_FRACTION, Noise, Still, find_stills
-from session.units import NS
+from session.common.units import NS
+from session.detect.blocks import block_size
+from session.detect.segments import Segment, cut_segments
+from session.detect.stills import MIN_STILL_FRACTION, Noise, Still, find_stills
+from session.log.config import Protocol, Sensor
+from session.log.samples import Samples, joined
 
 REFERENCES = 3  #: stills that are kept: their noise is the yardstick
 LONGEST_REST_S = 20.0  #: of a still that lasts, the last part is kept

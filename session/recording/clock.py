@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.units import NS
+from session.common.units import NS
 
 STRETCH_NS = 500_000_000
 FEWEST = 6  #: stretches, 3 s, before anything is said

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.errors import FormatError, StorageError
+from session.common.errors import FormatError, StorageError
 from session.recording.growing import GrowingFile
 from session.stream.events import Chunk, Comment, Event, Info
 from session.stream.text import HEADER, parse_info

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import serial
 
-from session.errors import CalibrationError, DeviceError
+from session.common.errors import CalibrationError, DeviceError
 from session.recording.ports import identity_of, name_of
 
 #: what pyserial raises when a cable is pulled: SerialException is an OSError, termios.error is none

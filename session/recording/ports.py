@@ -9,7 +9,7 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
-from session.errors import DeviceError
+from session.common.errors import DeviceError
 
 ST_VENDOR = 0x0483
 #: USB ids -> what they are; ST's product ids from its usb.ids entries

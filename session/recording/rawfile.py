@@ -14,7 +14,7 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
-from session.errors import StorageError
+from session.common.errors import StorageError
 
 RAW, TIMES = "raw.bin", "raw.times"
 TIMES_HEADER = "host_ns,bytes,event"

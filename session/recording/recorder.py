@@ -9,7 +9,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from session.errors import CalibrationError
+from session.common.errors import CalibrationError
 from session.recording.clock import ComparisonOfClocks
 from session.recording.logwriter import NEW_LOG, LogWriter
 from session.recording.port import Closed, Opened, Port, Received

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from session.errors import FormatError
+from session.common.errors import FormatError
 from session.recording.logwriter import LogWriter
 from session.recording.rawfile import read_marks
 from session.stream.decoder import StreamDecoder

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.plan import Plan
 from tinygc.simulation.simulate import Distort, Disturb, Recording
+from tinygc.simulation.table_movement import Plan
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,29 +9,18 @@ import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
-from session.errors import DataError, FormatError
+from session.common.errors import DataError, FormatError
 from tinygc.challenge.conceal import Case, conceal, draw_cases, options_chosen
-from tinygc.challenge.score import Score, score
+from tinygc.challenge.examination import Examination
+from tinygc.challenge.score import score
 from tinygc.challenge.seal import Seal, seal
 from tinygc.simulation.write import write_files
 
 PROCESSES = 2
 SESSIONS, SEALED, OPENED = "sessions", "sealed_truth.bin", "truth.json"
 ROOT = Path(__file__).resolve().parents[2]
-
-
-@dataclass(frozen=True, eq=False)
-class Examination:
-    """sha256 of the truth as it was printed before; the scores, one for each session; truth and what was said, by session."""
-
-    seed: int
-    sha256: str
-    scores: list[Score]
-    truth: dict[str, dict]
-    said: dict[str, dict]
 
 
 def examine(

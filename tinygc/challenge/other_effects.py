@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.registers import REGISTER_MAX, gyro_rps_per_lsb
-from session.units import DEG, MG
+from session.common.registers import REGISTER_MAX, gyro_rps_per_lsb
+from session.common.units import DEG, MG
 from tinygc.challenge.concealment import Concealment, Maker, Scene
-from tinygc.simulation.plan import Plan
 from tinygc.simulation.simulate import Recording
+from tinygc.simulation.table_movement import Plan
 
 # Strong sizes
 CLIPPED = 0.45  #: of the session's peak, missing from it

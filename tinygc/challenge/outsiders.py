@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.units import DEG, G
+from session.common.units import DEG, G
 from tinygc.challenge.concealment import Concealment, Maker, Scene
 
 # Strong sizes, SI

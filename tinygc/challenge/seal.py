@@ -11,7 +11,7 @@ import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
-from session.errors import DataError
+from session.common.errors import DataError
 
 KEY_BYTES = 32
 

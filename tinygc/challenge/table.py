@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tinygc.challenge.conceal import STRENGTHS
-from tinygc.challenge.examine import Examination
+from tinygc.challenge.examination import Examination
 from tinygc.challenge.score import Score
 
 TITLES = {"nothing": "nothing hidden", "two": "two at once"}

@@ -10,13 +10,13 @@ import sys
 import time
 from pathlib import Path
 
-from session.errors import CalibrationError
+from session.common.errors import CalibrationError
 
 
 def main(folder: Path) -> None:
     """A refusal (a boring cause, for one) is an answer, too."""
-    from tinygc.explain.explain import explain_session
-    from tinygc.explain.result import to_json
+    from tinygc.explain.verdict.explain import explain_session
+    from tinygc.explain.verdict.result import to_json
 
     began = time.perf_counter()
     try:

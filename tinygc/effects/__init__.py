@@ -10,12 +10,13 @@ import importlib
 import pkgutil
 from functools import cache
 
-from tinygc.effects._effect import Effect
+from tinygc.effects import entries
+from tinygc.effects.effect import Effect
 
 
 @cache
 def catalogue() -> dict[str, Effect]:
     """All effects by id, in the order of their ids."""
-    names = sorted(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
-    effects = [importlib.import_module(f"{__name__}.{name}").EFFECT for name in names]
+    names = sorted(module.name for module in pkgutil.iter_modules(entries.__path__) if not module.name.startswith("_"))
+    effects = [importlib.import_module(f"{entries.__name__}.{name}").EFFECT for name in names]
     return {effect.id: effect for effect in sorted(effects, key=lambda effect: effect.id)}

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.units import EARTH_RATE_RPS
-from tinygc.simulation.plan import Plan
+from session.common.units import EARTH_RATE_RPS
 from tinygc.simulation.stroke import gimbal_angles
+from tinygc.simulation.table_movement import Plan
 
 
 @dataclass(frozen=True, eq=False)

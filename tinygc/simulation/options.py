@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from math import isfinite
 
-from session.errors import CalibrationError
+from session.common.errors import CalibrationError
 
 #: nominal output data rate, Hz -> bandwidth (-3 dB) of the gyro's LPF2, Hz, always on (SENSOR 1.2, LSM6DSO Table 18;
 #: the two highest rates are from memory, unchecked)
@@ -105,7 +105,7 @@ class SimulationOptions:
             ("turn_s", self.segments * self.turn_s),
         ):
             self._require(length_s * self.odr_hz <= MOST_SAMPLES, name, f"less: a session has at most {MOST_SAMPLES:.0e} samples")
-        from session import registers  # numpy: `--help` reads the options' defaults, and needs none
+        from session.common import registers
 
         registers.gyro_rps_per_lsb(self.gyro_fs_dps)
         registers.accel_mps2_per_lsb(self.accel_fs_g)

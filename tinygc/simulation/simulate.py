@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.units import DEG, DEG_PER_HOUR, G
+from session.common.units import DEG, DEG_PER_HOUR, G
 from tinygc.simulation import motion as table
 from tinygc.simulation import sensor
 from tinygc.simulation.noise import bias_instability
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions
-from tinygc.simulation.plan import Plan, hand_plan
+from tinygc.simulation.table_movement import Plan, hand_plan
 from tinygc.simulation.unit import Unit, draw_unit
 
 #: Physics beyond the linear model: ``distort(t_s (N,), rate (N, 3), force (N, 3), temp_c (N,)) -> rate (N, 3)``, SI, on the fine

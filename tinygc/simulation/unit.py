@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.units import DEG, MG
+from session.common.units import DEG, MG
 from tinygc.simulation.options import SimulationOptions
 
 FREQ_FINE_STEP = 0.0015  #: of the nominal rate, per LSB of INTERNAL_FREQ_FINE (int8)

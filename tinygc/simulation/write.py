@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from session.config import SCHEMA
-from session.errors import FormatError
-from session.units import DEG, MG
-from session.writing import naming, result_folder
+from session.common.errors import FormatError
+from session.common.units import DEG, MG
+from session.common.writing import naming, result_folder
+from session.log.config import SCHEMA
 from tinygc.simulation.options import SimulationOptions, command_line
 from tinygc.simulation.simulate import Distort, Recording, Simulation, simulate_session
 from tinygc.simulation.unit import BIAS_DIGITS, MATRIX_DIGITS

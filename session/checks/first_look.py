@@ -1,0 +1,122 @@
+"""The first look at a session: everything that has burnt users before, tested before anything is fitted.
+
+Each check returns findings: a measured number, the bar it was held against, what to do.  The bars come from physics and the
+datasheet, not from recordings.  Order: the log by itself, then its stills, then the gyroscope against gravity.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from session.checks.axes import check_axes
+from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
+from session.checks.copies import check_copies
+from session.checks.dead import check_dead
+from session.checks.findings import Finding, worst
+from session.checks.samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
+from session.checks.stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
+from session.checks.truth import check_truth
+from session.common.errors import CalibrationError
+from session.detect.stills import Noise, Still, find_stills
+from session.log.config import Config, read_config
+from session.log.folder import Session, log_paths, read_session
+from session.log.logfile import Log, read_log
+from session.log.samples import Samples
+
+__all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
+
+
+def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | None) -> list[Finding]:
+    """All checks of one log; stills and noise as ``find_stills(session.calibrated(log), …)`` gave them."""
+    config, where = session.config, log.path.name
+    good = [still for still in stills if still.problem is None]
+    missing_accel = session.truths is not None
+    findings = [
+        *check_reading(log),
+        *check_comments(log, config.sensor),
+        *check_rate(log, config.sensor),
+        *check_stamps(log, noise, config.protocol.segment_s),
+        *check_registers(log, config.sensor, good, missing_accel),
+        *check_dead(log, missing_accel),
+        *check_temperature(log, good),
+    ]
+    if session.truths is not None and log in session.logs:
+        # Where something better than gravity is the reference, nothing has to be still.
+        return findings + check_truth(log, session.truths[session.logs.index(log)], config)
+    ceiling = find_ceiling(log.samples.gyro)
+    if not good and ceiling is not None:
+        return [*findings, ceiling_finding(log, config.sensor, ceiling, good)]
+    findings += check_stills(where, stills)
+    if not good:
+        return findings
+    factor, _ = accel_unit_factor(good, config)
+    force = config.accelerometer.correct(log.samples.accel * factor)
+    return [
+        *findings,
+        *check_noise(where, noise, config.sensor.model),
+        *check_zero_rate(where, good, config.sensor.model),
+        *check_gravity(where, good, config, noise),
+        *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
+    ]
+
+
+def _axes_below(ceiling: Ceiling | None, log: Log, samples: Samples, stills: list[Still], config: Config) -> list[Finding]:
+    """``check_axes`` by the turns that reach no ceiling; where these are too few and the others disagree, the ceiling is the reason."""
+    clean, turns = clean_turns(ceiling, stills)
+    skip = ceiling.at if ceiling is not None and clean >= ENOUGH_CLEAN else None
+    findings = check_axes(log.path.name, samples, stills, config, log.raw, skip)
+    spoilt = ceiling is not None and clean < min(turns, ENOUGH_CLEAN) and worst(findings) != "ok"
+    return [ceiling_finding(log, config.sensor, ceiling, stills)] if spoilt else findings
+
+
+def check_folder(folder: Path) -> list[Finding]:
+    """The first look at every log and closure run of a folder; a log that cannot be read becomes an error among the findings."""
+    try:
+        session, findings = read_session(folder), []
+    except CalibrationError as error:
+        session, findings = _read_what_there_is(folder, error)
+    return findings if session is None else findings + check_session(session)
+
+
+def check_session(session: Session) -> list[Finding]:
+    """The first look at every log and closure run of a session that could be read."""
+    findings, all_stills = check_keys(session.config) + check_copies((*session.logs, *session.closures)), []
+    for log in (*session.logs, *session.closures):
+        stills, noise = find_stills(session.calibrated(log), session.config.protocol.still_s)
+        findings += first_look(session, log, stills, noise)
+        if log in session.logs:
+            all_stills.append(stills)
+    if all_stills and session.truths is None:
+        findings += check_segment_count(session.name, all_stills)
+    return findings
+
+
+def check_keys(config: Config) -> list[Finding]:
+    """Keys of session.toml that nothing reads: a misspelt one would silently leave its default in force."""
+    return [
+        Finding("warning", "session.toml", "unknown key", f"{key} is read by nothing", f"did you mean {near}?" if near else "remove it")
+        for key, near in config.unknown
+    ]
+
+
+def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session | None, list[Finding]]:
+    """The session without what cannot be read, and why not; ``error`` is what stopped the reading of the whole."""
+
+    def finding(where: str, error: CalibrationError) -> Finding:
+        return Finding("error", where, "reading", str(error))
+
+    try:
+        config = read_config(folder / "session.toml")
+        paths = {stem: log_paths(folder, stem) for stem in ("log", "closure")}
+    except CalibrationError:
+        return None, [finding(folder.name, error)]
+    logs, findings = {"log": [], "closure": []}, []
+    for stem in paths:
+        for path in paths[stem]:
+            try:
+                logs[stem].append(read_log(path, config.sensor))
+            except CalibrationError as reason:
+                findings.append(finding(path.name, reason))
+    if not findings:  # the logs are readable: it was the dial readings, or there is no log
+        findings.append(finding(folder.name, error))
+    return Session(folder, config, tuple(logs["log"]), tuple(logs["closure"])), findings

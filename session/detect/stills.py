@@ -1,0 +1,299 @@
+"""Find the still phases of a log, and say how good each is.
+
+No setting: the sensor's own noise, measured on the quietest blocks of the log itself, is the yardstick.  A block of 0.1 s is
+quiet when neither the scatter nor the mean of its rate, nor the scatter of its specific force, leaves what that noise allows.
+Runs of quiet blocks are stills.  A constant slow turn is quiet too, so each still is also asked whether gravity moves in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.common.units import DEG
+from session.detect.blocks import Blocks, block_moments
+from session.log.samples import Samples
+
+QUIET_VARIANCE_RATIO = 3.0  #: of a block's variance to the noise's; pure noise of 3 x 7 degrees of freedom exceeds it once in 10^6
+QUIET_ACCEL_RATIO = 6.0  #: looser: a table that trembles by some 0.1 mg still does not turn
+MEAN_SIGMAS = 6.0  #: a block's mean rate against its still's
+MIN_STILL_FRACTION = 0.7  #: of the protocol's still_s
+CREEP_SIGMAS = 6.0
+CREEP_RPS = 0.02 * DEG  #: slower than this, a 2 s still moves by less than 0.04 deg
+TURNING_RPS = 3.0 * DEG  #: a "still" whose rate differs this much from the others' is a steady turn
+BUMP_S = 0.35  #: a shorter disturbance that leaves the attitude as it was does not end a still
+NOISE_BLOCKS = 3
+BUMP_RAD = 0.1 * DEG
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """One still phase, samples ``start <= i < stop``.
+
+    gyro_mean (3,) rad/s; accel_mean (3,) m/s^2; gyro_std, accel_std (3,) scatter of single samples; gyro_slope (3,) rad/s^2;
+    tilt_rate (3,) rad/s: how fast gravity's direction turns, in body axes (nothing about the vertical);
+    temp_c or NaN; problem: why it is no reference, or None; bumps: disturbances inside that it survived.
+    """
+
+    start: int
+    stop: int
+    start_s: float
+    duration_s: float
+    gyro_mean: np.ndarray
+    gyro_std: np.ndarray
+    gyro_slope: np.ndarray
+    accel_mean: np.ndarray
+    accel_std: np.ndarray
+    tilt_rate: np.ndarray
+    temp_c: float
+    bumps: int = 0
+    problem: str | None = None
+
+    @property
+    def gravity_mps2(self) -> float:
+        """Length of the mean specific force."""
+        return float(np.linalg.norm(self.accel_mean))
+
+    @property
+    def middle(self) -> int:
+        return (self.start + self.stop) // 2
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """White noise measured in the stills: gyro (3,) rad/s/sqrt(Hz), accel (3,) m/s^2/sqrt(Hz), one-sided densities.
+
+    The random walk of the integral is the one-sided density / sqrt(2).
+    """
+
+    gyro: np.ndarray
+    accel: np.ndarray
+
+    @property
+    def angle_random_walk(self) -> np.ndarray:
+        """(3,) rad/sqrt(s)."""
+        return self.gyro / np.sqrt(2)
+
+    @property
+    def velocity_random_walk(self) -> np.ndarray:
+        """(3,) m/s/sqrt(s)."""
+        return self.accel / np.sqrt(2)
+
+
+def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], Noise | None]:
+    """Still phases of about ``still_s`` or longer, in order, and the noise in them (None where there is no still).
+
+    Phases that are quiet but no reference (they creep) are in the list, with their problem said.
+    """
+    blocks = block_moments(samples)
+    if len(blocks) < 3:
+        return [], None
+    quiet = _quiet_blocks(blocks)
+    spread = _spread_of_block_means(blocks.gyro_mean, quiet)
+    runs = _trim_to_constant_rate(_runs(quiet), blocks, spread)
+    runs = _close_bumps(runs, blocks, spread)
+    shortest = MIN_STILL_FRACTION * still_s / blocks.duration_s
+    runs = [run for run in runs if sum(stop - start for start, stop in run) >= shortest]
+    if not runs:
+        return [], None
+    noise = _noise(runs, blocks)
+    stills = [_settled(samples, run, blocks.size, noise, round(shortest)) for run in runs]
+    return _without_steady_turns(stills), noise
+
+
+def _quiet_blocks(blocks: Blocks) -> np.ndarray:
+    """Blocks (B,) bool whose scatter is the noise's own."""
+    quiet = np.ones(len(blocks), dtype=bool)
+    for variance, ratio in ((blocks.gyro_var, QUIET_VARIANCE_RATIO), (blocks.accel_var, QUIET_ACCEL_RATIO)):
+        noise = noise_variance(variance)
+        # The worst axis counts as well as the sum: a slow turn shows in one axis only.
+        quiet &= (variance / noise).mean(axis=1) < ratio
+        quiet &= (variance < 2 * ratio * noise).all(axis=1)
+    return quiet
+
+
+def noise_variance(variance: np.ndarray) -> np.ndarray:
+    """(3,) variance of the sensor's noise from that of blocks (B, 3): the median of the quiet ones, found from the quietest twentieth."""
+    total = variance.sum(axis=1)
+    # A register that stands still has no scatter at all; such blocks say nothing of the noise.
+    alive = total > 0
+    if not alive.any():
+        return np.full(3, np.finfo(float).tiny)
+    bar = 4 * np.quantile(total[alive], 0.05)
+    for _ in range(3):
+        calm = variance[alive & (total < bar)]
+        bar = QUIET_VARIANCE_RATIO * np.median(calm.sum(axis=1))
+    return np.maximum(np.median(calm, axis=0), np.finfo(float).tiny)
+
+
+def _spread_of_block_means(mean: np.ndarray, quiet: np.ndarray) -> np.ndarray:
+    """(3,) standard deviation of a block's mean from noise alone: from differences of neighbours, robustly."""
+    both = quiet[1:] & quiet[:-1]
+    if not both.any():
+        return np.full(3, np.inf)
+    return np.median(np.abs(np.diff(mean, axis=0)[both]), axis=0) / 0.6745 / np.sqrt(2)
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.view(np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _trim_to_constant_rate(runs, blocks: Blocks, spread: np.ndarray) -> list[tuple[int, int]]:
+    """Split each run where a block's mean rate leaves the run's: the slow ends of a turn are not still."""
+    kept = []
+    for start, stop in runs:
+        mean = blocks.gyro_mean[start:stop]
+        steady = (np.abs(mean - np.median(mean, axis=0)) < MEAN_SIGMAS * spread).all(axis=1)
+        kept += [(start + a, start + b) for a, b in _runs(steady)]
+    return kept
+
+
+def _close_bumps(runs, blocks: Blocks, spread: np.ndarray) -> list[list[tuple[int, int]]]:
+    """Join runs that only a short bump parts, one that left the attitude where it was.  A still is a list of runs."""
+    joined: list[list[tuple[int, int]]] = []
+    for run in runs:
+        before = joined[-1][-1] if joined else None
+        if before and _same_rest(before, run, blocks, spread):
+            joined[-1].append(run)
+        else:
+            joined.append([run])
+    return joined
+
+
+def _same_rest(a, b, blocks: Blocks, spread: np.ndarray) -> bool:
+    gap_s = (b[0] - a[1]) * blocks.duration_s
+    if gap_s > BUMP_S or min(a[1] - a[0], b[1] - b[0]) < 2:
+        return False
+    bias = blocks.gyro_mean[a[0] : a[1]].mean(axis=0)
+    turned = (blocks.gyro_mean[a[1] : b[0]] - bias).sum(axis=0) * blocks.duration_s
+    noise = 4 * float(spread.max()) * blocks.duration_s * np.sqrt(b[0] - a[1])
+    down = [blocks.accel_mean[first:last].mean(axis=0) for first, last in (a, b)]
+    lengths = np.prod(np.linalg.norm(down, axis=1))
+    if not lengths:  # no gravity, as where an accelerometer was not recorded, is no reason to take two rests for one
+        return False
+    tilted = np.linalg.norm(np.cross(*down)) / lengths
+    return bool(np.linalg.norm(turned) < BUMP_RAD + noise and tilted < BUMP_RAD)
+
+
+def _noise(runs, blocks: Blocks) -> Noise:
+    """Overlapping Allan variance inside the stills (IEEE 952, C.1), over three blocks: long beside the sensor's own filter, whose
+    correlation would hide some per cent of the noise from a shorter one."""
+    longest = max(b - a for run in runs for a, b in run)
+    size = min(NOISE_BLOCKS, longest // 2)
+
+    def density(mean: np.ndarray, variance: np.ndarray) -> np.ndarray:
+        if size == 0:  # stills of a single block: what is left is the scatter of single samples, as if it were white
+            inside = np.concatenate([variance[a:b] for run in runs for a, b in run])
+            return np.sqrt(2 * np.mean(inside, axis=0) * blocks.duration_s / blocks.size)
+        steps = [_allan_steps(mean[a:b], size) for run in runs for a, b in run]
+        return np.sqrt(np.mean(np.concatenate(steps) ** 2, axis=0) * size * blocks.duration_s)  # sqrt(2 x AVAR/2 x tau), one-sided
+
+    return Noise(density(blocks.gyro_mean, blocks.gyro_var), density(blocks.accel_mean, blocks.accel_var))
+
+
+def _allan_steps(mean: np.ndarray, size: int) -> np.ndarray:
+    """Differences (…, 3) between the means of neighbouring spans of ``size`` blocks, at every start."""
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(mean, axis=0)])
+    span = (total[size:] - total[:-size]) / size
+    return span[size:] - span[:-size]
+
+
+def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
+    rows = np.concatenate([np.arange(a * size, b * size) for a, b in run])
+    t = (samples.t_ns[rows] - samples.t_ns[rows[0]]) * 1e-9
+    centred = t - t.mean()
+    gyro, accel = samples.gyro[rows], samples.accel[rows]
+    leverage = np.sum(centred**2)
+    accel_mean = accel.mean(axis=0)
+    accel_slope = centred @ accel / leverage
+    # A direction d fixed in the world, seen from a body that turns with omega: dd/dt = -omega x d, so omega = dd/dt x d + (about d).
+    squared = accel_mean @ accel_mean
+    tilt_rate = np.cross(accel_slope, accel_mean) / squared if squared else np.full(3, np.nan)
+    return Still(
+        start=int(rows[0]),
+        stop=int(rows[-1]) + 1,
+        start_s=float((samples.t_ns[rows[0]] - samples.t_ns[0]) * 1e-9),
+        duration_s=float(t[-1]) + samples.period_s,
+        gyro_mean=gyro.mean(axis=0),
+        gyro_std=gyro.std(axis=0, ddof=1),
+        gyro_slope=centred @ gyro / leverage,
+        accel_mean=accel_mean,
+        accel_std=accel.std(axis=0, ddof=1),
+        tilt_rate=tilt_rate,
+        temp_c=float("nan") if samples.temp_c is None else float(samples.temp_c[rows].mean()),
+        bumps=len(run) - 1,
+    )
+
+
+def _settled(samples: Samples, run, size: int, noise: Noise, shortest: int) -> Still:
+    """The still once it has come to rest: what settles at its ends is cut off; one that never rests has a problem."""
+    whole = still = _measure(samples, run, size)
+    zero_rate = _zero_rate(samples, run, size, whole)
+    while _creep(still, whole, zero_rate, noise):
+        length = sum(stop - start for start, stop in run)
+        cut = max(1, length // 10)
+        if length - cut < max(shortest, 3):
+            axis = "xyz"[int(np.argmax(np.abs(whole.tilt_rate)))]
+            rate = np.linalg.norm(whole.tilt_rate) / DEG
+            return replace(whole, problem=f"creeps {rate:.3f} dps about {axis} (gravity moves in it)")
+        ends = [_without_end(run, cut, at_start) for at_start in (True, False)]
+        run, still = min(((end, _measure(samples, end, size)) for end in ends), key=lambda pair: _horizontal_rate(pair[1], zero_rate))
+    return still
+
+
+def _zero_rate(samples: Samples, run, size: int, whole: Still) -> np.ndarray:
+    """What the gyro reads (3,) at rest: its mean over a still less the rate at which gravity turns in it.
+
+    A fitted slope weighs a rate at time t by ``(T/2)^2 - (t - T/2)^2``; so must the gyro's mean that is compared with it.
+    """
+    rows = np.concatenate([np.arange(a * size, b * size) for a, b in run])
+    part = (rows - rows[0] + 0.5) / (rows[-1] - rows[0] + 1)
+    return np.average(samples.gyro[rows], axis=0, weights=part * (1 - part)) - whole.tilt_rate
+
+
+def _horizontal_rate(still: Still, zero_rate: np.ndarray) -> float:
+    """rad/s at which a still's gyro turns gravity's direction."""
+    rate, down = still.gyro_mean - zero_rate, still.accel_mean / still.gravity_mps2
+    return float(np.linalg.norm(rate - down * (down @ rate)))
+
+
+def _creep(still: Still, whole: Still, zero_rate: np.ndarray, noise: Noise) -> bool:
+    """Whether gravity turns in what is left of a still: by the accelerometer alone, or by the gyro since it was whole.
+
+    The second is sharper in what is short: gravity's slope goes with duration^-1.5, so a steady creep that is only cut short enough
+    would pass the first.
+    """
+
+    def tilt_sigma(duration_s: float) -> float:
+        slope = float(noise.velocity_random_walk.max()) * np.sqrt(12 / duration_s**3)
+        return slope / still.gravity_mps2 if still.gravity_mps2 else np.inf
+
+    if np.linalg.norm(still.tilt_rate) > max(CREEP_SIGMAS * tilt_sigma(still.duration_s), CREEP_RPS):
+        return True
+    gyro_sigma = noise.angle_random_walk.max() / np.sqrt(still.duration_s)
+    sigma = np.hypot(tilt_sigma(whole.duration_s), gyro_sigma)
+    return still is not whole and _horizontal_rate(still, zero_rate) > max(CREEP_SIGMAS * sigma, CREEP_RPS)
+
+
+def _without_end(run, cut: int, at_start: bool) -> list[tuple[int, int]]:
+    """A still's runs of blocks, ``cut`` blocks shorter at one end."""
+    blocks = np.concatenate([np.arange(start, stop) for start, stop in run])
+    blocks = blocks[cut:] if at_start else blocks[:-cut]
+    first, last = blocks[0], blocks[-1] + 1
+    return [(max(a, first), min(b, last)) for a, b in run if max(a, first) < min(b, last)]
+
+
+def _without_steady_turns(stills: list[Still]) -> list[Still]:
+    """A turn at constant rate is quiet as well; its rate tells it from the stills."""
+    weights = np.array([still.duration_s for still in stills])
+    rates = np.array([still.gyro_mean for still in stills])
+    usual = np.array([_weighted_median(rates[:, i], weights) for i in range(3)])
+    return [still for still in stills if np.abs(still.gyro_mean - usual).max() <= TURNING_RPS]
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, below[-1] / 2)])

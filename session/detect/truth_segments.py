@@ -1,0 +1,105 @@
+"""Segments between moments of a truth file, and the attitudes at their ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.common.errors import DataError
+from session.common.units import DEG
+from session.detect.segments import LONGEST_TURN_SEGMENTS, Segment, why_broken
+from session.log.samples import Samples
+from session.log.truth import Truth
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """Attitudes (4,) of a segment at its first and last sample, and the moments of the truth they come from."""
+
+    start: np.ndarray
+    end: np.ndarray
+    first: int
+    last: int
+
+
+def cut_at_truth(samples: Samples, truth: Truth, sensor, protocol, *, log: int = 0, number: int = 0) -> list[tuple[Segment, Ends]]:
+    """Segments between moments of the truth, accepted or with the reason why not; ``number`` is given to the first.
+
+    Raises DataError where the truth's times are not the log's.
+    """
+    moments_inside(samples, truth)  # or it is refused
+    nearest = _nearest(samples, truth)
+    there = np.abs(samples.t_ns[nearest] - truth.t_ns) * 1e-9 < samples.period_s
+    q = _at_samples(samples, truth, nearest)
+    segments = []
+    for first, last in _pairs(truth, protocol.segment_s):
+        a, b = int(nearest[first]), int(nearest[last])
+        missing = None if there[first] and there[last] else "the log has no sample at one of its moments of truth"
+        segment = _segment(samples, a, max(b, a + 1), missing, sensor, protocol, log, number + len(segments))
+        segments.append((segment, Ends(q[first], q[last], first, last)))
+    return segments
+
+
+def moments_inside(samples: Samples, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (K,) of the log that are nearest to the moments within it, and ``q_nb`` (K, 4) there.  DataError where there is none."""
+    nearest = _nearest(samples, truth)
+    inside = np.abs(samples.t_ns[nearest] - truth.t_ns) * 1e-9 < samples.period_s
+    if not inside.any():
+        raise DataError(f"{truth.path.name}: none of its {len(truth)} moments lies within the log; are its times on the log's clock?")
+    return nearest[inside], _at_samples(samples, truth, nearest)[inside]
+
+
+def _nearest(samples: Samples, truth: Truth) -> np.ndarray:
+    """(K,) number of the sample nearest to each moment."""
+    after = np.clip(np.searchsorted(samples.t_ns, truth.t_ns), 1, len(samples) - 1)
+    return after - (truth.t_ns - samples.t_ns[after - 1] < samples.t_ns[after] - truth.t_ns)
+
+
+def _at_samples(samples: Samples, truth: Truth, nearest: np.ndarray) -> np.ndarray:
+    """(K, 4): the truth carried to its nearest sample, at most half a period, with the rate that is read there."""
+    late_s = ((samples.t_ns[nearest] - truth.t_ns) * 1e-9).clip(-samples.period_s, samples.period_s)
+    half = samples.gyro[nearest] * late_s[:, None] / 2
+    w, v = truth.q_nb[:, :1], truth.q_nb[:, 1:]
+    q = np.concatenate([w - np.sum(v * half, axis=1, keepdims=True), v + w * half + np.cross(v, half)], axis=1)
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
+def _pairs(truth: Truth, segment_s: float) -> list[tuple[int, int]]:
+    """Moments (first, last) that bound each segment."""
+    if truth.window is not None:
+        rows = [np.flatnonzero(truth.window == number) for number in dict.fromkeys(truth.window.tolist())]
+        return [(int(row[0]), int(row[-1])) for row in rows if len(row) > 1]
+    pairs, first = [], 0
+    while True:
+        # The moment nearest to the protocol's length, but always a later one.
+        aim = truth.t_ns[first] + round(segment_s * 1e9)
+        last = max(int(np.searchsorted(truth.t_ns, aim)), first + 1)
+        if last < len(truth) and last - 1 > first and aim - truth.t_ns[last - 1] < truth.t_ns[last] - aim:
+            last -= 1
+        if last >= len(truth):
+            return pairs or [(0, len(truth) - 1)]
+        pairs.append((first, last))
+        first = last
+
+
+def _segment(samples: Samples, start: int, last: int, missing, sensor, protocol, log: int, number: int) -> Segment:
+    duration_s = float(samples.t_ns[last] - samples.t_ns[start]) * 1e-9
+    long = duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s
+    problem = missing or why_broken(samples, slice(start + 1, last + 1), sensor)
+    rate = np.linalg.norm(samples.gyro[start : last + 1] - samples.gyro[start : last + 1].mean(axis=0), axis=1)
+    turn_deg = float(np.trapezoid(rate, samples.t_s[start : last + 1])) / DEG
+    return Segment(
+        number=number,
+        log=log,
+        first=None,
+        last=None,
+        start=start,
+        stop=last + 1,
+        start_s=float(samples.t_ns[start] - samples.t_ns[0]) * 1e-9,
+        duration_s=duration_s,
+        turn_s=duration_s,
+        turn_deg=turn_deg,
+        problem=problem or (f"{duration_s:.0f} s between moments of truth: too long for a segment" if long else None),
+        breaks_yaw=problem is not None,
+    )

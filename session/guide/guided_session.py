@@ -1,0 +1,229 @@
+"""A guided recording: what the port gives goes to the guide, what the guide accepts goes to the coach, what both say to the screen.
+
+The reader thread stores the bytes (``session.recording``); this loop only reads events, so nothing that it does can lose any.  The coach
+works in a thread of its own: a segment's advice may come while the next still is being held.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import groupby
+from typing import Protocol as Interface
+
+import numpy as np
+
+from session.common.errors import CalibrationError, DataError, StorageError
+from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.guide.guide import Guide
+from session.guide.messages import Advice, Change, Kind, Stage, Taken
+from session.log.config import Config
+from session.log.samples import Samples
+from session.recording.logwriter import NEW_LOG
+from session.recording.recorder import Recorder
+from session.stream.events import Chunk, Event, Info, Trouble
+
+SILENT_S = 1.5
+NO_SERIAL = ("", "0")
+UNKNOWN_S = 10.0  #: of samples without a word of their ranges
+LAST_WORD_S = 5.0  #: that the coach may take at the end
+SHOW_EVERY_S = 0.1
+CLOCK_RATIO = 0.005  #: by which the board's second may differ from the host's; a host's is good to 0.0001
+CLOCK_RATIO_MOST = 0.25  #: a board whose second is that much longer is no sensor's, but a virtual one that was told to hurry
+CLOCK_AFTER_S = 20.0  #: of comparison: arrivals are late by some 10 ms
+
+Coach = Callable[[list[Taken]], Advice]
+Configure = Callable[[Info | None, float], Config | None]
+
+
+class View(Interface):
+    """A screen, or lines."""
+
+    def change(self, change: Change) -> None: ...
+
+    def show(self, guide: Guide) -> None: ...
+
+
+class GuidedRecording:
+    """``lead`` until the guide is done.
+
+    configure(info or None, seconds of samples without one) gives the session's configuration, or None while that is not enough; it raises
+    CalibrationError where the board contradicts what is known.
+    """
+
+    def __init__(self, guide: Guide, recorder: Recorder, configure: Configure, coach: Coach | None, view: View):
+        self.guide, self.recorder, self._configure, self._coach, self._view = guide, recorder, configure, coach, view
+        self.config: Config | None = None
+        guide.coached = coach is not None
+        self._early: list[Chunk] = []  # samples whose ranges nobody has told yet
+        self._to_coach: list[Taken] = []
+        self._coaching: Future | None = None
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="coach")
+        self._heard_s = self._shown_s = time.monotonic()
+        self._clock_said = False
+        self._last_said: tuple | None = None
+        self._serial: str | None = None  # of the sensor in this recording
+
+    def lead(self, interrupted: Callable[[], bool] = lambda: False) -> None:
+        """Take in what an earlier recording left, then follow the port until done; KeyboardInterrupt when ``interrupted``.
+
+        That is asked between two steps only: what has been taken from the port is in the log by then.
+        """
+        self._view.show(self.guide)
+        try:
+            self._take(self.recorder.resumed)
+            if self.recorder.resumed and self.guide.stage is not Stage.DONE:
+                self.guide.new_log()
+                self._say(Kind.STAGE, f"resumed: {self.guide.accepted} segments so far")
+            while self.guide.stage is not Stage.DONE:
+                if interrupted():
+                    raise KeyboardInterrupt
+                self._take(self.recorder.poll())
+                self._look_at_port()
+                self._look_at_clock()
+                self._hear_coach()
+                if time.monotonic() - self._shown_s > SHOW_EVERY_S:
+                    self._shown_s = time.monotonic()
+                    self._view.show(self.guide)
+            self._last_word()
+        finally:
+            self._thread.shutdown(wait=False, cancel_futures=True)
+            self._view.show(self.guide)
+
+    def _take(self, events: Iterable[Event]) -> None:
+        for event in _joined(events):
+            if isinstance(event, Chunk):
+                self._heard_s = time.monotonic()
+                self._samples(event)
+            elif isinstance(event, Info):
+                self._hear_board(event)
+            elif isinstance(event, Trouble):
+                self.guide.health.troubles[event.kind] += event.count
+                if event.kind in NEW_LOG:
+                    self._early = []
+                    self.guide.new_log()
+                    self._say(Kind.WARNING, f"{_NEW_LOG_SAYS[event.kind]}: a new log begins")
+
+    def _samples(self, chunk: Chunk) -> None:
+        if self.config is None:
+            self._early.append(chunk)
+            waited_s = float(chunk.t_us[-1] - self._early[0].t_us[0]) * 1e-6
+            if self._know(None, waited_s):
+                return
+            if waited_s > UNKNOWN_S:
+                raise CalibrationError(
+                    f"{UNKNOWN_S:g} s of samples without a word of their ranges: give --gyro-fs, --accel-fs, --odr, or a session.toml"
+                )
+            self.guide.waits(Stage.CHECK_STREAM, "the board has not yet said its ranges (an info frame, or a # line)")
+            return
+        for change in self.guide.feed(samples_of(chunk, self.config)):
+            self._view.change(change)
+            if change.taken is not None and self._coach is not None:
+                self._to_coach.append(change.taken)
+
+    def _hear_board(self, info: Info) -> None:
+        """What it says of itself.  A contradiction counts when it is said twice running: a line of text carries no check."""
+        said = (info.gyro_fs_dps, info.accel_fs_g, info.serial)
+        again, self._last_said = said == self._last_said, said
+        try:
+            self._require_same_sensor(info.serial)
+            self._know(info)
+        except StorageError:
+            raise
+        except CalibrationError:
+            if again:
+                raise
+        else:
+            self.guide.health.info_odr_hz = info.odr_hz
+
+    def _require_same_sensor(self, serial: str) -> None:
+        """In all of a recording, resumed or not: two sensors have two calibrations."""
+        if serial in NO_SERIAL:
+            return
+        if self._serial not in (None, serial):
+            known = f"this recording is of serial={self._serial}"
+            raise DataError(f"the board says serial={serial}, {known}: another sensor needs another --out")
+        self._serial = serial
+
+    def _know(self, info: Info | None, waited_s: float = 0.0) -> bool:
+        """What the samples mean; asked again at each info, which may contradict it.  Whether that is known only now."""
+        config = self._configure(info, waited_s)
+        if config is None or self.config is not None:
+            return False
+        self.config = config
+        self.guide.begin(config.sensor)
+        early, self._early = self._early, []
+        for chunk in early:
+            self._samples(chunk)
+        return True
+
+    def _look_at_port(self) -> None:
+        silent_s = time.monotonic() - self._heard_s
+        if not self.recorder.connected:
+            self.guide.waits(Stage.FIND_PORT, f"{self.recorder.port.name}: {self.recorder.why or 'opening'}; it is tried again and again")
+        elif silent_s > SILENT_S:
+            counts = self.recorder.decoder
+            what = "nothing comes: is the board sending?"
+            if counts.garbage or counts.crc_errors:
+                what = f"{counts.garbage} bytes and {counts.crc_errors} frames that are none: is the baud rate right?"
+            self.guide.waits(Stage.CHECK_STREAM, f"no samples for {silent_s:.0f} s; {what}")
+
+    def _look_at_clock(self) -> None:
+        """Said once: a device time that runs wrong is a wrong scale factor of all axes."""
+        clock, health = self.recorder.clock, self.guide.health
+        health.clock_ratio = ratio = clock.device_seconds_per_second
+        if ratio is None or self._clock_said or clock.compared_s < CLOCK_AFTER_S:
+            return
+        if CLOCK_RATIO < abs(ratio - 1) < CLOCK_RATIO_MOST:
+            self._clock_said = True
+            wrong = f"the board's clock runs {100 * abs(ratio - 1):.2f} % {'fast' if ratio > 1 else 'slow'} by this computer's"
+            self._say(Kind.WARNING, f"{wrong} (bar {100 * CLOCK_RATIO:g} %): every scale factor will be off by as much")
+
+    def _say(self, kind: Kind, text: str) -> None:
+        self._view.change(Change(kind, text, self.guide.now_s))
+
+    def _hear_coach(self) -> None:
+        """Take the coach's last word, and give it what has come since."""
+        if self._coaching is not None and self._coaching.done():
+            coaching, self._coaching = self._coaching, None
+            if (error := coaching.exception()) is not None:  # whatever it is, it must not end a recording
+                self._say(Kind.WARNING, f"the coach has failed ({type(error).__name__}: {error}); any turn will do")
+                self._coach, self._to_coach, self.guide.coached = None, [], False
+            else:
+                for change in self.guide.advise(coaching.result()):
+                    self._view.change(change)
+        if self._coaching is None and self._to_coach:
+            self._coaching = self._thread.submit(self._coach, self._to_coach)
+            self._to_coach = []
+
+    def _last_word(self) -> None:
+        """Of the coach, on all segments; it has had all but the last one before."""
+        until_s = time.monotonic() + LAST_WORD_S
+        while (self._coaching is not None or self._to_coach) and time.monotonic() < until_s:
+            self._hear_coach()
+            time.sleep(0.01)
+
+
+def _joined(events: Iterable[Event]) -> Iterator[Event]:
+    """Neighbouring chunks as one: a busy machine reads many small portions at once."""
+    for are_chunks, group in groupby(events, lambda event: isinstance(event, Chunk)):
+        if are_chunks:
+            chunks = list(group)
+            yield Chunk(np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks]))
+        else:
+            yield from group
+
+
+_NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was opened again"}
+
+
+def samples_of(chunk: Chunk, config: Config) -> Samples:
+    """Registers as SI, with the accelerometer's pre-calibration."""
+    registers = chunk.registers.astype(float)
+    return Samples(
+        chunk.t_us * 1000,
+        registers[:, 0:3] * gyro_rps_per_lsb(config.sensor.gyro_fs_dps),
+        config.accelerometer.correct(registers[:, 3:6] * accel_mps2_per_lsb(config.sensor.accel_fs_g)),
+        temperature_c(registers[:, 6]),
+    )

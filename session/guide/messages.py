@@ -1,0 +1,82 @@
+"""What the guide says: the stage, the instruction of the moment, and what has just changed.  Plain records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from session.detect.segments import Segment
+from session.detect.stills import Noise
+from session.log.samples import Samples
+
+
+class Stage(Enum):
+    """Where the session stands."""
+
+    FIND_PORT = "find port"
+    CHECK_STREAM = "check stream"
+    HOLD_STILL = "hold still"
+    TURN = "turn"
+    DONE = "done"
+
+
+class Kind(Enum):
+    """What a change is about; each has its own sound and colour."""
+
+    STAGE = "stage"
+    READY = "ready"  #: the still is long enough: turn now
+    ACCEPTED = "accepted"
+    REJECTED = "rejected"
+    WARNING = "warning"
+    DONE = "done"
+
+
+@dataclass(frozen=True)
+class Instruction:
+    """What to do now.  why: what it waits for, with the number and its bar; remaining_s of a countdown; part (0 to 1) of it that is done;
+    good: whether the condition is met at this moment, so that nothing but time is missing."""
+
+    stage: Stage
+    do: str
+    why: str = ""
+    remaining_s: float | None = None
+    part: float | None = None
+    good: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """An accepted segment as the coach gets it: its samples, from the middle of a still to what there is of the next, and the noise.
+
+    segment's sample numbers count from samples' first one; middle_s since the session's first sample.
+    """
+
+    segment: Segment
+    samples: Samples
+    noise: Noise
+    log: int
+    middle_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Something has changed, in words for the operator; segment where one was accepted or rejected."""
+
+    kind: Kind
+    text: str
+    at_s: float = 0.0
+    taken: Taken | None = None
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What the coach says after a segment.
+
+    words: the next movement; reason: the parameter that it helps, with its sigma beside the target; reached: whether every
+    parameter has reached its target; missing: what has not, in words, worst first.
+    """
+
+    words: str
+    reason: str
+    reached: bool = False
+    missing: tuple[str, ...] = ()

@@ -1,0 +1,174 @@
+"""The screen of a guided recording: one live view in a terminal, plain lines elsewhere; a bell."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from session.guide.guide import Guide
+from session.guide.health import WARM_C_PER_MIN, Health
+from session.guide.messages import Change, Kind, Stage
+
+BELLS = {Kind.READY: 1, Kind.ACCEPTED: 1, Kind.REJECTED: 2, Kind.WARNING: 2, Kind.DONE: 3}
+STYLES = {Kind.READY: "green", Kind.ACCEPTED: "green", Kind.REJECTED: "red", Kind.WARNING: "yellow", Kind.DONE: "bold green"}
+FAULTS = (("lost", "lost"), ("crc", "CRC"), ("garbage", "garbage"), ("implausible", "implausible"), ("reset", "resets"))
+REMEMBERED = 4  #: changes that stay on the screen
+REMIND_S = 5.0  #: between two lines that say the same, where there is no terminal
+
+
+class LiveScreen:
+    """A context: the live view between enter and exit."""
+
+    def __init__(self, title: str, mute: bool = False, console: Console | None = None):
+        self.console = console or Console(stderr=True, highlight=False, markup=False, emoji=False)
+        self._title, self._mute = title, mute
+        self._changes: deque[Change] = deque(maxlen=REMEMBERED)
+        self._live = Live(console=self.console, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
+
+    def __enter__(self) -> LiveScreen:
+        self._live.__enter__()
+        return self
+
+    def __exit__(self, *error) -> None:
+        self._live.__exit__(*error)
+
+    def change(self, change: Change) -> None:
+        """Remember it on the screen, and ring."""
+        if change.kind is not Kind.STAGE:
+            self._changes.append(change)
+        if not self._mute:
+            for _ in range(BELLS.get(change.kind, 0)):
+                self.console.bell()
+
+    def show(self, guide: Guide) -> None:
+        """Draw the present state."""
+        self._live.update(view(guide, self._title, self._changes), refresh=True)
+
+
+class PlainLines:
+    """A line for each change, and for what it waits for."""
+
+    def __init__(self, console: Console | None = None):
+        self.console = console or Console(stderr=True, highlight=False, markup=False, emoji=False)
+        self._said, self._said_s = "", 0.0
+
+    def __enter__(self) -> PlainLines:
+        return self
+
+    def __exit__(self, *error) -> None:
+        pass
+
+    def change(self, change: Change) -> None:
+        self.console.print(f"[{change.at_s:7.1f} s] {change.text}", soft_wrap=True)
+
+    def show(self, guide: Guide) -> None:
+        """Say a new instruction, and every few seconds why it waits."""
+        now, wall_s = guide.instruction, time.monotonic()
+        if now.do == self._said and (now.good or wall_s - self._said_s < REMIND_S):
+            return
+        why = now.why if not now.good or (now.stage is Stage.TURN and not guide.turning) else ""
+        self._said, self._said_s = now.do, wall_s
+        self.console.print(f"{'':12}{now.do}{f' ({why})' if why else ''}", soft_wrap=True)
+
+
+def view(guide: Guide, title: str, changes) -> Group:
+    """The whole screen, at most 22 lines of 80 columns."""
+    said = Table.grid(padding=(0, 2))
+    said.add_column(justify="right", width=8)
+    said.add_column()
+    for number, change in enumerate(changes, start=1):
+        style, newest = STYLES.get(change.kind, ""), number == len(changes)
+        # The newest is said in full, the ones before it in a line each.
+        text = Text(change.text, style=style, overflow="fold" if newest else "ellipsis", no_wrap=not newest)
+        said.add_row(Text(f"{change.at_s:.1f} s", style="dim"), text)
+    return Group(_instruction(guide, title), _state(guide), said)
+
+
+def _instruction(guide: Guide, title: str) -> Panel:
+    now = guide.instruction
+    bar = Table.grid(padding=(0, 1), expand=True)
+    bar.add_column(ratio=1)
+    bar.add_column(justify="right", width=12)
+    if now.part is not None:
+        bar.add_row(ProgressBar(total=1.0, completed=now.part, complete_style="green"), Text(f"{now.remaining_s:.1f} s left"))
+    else:
+        bar.add_row(Text(""), Text(""))
+    colour = {Stage.HOLD_STILL: "cyan", Stage.TURN: "magenta", Stage.DONE: "green"}.get(now.stage, "yellow")
+    why = Text(now.why, style="" if now.good else "bold yellow")
+    return Panel(
+        Group(Text(now.do, style=f"bold {colour}"), bar, why), title=Text(title), title_align="left", border_style=colour, height=7
+    )
+
+
+def _state(guide: Guide) -> Table:
+    health, table = guide.health, Table.grid(padding=(0, 2))
+    table.add_column(style="dim")
+    table.add_column(overflow="fold")
+    table.add_row("segments", _segments(guide))
+    table.add_row("coach", _coach(guide))
+    table.add_row("stream", _stream(health))
+    table.add_row("faults", _faults(health))
+    table.add_row("warmth", _warmth(health))
+    stills = guide.coverage.stills
+    table.add_row("up in stills", Text.assemble(*(_count(f"{face} {count}", count) for face, count in stills.items())))
+    turned = guide.coverage.turned_deg.items()
+    table.add_row("turned about", Text.assemble(*(_count(f"{axis} {degrees:.0f}°", degrees) for axis, degrees in turned)))
+    return table
+
+
+def _count(text: str, count: float) -> tuple[str, str]:
+    """What has not been covered yet stands out."""
+    return f"{text}  ", "" if count else "yellow"
+
+
+def _segments(guide: Guide) -> Table:
+    row = Table.grid(padding=(0, 1))
+    rejected = f", {guide.rejected} rejected" if guide.rejected else ""
+    row.add_row(
+        ProgressBar(total=guide.segments, completed=guide.accepted, width=24, complete_style="green"),
+        f"{guide.accepted} of {guide.segments} accepted{rejected}",
+    )
+    return row
+
+
+def _coach(guide: Guide) -> str:
+    if guide.advice is None:
+        return "–"
+    if not guide.advice.missing:
+        return guide.advice.reason
+    worst = guide.advice.missing[0].replace(" times its target", "×")
+    return f"{len(guide.advice.missing)} parameters above target; {worst}"
+
+
+def _stream(health: Health) -> Text:
+    if health.odr_hz is None:
+        return Text(f"– Hz; {health.samples} samples")
+    others = {"board says": health.info_odr_hz, "host clock": health.odr_by_host_hz}
+    said = ", ".join(f"{who} {odr_hz:.2f}" for who, odr_hz in others.items() if odr_hz)
+    return Text(f"{health.odr_hz:.2f} Hz; {f'{said}; ' if said else ''}{health.samples} samples")
+
+
+def _faults(health: Health) -> Text:
+    text = Text()
+    for name, count in (*((name, health.troubles[kind]) for kind, name in FAULTS), ("gaps", health.gaps)):
+        text.append(f"{count} {name}  ", style="bold yellow" if count else "")
+    return text
+
+
+def _warmth(health: Health) -> Text:
+    if health.temp_c is None:
+        return Text("–")
+    slope = health.temp_slope
+    text = Text(f"{health.temp_c:.1f} °C")
+    if slope is not None:
+        text.append(f", {slope:+.2f} °C/min")
+    if health.warming:
+        text.append(f": more than ±{WARM_C_PER_MIN:g}, its bias moves; better wait", style="yellow")
+    return text

@@ -1,0 +1,182 @@
+"""``session.toml``: what was recorded, with what, where (FORMATS, ``tinygc-session/1``)."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from math import isfinite, nan
+from pathlib import Path
+
+import numpy as np
+
+from session.common.errors import FormatError
+from session.common.units import STANDARD_GRAVITY_MPS2
+
+SCHEMA = "tinygc-session/1"
+REFERENCES = ("gravity", "table", "truth")
+
+
+@dataclass(frozen=True)
+class Sensor:
+    model: str
+    serial: str
+    odr_hz: float  #: nominal; the stamps say the true one
+    gyro_fs_dps: float
+    accel_fs_g: float
+
+
+@dataclass(frozen=True, eq=False)
+class Accelerometer:
+    """The accelerometer's pre-calibration, ``f = matrix @ (measured - bias)``: matrix (3, 3), bias (3,) m/s^2."""
+
+    matrix: np.ndarray = field(default_factory=lambda: np.eye(3))
+    bias_mps2: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def correct(self, measured: np.ndarray) -> np.ndarray:
+        """Specific force (N, 3) m/s^2 from what was measured."""
+        return (measured - self.bias_mps2) @ self.matrix.T
+
+
+@dataclass(frozen=True)
+class Site:
+    latitude_deg: float | None = None  #: None: the Earth's rotation cannot be predicted
+    gravity_mps2: float | None = None  #: None: standard gravity is expected, loosely
+    heading_deg: float | None = None  #: the table's index direction, from true north
+
+    @property
+    def expected_gravity_mps2(self) -> float:
+        return STANDARD_GRAVITY_MPS2 if self.gravity_mps2 is None else self.gravity_mps2
+
+
+@dataclass(frozen=True)
+class Protocol:
+    still_s: float = 1.0
+    segment_s: float = 5.0
+    reference: str = "gravity"
+    truth_sigma_deg: float = 0.1  #: of each angle of a truth file's attitudes
+
+
+@dataclass(frozen=True)
+class Config:
+    """unknown: keys that nothing reads, each with the known key nearest to it, or None."""
+
+    sensor: Sensor
+    accelerometer: Accelerometer
+    site: Site
+    protocol: Protocol
+    unknown: tuple[tuple[str, str | None], ...] = ()
+
+
+def read_config(path: Path) -> Config:
+    """Read and check ``session.toml``; FormatError names the key, what was expected and what came."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise FormatError(f"{path}: not found; a session folder holds session.toml and log*.csv (see FORMATS, README)") from None
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, UnicodeDecodeError, a number of thousands of digits
+        raise FormatError(f"{path}: broken TOML: {error}; correct that line") from None
+    if table.get("schema") != SCHEMA:
+        raise FormatError(f'{path}: schema is {_said(table.get("schema"))}, expected "{SCHEMA}"; is this a session folder of this tool?')
+    reader = _Reader(path, table)
+    sensor = Sensor(
+        model=reader.text("sensor", "model", "ASM330LHH"),
+        serial=reader.text("sensor", "serial", ""),
+        odr_hz=reader.number("sensor", "odr_hz", low=1, high=20000),
+        gyro_fs_dps=reader.number("sensor", "gyro_fs_dps", low=1, high=1e5),
+        accel_fs_g=reader.number("sensor", "accel_fs_g", low=0.1, high=1000),
+    )
+    accelerometer = Accelerometer(
+        reader.array("accelerometer", "matrix", (3, 3), np.eye(3)), reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3))
+    )
+    with np.errstate(all="ignore"):
+        determinant = abs(np.linalg.det(accelerometer.matrix))
+    if not 0.1 <= determinant <= 10:
+        what = "singular" if determinant < 0.1 else f"of determinant {determinant:g}"
+        raise FormatError(f"{path}: accelerometer.matrix is {what}; expected a 3x3 matrix close to the identity")
+    site = Site(
+        latitude_deg=reader.number("site", "latitude_deg", None, low=-90, high=90),
+        gravity_mps2=reader.number("site", "gravity_mps2", None, low=9.7, high=9.9),
+        heading_deg=reader.number("site", "heading_deg", None, low=-360, high=360),
+    )
+    protocol = Protocol(
+        still_s=reader.number("protocol", "still_s", 1.0, low=0.1, high=600),
+        segment_s=reader.number("protocol", "segment_s", 5.0, low=0.5, high=3600),
+        reference=reader.text("protocol", "reference", "gravity"),
+        truth_sigma_deg=reader.number("protocol", "truth_sigma_deg", 0.1, low=1e-4, high=10),
+    )
+    if protocol.reference not in REFERENCES:
+        expected = '"gravity", "table" or "truth"'
+        raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected {expected}')
+    return Config(sensor, accelerometer, site, protocol, reader.unknown())
+
+
+class _Reader:
+    """Typed look-ups in the parsed TOML; every complaint names file, key, expectation and value."""
+
+    _REQUIRED = object()
+
+    def __init__(self, path: Path, table: dict):
+        self._path, self._table, self._read = path, table, ["schema"]
+
+    def unknown(self) -> tuple[tuple[str, str | None], ...]:
+        """Keys that were never looked up, each with the looked-up key nearest to it."""
+        keys = []
+        for section, group in self._table.items():
+            keys += [f"{section}.{key}" for key in group] if isinstance(group, dict) else [section]
+        return tuple((key, self._nearest(key)) for key in keys if key not in self._read)
+
+    def _nearest(self, key: str) -> str | None:
+        """By the whole name, else by what stands behind the section: a key may have lost its section, or be in the wrong one."""
+        bare = {known.split(".")[-1]: known for known in self._read}
+        whole = get_close_matches(key.lower(), self._read, n=1, cutoff=0.75)
+        last = get_close_matches(key.lower().split(".")[-1], bare, n=1, cutoff=0.75)
+        return bare[last[0]] if last else whole[0] if whole else None
+
+    def _value(self, section: str, key: str, default):
+        self._read.append(f"{section}.{key}")
+        group = self._table.get(section, {})
+        if not isinstance(group, dict):
+            raise FormatError(f"{self._path}: [{section}] must be a table, not {_said(group)}")
+        if key not in group and default is self._REQUIRED:
+            raise FormatError(f"{self._path}: {section}.{key} is missing; add it under [{section}]")
+        return group.get(key, default)
+
+    def text(self, section: str, key: str, default: str) -> str:
+        value = self._value(section, key, default)
+        if not isinstance(value, str):
+            raise FormatError(f"{self._path}: {section}.{key} is {_said(value)}, expected text in quotes")
+        return value
+
+    def number(self, section: str, key: str, default=_REQUIRED, *, low: float, high: float):
+        value = self._value(section, key, default)
+        if value is None and default is None:
+            return None
+        try:
+            number = float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else nan
+        except OverflowError:
+            number = nan
+        if not isfinite(number) or not low <= number <= high:
+            raise FormatError(f"{self._path}: {section}.{key} is {_said(value)}, expected a number from {low:g} to {high:g}")
+        return number
+
+    def array(self, section: str, key: str, shape: tuple[int, ...], default: np.ndarray) -> np.ndarray:
+        value = self._value(section, key, default)
+        try:
+            array = np.asarray(value, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            array = np.empty(0)
+        if array.shape != shape or not np.isfinite(array).all():
+            raise FormatError(f"{self._path}: {section}.{key} is {_said(value)}, expected finite numbers of shape {shape}")
+        return array
+
+
+def _said(value) -> str:
+    """A value as a complaint quotes it, never longer than a line."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes out no number of more than 4300 digits
+        return "a number of thousands of digits"
+    return text if len(text) <= 80 else f"{text[:79]}…"

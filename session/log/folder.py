@@ -1,0 +1,114 @@
+"""A session folder as one record: configuration, calibration logs, closure runs, dial readings (FORMATS)."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.common.errors import FormatError
+from session.common.units import DEG
+from session.log.config import Config, read_config
+from session.log.logfile import Log, read_log
+from session.log.samples import Samples
+from session.log.truth import Truth, read_truth, truth_path
+
+#: far beyond any recording, and small enough for a table with a row each
+MOST_STILLS = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """What a folder holds.
+
+    attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still.  truths: of each log, where
+    the reference is a truth file, else None.
+    """
+
+    folder: Path
+    config: Config
+    logs: tuple[Log, ...]
+    closures: tuple[Log, ...]
+    attitudes: np.ndarray | None = None
+    truths: tuple[Truth, ...] | None = None
+
+    @property
+    def name(self) -> str:
+        return self.folder.resolve().name
+
+    def calibrated(self, log: Log) -> Samples:
+        """A log's samples with the accelerometer's pre-calibration applied."""
+        return log.samples.with_accel(self.config.accelerometer.correct(log.samples.accel))
+
+
+def log_paths(folder: Path, stem: str) -> list[Path]:
+    """``stem*.csv`` and ``stem*.csv.gz`` in name order; FormatError where both forms of one log are there."""
+    paths = sorted([*folder.glob(f"{stem}*.csv"), *folder.glob(f"{stem}*.csv.gz")], key=lambda path: path.name)
+    bare = [path.name.removesuffix(".gz") for path in paths]
+    for name in bare:
+        if bare.count(name) > 1:
+            raise FormatError(f"{folder}: holds {name} and {name}.gz; keep one, or the log would count twice")
+    return paths
+
+
+def read_session(folder: Path, progress: Callable[[str], None] = lambda what: None) -> Session:
+    """Read a whole session folder.  Raises FormatError or DataError, naming file and line.  ``progress`` is told each file."""
+    if not folder.is_dir():
+        hint = "that is a file; give the session folder" if folder.exists() else "not found"
+        raise FormatError(f"{folder}: {hint}; a session folder holds session.toml and log*.csv")
+    config = read_config(folder / "session.toml")
+    paths, closures = log_paths(folder, "log"), log_paths(folder, "closure")
+    if not paths:
+        raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz beside session.toml")
+
+    def read(path: Path) -> Log:
+        progress(path.name)
+        return read_log(path, config.sensor)
+
+    attitudes = folder / "attitudes.csv"
+    return Session(
+        folder=folder,
+        config=config,
+        logs=tuple(map(read, paths)),
+        closures=tuple(map(read, closures)),
+        attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
+        truths=tuple(read_truth(truth_path(path)) for path in paths) if config.protocol.reference == "truth" else None,
+    )
+
+
+def _read_attitudes(path: Path) -> np.ndarray:
+    """Dial readings ``still,roll_deg,pitch_deg,yaw_deg`` as (stills, 3) rad, NaN rows for stills that have none."""
+    columns = ["still", "roll_deg", "pitch_deg", "yaw_deg"]
+    try:
+        lines = list(enumerate(path.read_text(encoding="utf-8-sig").splitlines(), start=1))
+    except FileNotFoundError:
+        raise FormatError(f'{path}: not found, but protocol.reference is "table"; add the dial readings, or use "gravity"') from None
+    except UnicodeDecodeError:
+        raise FormatError(f"{path}: not UTF-8 text; save it as CSV in UTF-8") from None
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    lines = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
+    if not lines or [cell.strip() for cell in lines[0][1].split(",")] != columns:
+        raise FormatError(f"{path.name}: the header must be {','.join(columns)}")
+    readings = {}
+    for number, line in lines[1:]:
+        try:
+            row = next(csv.reader([line]))
+            still, *angles = int(row[0]), *map(float, row[1:4])
+        except (ValueError, IndexError, csv.Error):
+            raise FormatError(f"{path.name} line {number}: {line[:60]!r}, expected still,roll_deg,pitch_deg,yaw_deg") from None
+        if still > MOST_STILLS:
+            raise FormatError(f"{path.name} line {number}: still {row[0][:20].strip()!r} is beyond {MOST_STILLS}; stills count from 0")
+        if still < 0 or len(angles) != 3 or not all(map(math.isfinite, angles)) or still in readings:
+            raise FormatError(f"{path.name} line {number}: still {still} is doubled, negative or has no finite angles")
+        readings[still] = angles
+    if not readings:
+        raise FormatError(f"{path.name}: a header but no dial readings")
+    table = np.full((max(readings) + 1, 3), np.nan)
+    for still, angles in readings.items():
+        table[still] = np.multiply(angles, DEG)
+    return table

@@ -1,0 +1,61 @@
+"""The plain record that everything else works on.  A simulated one cannot be told from a recorded one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from session.common.units import NS
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Consecutive readings of one log, in the order of time.
+
+    t_ns (N,) int64, device time, increasing; gyro (N, 3) rad/s, measured rate m; accel (N, 3) m/s^2, specific force as
+    measured or, after ``with_accel``, as pre-calibrated; temp_c (N,) degC, or None where the log has none.
+    """
+
+    t_ns: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    temp_c: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    @property
+    def dt_s(self) -> np.ndarray:
+        """(N-1,) s between neighbouring samples."""
+        return np.diff(self.t_ns) * NS
+
+    @property
+    def t_s(self) -> np.ndarray:
+        """(N,) s since the first sample."""
+        return (self.t_ns - self.t_ns[0]) * NS if len(self) else np.zeros(0)
+
+    @cached_property
+    def period_s(self) -> float:
+        """The usual time between two samples (median), in s; looked up often, computed once."""
+        return float(np.median(np.diff(self.t_ns))) * NS
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.t_ns[-1] - self.t_ns[0]) * NS if len(self) else 0.0
+
+    def with_accel(self, accel: np.ndarray) -> Samples:
+        """The same samples with another specific force (N, 3)."""
+        return replace(self, accel=accel)
+
+    def between(self, start: int, stop: int) -> Samples:
+        """Samples start <= i < stop."""
+        part = slice(start, stop)
+        return Samples(self.t_ns[part], self.gyro[part], self.accel[part], None if self.temp_c is None else self.temp_c[part])
+
+
+def joined(parts: list[Samples]) -> Samples:
+    """Parts of one log, in their order, as one."""
+    temp_c = None if any(part.temp_c is None for part in parts) else np.concatenate([part.temp_c for part in parts])
+    return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("t_ns", "gyro", "accel")), temp_c)

@@ -1,0 +1,84 @@
+"""A truth file: attitudes that something better than gravity saw, at some moments of a log (``reference = "truth"``).
+
+A motion capture, a total station, a rate table's encoder: whatever gives three angles.  Beside ``log0001.csv`` lies ``truth0001.csv``,
+CSV or CSV.gz, with the header ``t_us`` (or ``t_ns``, ``t_s``) ``,qw,qx,qy,qz`` and, optionally, ``,window``: time on the log's own clock,
+``q_nb`` scalar first, body to north-east-down (turned about the vertical by any constant heading).  Rows of one window, a whole number,
+bound one segment each; without windows the moments are taken one after the other.
+"""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.common.errors import FormatError
+
+STAMPS = {"t_s": 1e9, "t_us": 1e3, "t_ns": 1}
+#: a quaternion whose length is further from 1 than this was not one
+UNIT_WITHIN = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """K moments of one log: t_ns (K,) device time, increasing; q_nb (K, 4) unit; window (K,) its number, or None."""
+
+    path: Path
+    t_ns: np.ndarray
+    q_nb: np.ndarray
+    window: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+def truth_path(log: Path) -> Path:
+    """Where the truth of a log lies: ``log0001.csv.gz`` → ``truth0001.csv`` or ``truth0001.csv.gz``.  FormatError if nowhere."""
+    stem = "truth" + log.name.removesuffix(".gz").removesuffix(".csv").removeprefix("log")
+    for suffix in (".csv", ".csv.gz"):
+        if (path := log.parent / f"{stem}{suffix}").exists():
+            return path
+    raise FormatError(
+        f'{log.parent / stem}.csv: not found, but protocol.reference is "truth"; expected t_us,qw,qx,qy,qz for the moments of {log.name}'
+    )
+
+
+def read_truth(path: Path) -> Truth:
+    """Read a truth file.  FormatError names the line that is at fault."""
+    lines = [(n, line) for n, line in enumerate(_text(path).splitlines(), start=1) if line.strip() and not line.startswith("#")]
+    names = [cell.strip() for cell in lines[0][1].split(",")] if lines else []
+    if not names or names[0] not in STAMPS or names[1:5] != ["qw", "qx", "qy", "qz"] or names[5:] not in ([], ["window"]):
+        raise FormatError(f"{path.name}: the header must be t_us,qw,qx,qy,qz (or t_ns, t_s; optionally ,window)")
+    if len(lines) < 3:
+        raise FormatError(f"{path.name}: {len(lines) - 1} moments; a segment needs two")
+    t_ns, rows, window = [], [], []
+    for number, line in lines[1:]:
+        cells = line.split(",")
+        try:
+            t_ns.append(round(float(cells[0]) * 1e9) if names[0] == "t_s" else int(cells[0]) * STAMPS[names[0]])
+            rows.append([float(cell) for cell in cells[1:5]])
+            if names[5:]:
+                window.append(int(cells[5]))
+        except (ValueError, IndexError, OverflowError):
+            raise FormatError(f"{path.name} line {number}: {line[:60]!r}, expected {','.join(names)}") from None
+        if len(rows[-1]) != 4 or not abs(float(np.linalg.norm(rows[-1])) - 1) < UNIT_WITHIN:
+            raise FormatError(f"{path.name} line {number}: {line[:60]!r} has no quaternion of length 1")
+        if not abs(t_ns[-1]) < 2**62 or (len(t_ns) > 1 and t_ns[-1] <= t_ns[-2]):
+            raise FormatError(f"{path.name} line {number}: the time {cells[0][:20]} does not go on from the line before")
+    q = np.array(rows)
+    return Truth(path, np.array(t_ns, dtype=np.int64), q / np.linalg.norm(q, axis=1, keepdims=True), np.array(window) if window else None)
+
+
+def _text(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+        return (gzip.decompress(data) if path.suffix == ".gz" else data).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise FormatError(f"{path.name}: not UTF-8 text; save it as CSV in UTF-8") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        raise FormatError(f"{path.name}: the compressed file is broken; pack it again") from None
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None

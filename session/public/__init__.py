@@ -1,0 +1,4 @@
+"""Public recordings as session folders, from their authors' own files.
+
+May import: common, log.
+"""

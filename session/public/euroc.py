@@ -1,0 +1,156 @@
+"""EuRoC MAV recordings (Burri et al. 2016) as session folders: a log, and a truth file beside it.
+
+The truth's world has z up; the folder's has z down, so it is turned by half a turn about x.  Rows without a specific force, as one of
+the sequences has them, are written as exact zeros, which no accelerometer in this world reads.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from session.common.errors import FormatError
+from session.log.truth import Truth
+
+#: of the ADIS16448's data sheet: full scales, and the data rate that these recordings have
+TOML = """schema = "tinygc-session/1"
+
+[sensor]
+model = "ADIS16448"
+serial = "EuRoC"
+odr_hz = 200.0
+gyro_fs_dps = 1000
+accel_fs_g = 18
+
+[protocol]
+segment_s = {segment_s:g}
+reference = "truth"
+truth_sigma_deg = {truth_sigma_deg:g}
+"""
+LOG_HEADER = "t_ns,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"
+#: half a turn about x takes z up to z down
+UP_TO_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
+WINDOW_S = 2.0
+
+
+def sequence_path(euroc: Path, name: str) -> Path:
+    """The recording of a sequence such as ``V1_01``; FormatError where there is none."""
+    found = sorted(euroc.glob(f"euroc_{name}*.npz"))
+    if len(found) != 1:
+        raise FormatError(f"{euroc}: {len(found)} recordings euroc_{name}*.npz, expected one")
+    return found[0]
+
+
+def read_sequence(euroc: Path, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, Truth]:
+    """t_ns (N,), gyro (N, 3) rad/s, specific force (N, 3) m/s^2 with zeros where missing, and the truth with z down."""
+    with np.load(sequence_path(euroc, name), allow_pickle=False) as file:
+        accel = np.where(np.isnan(file["acc"]).any(axis=1, keepdims=True), 0.0, file["acc"])
+        truth = Truth(Path(f"truth_{name}.csv"), file["gt_t_ns"], to_down(file["gt_q_wxyz"]))
+        return file["t_ns"], file["gyro"], accel, truth
+
+
+def true_bias_rps(euroc: Path, name: str) -> np.ndarray:
+    """(3,): what a sequence's gyro reads at rest by its own ground truth, as the authors' evaluation is handed it."""
+    with np.load(sequence_path(euroc, name), allow_pickle=False) as file:
+        return -file["yaml_bias_added"]
+
+
+def write_sequences(euroc: Path, names: Sequence[str], folder: Path, segment_s: float = 5.0, truth_sigma_deg: float = 0.1) -> Path:
+    """A session folder of whole sequences, each with all its moments of truth."""
+    for name in names:
+        t_ns, gyro, accel, truth = read_sequence(euroc, name)
+        # The truth of one sequence goes on where its log has nothing.
+        inside = (truth.t_ns >= t_ns[0]) & (truth.t_ns <= t_ns[-1])
+        _write_log(folder, name, t_ns, gyro, accel)
+        _write_truth(folder, name, truth.t_ns[inside], truth.q_nb[inside])
+    return _write_config(folder, segment_s, truth_sigma_deg)
+
+
+def write_training_windows(euroc: Path, folder: Path, *, mislabelled: bool = False, truth_sigma_deg: float = 0.1) -> Path:
+    """A session folder of the paper's 261 training windows of 400 samples, a log a sequence, without the 18 mislabelled unless asked.
+
+    The windows of one sequence are laid one after the other at their own times; those that are really of another sequence have times
+    of their own, too, so each label gets one more log for them.
+    """
+    with np.load(euroc / "euroc_segments.npz", allow_pickle=False) as file:
+        kept = ~file["train_mislabelled"] | mislabelled
+        data = {key: file[f"train_{key}"][kept] for key in ("t", "gyro", "acc", "q_wxyz", "seq", "mislabelled")}
+    return _write_windows(folder, data, truth_sigma_deg)
+
+
+def write_test_windows(euroc: Path, folder: Path, truth_sigma_deg: float = 0.1) -> Path:
+    """The 198 windows of the test sequences, likewise: what a fit's held-out loss can be measured on."""
+    with np.load(euroc / "euroc_segments.npz", allow_pickle=False) as file:
+        data = {key: file[f"test_{key}"] for key in ("t", "gyro", "acc", "q_wxyz", "seq")}
+    return _write_windows(folder, data | {"mislabelled": np.zeros(len(data["seq"]), dtype=bool)}, truth_sigma_deg)
+
+
+def _write_windows(folder: Path, data: dict[str, np.ndarray], truth_sigma_deg: float) -> Path:
+    for name in dict.fromkeys(data["seq"].tolist()):
+        for wrong in (False, True):
+            rows = np.flatnonzero((data["seq"] == name) & (data["mislabelled"] == wrong))
+            rows = rows[np.argsort(data["t"][rows, 0])]
+            if not len(rows):
+                continue
+            stem = f"{name}{'_mislabelled' if wrong else ''}"
+            t_ns = np.rint(data["t"][rows] * 1e9).astype(np.int64)
+            ends = np.stack([np.zeros(len(rows), dtype=int), np.full(len(rows), t_ns.shape[1] - 1)], axis=1)
+            accel = np.nan_to_num(data["acc"][rows].astype(float)).reshape(-1, 3)
+            _write_log(folder, stem, t_ns.ravel(), data["gyro"][rows].astype(float).reshape(-1, 3), accel)
+            q = np.take_along_axis(to_down(data["q_wxyz"][rows].astype(float)), ends[:, :, None], axis=1)
+            window = np.repeat(np.arange(len(rows)), 2)
+            _write_truth(folder, stem, np.take_along_axis(t_ns, ends, axis=1).ravel(), q.reshape(-1, 4), window)
+    return _write_config(folder, WINDOW_S, truth_sigma_deg)
+
+
+def to_down(q_wxyz: np.ndarray) -> np.ndarray:
+    """``q_nb`` (..., 4) of unit length, z down, from body to world with z up."""
+    a, q = UP_TO_DOWN, q_wxyz / np.linalg.norm(q_wxyz, axis=-1, keepdims=True)
+    w, v = q[..., :1], q[..., 1:]
+    return np.concatenate([a[0] * w - np.sum(a[1:] * v, axis=-1, keepdims=True), a[0] * v + w * a[1:] + np.cross(a[1:], v)], axis=-1)
+
+
+def _write_config(folder: Path, segment_s: float, truth_sigma_deg: float) -> Path:
+    (folder / "session.toml").write_text(TOML.format(segment_s=segment_s, truth_sigma_deg=truth_sigma_deg), encoding="utf-8")
+    return folder
+
+
+def _write_log(folder: Path, name: str, t_ns, gyro, accel) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / f"log_{name}.csv").open("w", encoding="utf-8") as file:
+        file.write(LOG_HEADER + "\n")
+        for t, rate, force in zip(t_ns.tolist(), gyro.tolist(), accel.tolist(), strict=True):
+            file.write(f"{t},{','.join(map(repr, rate))},{','.join(map(repr, force))}\n")
+
+
+def _write_truth(folder: Path, name: str, t_ns, q_nb, window=None) -> None:
+    with (folder / f"truth_{name}.csv").open("w", encoding="utf-8") as file:
+        file.write("t_ns,qw,qx,qy,qz" + (",window" if window is not None else "") + "\n")
+        for k, (t, q) in enumerate(zip(t_ns.tolist(), q_nb.tolist(), strict=True)):
+            file.write(f"{t},{','.join(map(repr, q))}" + (f",{window[k]}" if window is not None else "") + "\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """``python -m session.public.euroc EUROC OUT V1_01 …`` writes sequences; ``windows`` for a name, the paper's 243 training windows."""
+    parser = argparse.ArgumentParser(prog="python -m session.public.euroc", description="EuRoC recordings as a session folder.")
+    parser.add_argument("euroc", type=Path, help="folder of euroc_*.npz")
+    parser.add_argument("out", type=Path, help="session folder to write")
+    parser.add_argument("names", nargs="+", help="sequences such as V1_01, or the one word: windows")
+    parser.add_argument("--segment-s", type=float, default=2.0, help="length of a segment of a sequence (%(default)g s)")
+    args = parser.parse_args(arguments)
+    try:
+        if args.names == ["windows"]:
+            write_training_windows(args.euroc, args.out)
+        else:
+            write_sequences(args.euroc, args.names, args.out, args.segment_s)
+    except (FormatError, OSError) as error:
+        parser.exit(2, f"euroc: {error}\n")
+    print(args.out)
+    return 0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,135 @@
+"""``session.toml`` of a recording: a user's own is used as it is and never overwritten; else one is written from what the board says."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from session.common.errors import CalibrationError, StorageError
+from session.log.config import SCHEMA, Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.stream.events import Info
+
+NAME = "session.toml"
+#: Hz, the ASM330LHH's data rates
+NOMINAL_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0, 1667.0, 3333.0, 6667.0)
+NOMINAL_WITHIN = 0.2  #: INTERNAL_FREQ_FINE reaches so far
+FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
+PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
+
+
+class SessionFile:
+    """What is known of the session before the board speaks, and the file once it has.
+
+    like: another session.toml, whose accelerometer, site and protocol hold here as well, and its sensor where the board says nothing;
+    odr_hz, gyro_fs_dps, accel_fs_g: what the user says of the board, or None.  Raises FormatError for a broken file.
+    """
+
+    def __init__(self, folder: Path, like: Path | None, odr_hz: float | None, gyro_fs_dps: float | None, accel_fs_g: float | None):
+        self.path = folder / NAME
+        self._said = {"odr_hz": odr_hz, "gyro_fs_dps": gyro_fs_dps, "accel_fs_g": accel_fs_g}
+        self._own = read_config(self.path) if self.path.exists() else None
+        if like is not None and like.is_dir():
+            like = like / NAME
+        self._like = read_config(like) if like is not None else None
+        self._written = False
+        if self._own is not None:
+            self._require_agreement(self._own.sensor, self._said, "the command line")
+
+    @property
+    def protocol(self) -> Protocol:
+        known = self._own or self._like
+        return known.protocol if known else Protocol()
+
+    def configure(self, info: Info | None, waited_s: float = 0.0) -> Config | None:
+        """The configuration, and the file written; None while not enough is known.  waited_s: seconds of samples without an info.
+
+        CalibrationError where the board contradicts the file or the command line; StorageError where it cannot be written.
+        """
+        if info is not None:
+            said = {"gyro_fs_dps": info.gyro_fs_dps, "accel_fs_g": info.accel_fs_g}
+            if self._own is not None:
+                self._require_agreement(self._own.sensor, said, "the board")
+            for name, value in said.items():
+                if self._said[name] not in (None, value):
+                    raise CalibrationError(f"the board says {name} = {value:g}, {FLAGS[name]} says {self._said[name]:g}: leave it out")
+        if self._own is None:
+            sensor = self._sensor(info, waited_s)
+            if sensor is None:
+                return None
+            known = self._like or Config(sensor, Accelerometer(), Site(), Protocol())
+            self._own = replace(known, sensor=sensor, unknown=())
+            self._write(self._own)
+        return self._own
+
+    def _sensor(self, info: Info | None, waited_s: float) -> Sensor | None:
+        said = dict(self._said)
+        if info is not None:
+            said = {name: value if value is not None else getattr(info, name) for name, value in said.items()}
+        elif self._like is not None and waited_s >= PATIENCE_S:
+            said = {name: value if value is not None else getattr(self._like.sensor, name) for name, value in said.items()}
+        if None in said.values():
+            return None
+        model = self._like.sensor.model if self._like else "ASM330LHH"
+        return Sensor(model, info.serial if info else "", nominal_hz(said["odr_hz"]), said["gyro_fs_dps"], said["accel_fs_g"])
+
+    def _require_agreement(self, sensor: Sensor, said: dict[str, float | None], who: str) -> None:
+        for name, value in said.items():
+            mine = getattr(sensor, name)
+            if value is not None and (abs(value / mine - 1) > NOMINAL_WITHIN if name == "odr_hz" else value != mine):
+                raise CalibrationError(f"{self.path}: sensor.{name} is {mine:g}, {who} says {value:g}; correct the one that is wrong")
+
+    def _write(self, config: Config) -> None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open("x", encoding="utf-8") as file:
+                file.write(toml_text(config))
+        except OSError as error:
+            raise StorageError(f"{self.path}: {error.strerror or error}; give --out another folder") from None
+
+
+def nominal_hz(odr_hz: float) -> float:
+    """The sensor's nominal data rate that is nearest to a true one, or that itself where none is near."""
+    nearest = min(NOMINAL_HZ, key=lambda rate: abs(rate / odr_hz - 1))
+    return nearest if abs(nearest / odr_hz - 1) < NOMINAL_WITHIN else odr_hz
+
+
+def toml_text(config: Config) -> str:
+    """``session.toml`` of a configuration (FORMATS)."""
+    sensor, site, protocol = config.sensor, config.site, config.protocol
+    matrix = ", ".join("[" + ", ".join(map(repr, map(float, row))) + "]" for row in config.accelerometer.matrix)
+    bias = ", ".join(map(repr, map(float, config.accelerometer.bias_mps2)))
+    identity = np.array_equal(config.accelerometer.matrix, np.eye(3)) and not config.accelerometer.bias_mps2.any()
+    remark = "  # none: give the accelerometer's pre-calibration here, or its errors become the gyroscope's" if identity else ""
+    here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
+    lines = [f"{name} = {value!r}" for name, value in here.items() if value is not None]
+    lines = lines or ["# latitude_deg = …  # without it the Earth's rotation stays in the rates"]
+    return f"""\
+schema = "{SCHEMA}"
+
+[sensor]
+model = {_quoted(sensor.model)}
+serial = {_quoted(sensor.serial)}
+odr_hz = {sensor.odr_hz!r}
+gyro_fs_dps = {sensor.gyro_fs_dps:g}
+accel_fs_g = {sensor.accel_fs_g:g}
+
+[accelerometer]{remark}
+matrix = [{matrix}]
+bias_mps2 = [{bias}]
+
+[site]
+{chr(10).join(lines)}
+
+[protocol]
+still_s = {protocol.still_s!r}
+segment_s = {protocol.segment_s!r}
+reference = {_quoted(protocol.reference)}
+"""
+
+
+def _quoted(text: str) -> str:
+    """A TOML string: JSON's escapes are among TOML's, and no sign that a board sends is left bare."""
+    return json.dumps(text)

@@ -1,0 +1,226 @@
+"""From what is on the card to a session folder: ``session.toml`` and a log that has lost nothing."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from session.checks.findings import Finding
+from session.checks.first_look import check_folder
+from session.common.errors import CalibrationError, FormatError
+from session.common.units import DEG, G
+from session.common.writing import naming
+from session.detect.pace import pace_of
+from session.dialects.layout import AXES, OWN, Answers
+from session.dialects.reader import Reader
+from session.log.config import Sensor, read_config
+from session.log.folder import log_paths
+from session.log.logfile import read_log
+from session.replay.join import Joined, join
+
+#: what a stamp in us leaves behind
+US_NS = 1000
+
+
+@dataclass(frozen=True)
+class Converted:
+    """folder and log that were written; dialects read; samples; notes on what was mended, assumed or left out; findings of the first
+    look; next: what to run."""
+
+    folder: Path
+    log: Path
+    dialects: tuple[str, ...]
+    samples: int
+    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    next: tuple[str, ...]
+
+
+def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = None, model: str = "", serial: str = "") -> Converted:
+    """Make a session folder of one log, or of the two files that hold one.
+
+    ``add`` ("log" or "closure") puts it into a session that is there.  Nothing is left behind where it fails.
+    Raises FormatError and DataError; what is not in the files is asked for.
+    """
+    _check_out(out, add)
+    readers = [Reader(path, answers) for path in paths]
+    answers = _with_comments(answers, readers)
+    if add:
+        sensor = read_config(out / "session.toml").sensor
+        answers = _as_in(sensor, answers)
+    _ask_full_scales(readers, answers)
+    missing = [path.parent for path in [out, *out.parents] if not path.parent.exists()]
+    with naming(out):
+        out.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+    try:
+        with naming(out):
+            log, notes, samples = _write_log(readers, work / "log0001.csv", answers)
+        rate_hz = float(f"{pace_of(read_log(log, _sensor(answers)).samples.t_ns).rate_hz:.4g}")
+        if add:
+            name = _next_name(out, add) + log.name.removeprefix("log0001")
+            log.replace(out / name)
+        else:
+            odr_hz = answers.odr_hz or rate_hz
+            with naming(out):
+                (work / "session.toml").write_text(_toml(readers, odr_hz, answers, model, serial), encoding="utf-8")
+            work.chmod(0o755)
+            name = log.name
+            if out.exists():
+                out.rmdir()  # it is empty
+            work.replace(out)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+        for path in missing:
+            with contextlib.suppress(OSError):
+                path.rmdir()
+    dialects = tuple(dict.fromkeys(reader.layout.dialect for reader in readers))
+    with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
+        findings = tuple(check_folder(out))
+    return Converted(out, out / name, dialects, samples, tuple(notes), findings, _next(out, findings))
+
+
+def _check_out(out: Path, add: str | None) -> None:
+    if add and not (out / "session.toml").exists():
+        raise FormatError(f"{out}: no session to add to; leave --add out to make one")
+    if not add and out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise FormatError(f"{out}: exists; give --out a new folder, or add to the session there with --add log or --add closure")
+
+
+def _with_comments(answers: Answers, readers: list[Reader]) -> Answers:
+    """What a log's own comments say (``# gyro_fs_dps=500 accel_fs_g=4``), unless the person says otherwise."""
+    said = {}
+    for reader in readers:
+        for key in ("gyro_fs_dps", "accel_fs_g", "odr_hz"):
+            with contextlib.suppress(KeyError, ValueError):
+                said[key] = float(reader.comments[key])
+    return replace(answers, **{key: value for key, value in said.items() if getattr(answers, key) is None})
+
+
+def _as_in(sensor: Sensor, answers: Answers) -> Answers:
+    for key, option in (("gyro_fs_dps", "--gyro-fs"), ("accel_fs_g", "--accel-fs")):
+        if getattr(answers, key) not in (None, getattr(sensor, key)):
+            raise FormatError(
+                f"{option} is {getattr(answers, key):g}, but the session has {getattr(sensor, key):g}; a session has one sensor and range"
+            )
+    return replace(answers, gyro_fs_dps=sensor.gyro_fs_dps, accel_fs_g=sensor.accel_fs_g)
+
+
+def _ask_full_scales(readers: list[Reader], answers: Answers) -> None:
+    asked = [option for option, value in (("--gyro-fs DPS", answers.gyro_fs_dps), ("--accel-fs G", answers.accel_fs_g)) if value is None]
+    if asked:
+        names = " and ".join(dict.fromkeys(reader.layout.dialect for reader in readers))
+        what = "full scale" if len(asked) == 1 else "full scales"
+        raise FormatError(f"{readers[0].path.name} ({names}) does not say the {what} that the sensor was set to; give {' '.join(asked)}")
+
+
+def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Path, list[str], int]:
+    """Our own logs byte for byte, others as numbers in the units of FORMATS; the file, notes, and how many samples."""
+    joined = join(readers, answers.odr_hz)
+    notes = list(joined.notes)
+    if len(readers) == 1 and not notes and _is_ours(readers[0], answers):
+        copy = path.with_name("log0001.csv.gz" if readers[0].path.suffix.lower() == ".gz" else "log0001.csv")
+        shutil.copyfile(readers[0].path, copy)
+        with contextlib.suppress(CalibrationError):  # what stands before its header, perhaps
+            return copy, list(read_log(copy, _sensor(answers)).notes), len(joined.t_ns)
+        copy.unlink()
+    frames = {layout.frame for layout in (joined.gyro_layout, joined.accel_layout) if layout.frame}
+    notes += [f"axes as logged: {frame}; level need not be z down, gravity shows what is up" for frame in sorted(frames)]
+    header, columns, formats = _columns(joined)
+    source = ", ".join(f"{reader.path.name} ({reader.layout.dialect})" for reader in readers)
+    row = ",".join(formats)
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(f"# from {source}\n{','.join(header)}\n")
+        for start in range(0, len(joined.t_ns), 1 << 15):
+            part = [column[start : start + (1 << 15)].tolist() for column in columns]
+            file.write("\n".join(map(row.__mod__, zip(*part, strict=True))) + "\n")
+    return path, notes, len(joined.t_ns)
+
+
+def _is_ours(reader: Reader, answers: Answers) -> bool:
+    as_it_is = (answers.gyro_axes, answers.accel_axes, answers.time_unit, answers.gyro_unit, answers.accel_unit) == (
+        AXES,
+        AXES,
+        None,
+        None,
+        None,
+    )
+    return reader.layout.dialect == OWN and as_it_is
+
+
+def _sensor(answers: Answers) -> Sensor:
+    return Sensor("", "", 1.0, answers.gyro_fs_dps, answers.accel_fs_g)
+
+
+def _columns(joined: Joined) -> tuple[list[str], list[np.ndarray], list[str]]:
+    """Names, values and how each is written: as it was, or to 15 digits, which no decimal of a log exceeds, after a change of unit."""
+    in_us = not (joined.t_ns % US_NS).any()
+    header, columns, formats = ["t_us" if in_us else "t_ns"], [joined.t_ns // US_NS if in_us else joined.t_ns], ["%d"]
+    for letter, values, unit, units in (
+        ("g", joined.gyro, joined.gyro_layout.gyro.unit, {"_dps": DEG, "_rps": 1.0}),
+        ("a", joined.accel, joined.accel_layout.accel.unit, {"_g": G, "_mps2": 1.0}),
+    ):
+        suffix, values, written = _in_our_unit(values, unit.si, units)
+        header += [f"{letter}{axis}{suffix}" for axis in "xyz"]
+        columns += list(values.T)
+        formats += [written] * 3
+    if joined.temp is not None:
+        raw = joined.temp_layout.temp_unit.si is None
+        header.append("temp" if raw else "temp_c")
+        columns.append(np.rint(joined.temp) if raw else joined.temp)
+        formats.append("%d" if raw else "%r")
+    return header, columns, formats
+
+
+def _in_our_unit(values: np.ndarray, si: float | None, units: dict[str, float]) -> tuple[str, np.ndarray, str]:
+    """The written numbers in the unit of ours that changes them least: not at all, or by a factor."""
+    if si is None:
+        if (values % 1).any():
+            raise FormatError("registers are whole numbers, but the log has fractions; give its unit, --gyro-unit or --accel-unit")
+        return "", values, "%d"
+    for suffix, ours in units.items():
+        if ours == si:
+            return suffix, values, "%r"
+    suffix, ours = next(iter(units.items()))
+    return suffix, values * (si / ours), "%.15g"
+
+
+def _next_name(folder: Path, stem: str) -> str:
+    taken = {path.name.split(".")[0] for path in log_paths(folder, stem)}
+    return next(f"{stem}{number:04d}" for number in range(1, 10_000) if f"{stem}{number:04d}" not in taken)
+
+
+def _toml(readers: list[Reader], odr_hz: float, answers: Answers, model: str, serial: str) -> str:
+    quoted = lambda text: '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'  # noqa: E731
+    source = ", ".join(f"{reader.path.name} ({reader.layout.dialect})" for reader in readers)
+    return f"""\
+# from {source}
+schema = "tinygc-session/1"
+
+[sensor]
+model = {quoted(model or "unknown")}
+serial = {quoted(serial or readers[0].comments.get("serial", ""))}
+odr_hz = {odr_hz!r}
+gyro_fs_dps = {answers.gyro_fs_dps:g}
+accel_fs_g = {answers.accel_fs_g:g}
+
+# Fill in what is known: what is missing here is error in the calibration.
+# [accelerometer]  # pre-calibration: a = matrix @ (measured_mps2 - bias_mps2)
+# matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+# bias_mps2 = [0, 0, 0]
+# [site]
+# latitude_deg = 0.0
+# gravity_mps2 = 9.80665
+"""
+
+
+def _next(out: Path, findings: tuple[Finding, ...]) -> tuple[str, ...]:
+    look = f"calibrate.py check {out}"
+    if any(finding.level == "error" for finding in findings):
+        return (look,)
+    return look, f"fill in [accelerometer] and [site] in {out / 'session.toml'}", f"calibrate.py fit {out}"

@@ -1,0 +1,81 @@
+"""A session folder from a raw file: the logs that a recording made, or would have made, from the same bytes."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from pathlib import Path
+
+from session.checks.first_look import check_folder
+from session.common.errors import CalibrationError, FormatError, StorageError
+from session.common.writing import naming
+from session.recording.logwriter import LogWriter
+from session.recording.replay import stream
+from session.recording.session_file import NAME, PATIENCE_S, SessionFile
+from session.replay.convert import Converted
+from session.stream.decoder import StreamDecoder
+
+SUFFIX = ".bin"
+
+
+def is_raw(path: Path) -> bool:
+    """Whether a file is what a port gave, rather than a log: by its name."""
+    return path.suffix.lower() == SUFFIX
+
+
+def convert_raw(
+    raw_path: Path, out: Path, odr_hz: float | None = None, gyro_fs_dps: float | None = None, accel_fs_g: float | None = None
+) -> Converted:
+    """Make a session folder of a raw file; session.toml is the one beside it, or what the board and the arguments say.
+
+    Nothing is left behind where it fails.  Raises FormatError and StorageError.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise FormatError(f"{out}: exists; give --out a new folder")
+    if not raw_path.is_file():
+        raise FormatError(f"{raw_path}: not found")
+    missing = [path for path in (out, *out.parents) if not path.exists()]
+    decoder, logs = StreamDecoder(), LogWriter(out)
+    try:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StorageError(f"{out}: {error.strerror or error}; give --out another folder") from None
+        for _ in stream(raw_path, decoder, logs):
+            pass
+        logs.write(decoder.finish())
+        logs.close()
+        if not logs.paths:
+            raise FormatError(
+                f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line)"
+            )
+        with naming(out):
+            _configure(raw_path, out, decoder, odr_hz, gyro_fs_dps, accel_fs_g)
+    except (CalibrationError, OSError):
+        for path in [*logs.paths, out / NAME]:
+            path.unlink(missing_ok=True)
+        for path in missing:
+            with contextlib.suppress(OSError):
+                path.rmdir()
+        raise
+    notes = [f"{path.name} written" for path in logs.paths[1:]]
+    counts = {
+        "samples lost": decoder.lost,
+        "frames with a bad CRC": decoder.crc_errors,
+        "bytes of garbage": decoder.garbage,
+        "samples left out as implausible": decoder.implausible,
+        "resets": decoder.resets,
+    }
+    notes += [f"{count} {what}" for what, count in counts.items() if count]
+    next_steps = (f"calibrate.py check {out}", f"calibrate.py fit {out}")
+    return Converted(out, logs.paths[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)
+
+
+def _configure(raw_path: Path, out: Path, decoder: StreamDecoder, odr_hz, gyro_fs_dps, accel_fs_g) -> None:
+    beside = raw_path.with_name(NAME)
+    if beside.is_file():
+        shutil.copyfile(beside, out / NAME)
+        return
+    rate_hz = odr_hz or (None if decoder.info else decoder.measured_odr_hz)
+    if SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g).configure(decoder.info, PATIENCE_S) is None:
+        raise FormatError(f"{raw_path}: the board does not say its ranges, and no {NAME} lies beside it; give --gyro-fs DPS --accel-fs G")

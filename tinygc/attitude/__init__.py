@@ -1,0 +1,4 @@
+"""Rotations, their integration over time, and the Earth that turns below.
+
+May import: session.
+"""

@@ -1,0 +1,101 @@
+"""The Earth's rotation as the table sees it: Omega (cos lat, 0, -sin lat) in north-east-down.
+
+The vertical part needs only gravity's direction.  The horizontal part needs the heading of the table: given, or estimated from the
+rates in the stills, whose attitudes differ.  Its length, Omega cos(lat), is known, so one angle is sought; with its posterior p(h)
+the best horizontal vector is the mean over p(h), which shrinks to nothing by itself where the heading cannot be known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.common.units import DEG, EARTH_RATE_RPS
+from tinygc.attitude import rotation
+
+_HEADINGS = np.arange(0, 360, 0.5) * DEG
+#: a heading less certain than this says nothing of use: it is reported as unknown
+UNKNOWN_ABOVE_RAD = 60 * DEG
+
+
+@dataclass(frozen=True, eq=False)
+class EarthRate:
+    """rate_t (3,) rad/s in table axes; heading_rad of the table's x axis from true north, or None; its sigma; how it is known.
+
+    ``source`` is "none" (no latitude), "given", "estimated" or "unknown" (latitude alone: only the vertical part is used).
+    """
+
+    rate_t: np.ndarray
+    heading_rad: float | None
+    heading_sigma_rad: float
+    source: str
+
+    def in_body(self, q_tb: np.ndarray) -> np.ndarray:
+        """(..., 3) rad/s in body axes at attitudes q_tb (..., 4)."""
+        return np.einsum("...ji,j->...i", rotation.matrix(q_tb), self.rate_t)
+
+
+def no_earth() -> EarthRate:
+    """Without a latitude the Earth's rotation cannot be predicted."""
+    return EarthRate(np.zeros(3), None, np.inf, "none")
+
+
+def vertical_only(latitude_deg: float) -> EarthRate:
+    return EarthRate(np.array([0, 0, _down(latitude_deg)]), None, np.inf, "unknown")
+
+
+def with_heading(latitude_deg: float, heading_deg: float) -> EarthRate:
+    """The table's x axis points ``heading_deg`` east of true north."""
+    heading = heading_deg * DEG
+    return EarthRate(_north(latitude_deg) * _direction(heading) + [0, 0, _down(latitude_deg)], heading, 0.0, "given")
+
+
+def estimate_heading(latitude_deg: float, q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> EarthRate:
+    """From Q stills: attitudes q_tb (Q, 4), calibrated rates (Q, 3) but for a common bias, sigma (Q, 3) rad/s.
+
+    Solves rate = b + R_bt w for the bias and the horizontal part of w, the vertical being known.  The noise is scaled up to what
+    the stills really scatter, so that a bias that wanders makes the heading less certain and not wrong.
+    """
+    turn = rotation.matrix(q_tb)
+    known = turn[:, 2, :] * _down(latitude_deg)
+    count = len(rate)
+    design = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), turn[:, 0, :, None], turn[:, 1, :, None]], axis=-1)
+    jacobian = (design / sigma[..., None]).reshape(-1, 5)
+    value = ((rate - known) / sigma).ravel()
+    freedom = len(value) - 5
+    if freedom < 1 or np.linalg.matrix_rank(jacobian) < 5:
+        return vertical_only(latitude_deg)
+    solution = np.linalg.lstsq(jacobian, value, rcond=None)[0]
+    excess = max(1.0, np.sum((value - jacobian @ solution) ** 2) / freedom)
+    covariance = np.linalg.inv(jacobian.T @ jacobian)[3:, 3:] * excess
+    misfit = _north(latitude_deg) * _direction(_HEADINGS)[:, :2] - solution[3:]
+    log_p = -0.5 * np.einsum("hi,ij,hj->h", misfit, np.linalg.inv(covariance), misfit)
+    p = np.exp(log_p - log_p.max())
+    mean = (p / p.sum()) @ _direction(_HEADINGS)
+    length = float(np.linalg.norm(mean))
+    spread = np.sqrt(-2 * np.log(min(max(length, 1e-12), 1.0)))
+    heading = float(np.arctan2(-mean[1], mean[0]))
+    source = "estimated" if spread < UNKNOWN_ABOVE_RAD else "unknown"
+    return EarthRate(_north(latitude_deg) * mean + [0, 0, _down(latitude_deg)], heading, float(spread), source)
+
+
+def contradicts(estimate: EarthRate, given: EarthRate) -> bool:
+    """Whether a heading that the stills show well differs from the one that was given by more than three sigmas."""
+    if estimate.source != "estimated" or estimate.heading_rad is None or given.heading_rad is None:
+        return False
+    apart = np.angle(np.exp(1j * (estimate.heading_rad - given.heading_rad)))
+    return bool(abs(apart) > 3 * estimate.heading_sigma_rad and estimate.heading_sigma_rad < 30 * DEG)
+
+
+def _north(latitude_deg: float) -> float:
+    return EARTH_RATE_RPS * np.cos(latitude_deg * DEG)
+
+
+def _down(latitude_deg: float) -> float:
+    return -EARTH_RATE_RPS * np.sin(latitude_deg * DEG)
+
+
+def _direction(heading: np.ndarray | float) -> np.ndarray:
+    """North (..., 3) in table axes, for a table whose x axis points ``heading`` east of north."""
+    return np.stack([np.cos(heading), -np.sin(heading), np.zeros_like(heading)], -1)

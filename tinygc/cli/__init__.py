@@ -1,0 +1,4 @@
+"""The command line: arguments, and a file for each command.
+
+May import: everything below.
+"""

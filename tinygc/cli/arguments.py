@@ -1,0 +1,113 @@
+"""The command line's arguments.  Imports nothing heavy: --help is instant."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from pathlib import Path
+
+from session.common.errors import printable
+from tinygc.cli.commands import COMMANDS
+
+METHODS = "raw,raw_bias_removed,least_squares,pso,tinygc,tinygc_denoised"  # as in tinygc.methods.run, which imports too much for --help
+
+LONGEST_S = 1e9
+
+
+class _Parser(argparse.ArgumentParser):
+    """Bad usage is said in one line, like every other error."""
+
+    def error(self, message: str):
+        self.exit(2, f"calibrate: {printable(message)}; see --help\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line: every command of ``tinygc.cli.commands``."""
+    whole = _Parser(prog="calibrate.py", description="Calibrate a MEMS gyroscope on a hand-turned table.")
+    whole.add_argument("--version", action="version", version=_version())
+    commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for name in COMMANDS:
+        module = importlib.import_module(f"tinygc.cli.commands.{name}")
+        summary = module.SUMMARY
+        command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
+        command.set_defaults(run=module.run)
+        command.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON (- for standard output)")
+        command.add_argument("--seed", type=count(0), default=0, help="of every random draw (%(default)s)")
+        command.add_argument("--quiet", action="store_true", help="print nothing but errors")
+        module.add_arguments(command)
+    return whole
+
+
+def methods(text: str) -> list[str]:
+    known, chosen = METHODS.split(","), [name.strip() for name in text.split(",") if name.strip()]
+    for name in chosen:
+        if name not in known:
+            raise argparse.ArgumentTypeError(f"{name!r} is no method; choose among {METHODS}")
+    if not chosen:
+        raise argparse.ArgumentTypeError(f"name at least one of {METHODS}")
+    return list(dict.fromkeys(chosen))
+
+
+def conditions(text: str) -> tuple[str, ...]:
+    """What a net is told beside the rate, with commas."""
+    known, chosen = ("temperature", "force"), tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not chosen or not set(chosen) <= set(known):
+        raise argparse.ArgumentTypeError(f"{text!r}: choose among {','.join(known)}")
+    return chosen
+
+
+def count(least: int):
+    def parse(text: str) -> int:
+        value = int(text)
+        if value < least:
+            raise argparse.ArgumentTypeError(f"{value} is less than {least}")
+        return value
+
+    parse.__name__ = "whole number"
+    return parse
+
+
+def segment_numbers(text: str) -> list[int]:
+    """Numbers of segments, with commas."""
+    words = [word.strip() for word in text.split(",")]
+    if not all(word.isascii() and word.isdigit() and len(word) < 10 for word in words):
+        raise argparse.ArgumentTypeError(f"{text!r} is no list of segment numbers such as 3,17")
+    return list(map(int, words))
+
+
+def positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is no positive number")
+    return value
+
+
+positive.__name__ = "number"  # argparse says "invalid number value"
+
+
+def seconds(text: str) -> float:
+    """A time of 0 s or more, that a program can wait for and a counter can hold: up to 30 years."""
+    value = float(text)
+    if not 0 <= value <= LONGEST_S:
+        raise argparse.ArgumentTypeError(f"{text} is no time from 0 to {LONGEST_S:g} s")
+    return value
+
+
+seconds.__name__ = "number"
+
+
+def three(text: str) -> list[float]:
+    """Three numbers, with commas."""
+    values = [float(word) for word in text.split(",")]
+    if len(values) != 3 or not all(abs(value) < float("inf") for value in values):
+        raise argparse.ArgumentTypeError(f"{text!r} is no triple of numbers such as 0.5,-0.3,0.6")
+    return values
+
+
+three.__name__ = "three numbers"
+
+
+def _version() -> str:
+    from tinygc import __version__
+
+    return f"TinyGC {__version__}"

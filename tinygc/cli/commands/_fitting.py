@@ -1,0 +1,79 @@
+"""The options of a fit, which ``fit`` and ``report`` share: a report can take again what fit has saved only if they are the same."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from tinygc.cli.arguments import METHODS, conditions, count, methods, segment_numbers
+
+if TYPE_CHECKING:
+    from tinygc.methods.options import FitOptions
+
+
+def add_fit_arguments(command: argparse.ArgumentParser) -> None:
+    """What decides a fit's numbers."""
+    command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
+    command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
+    command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
+    command.add_argument("--integrator", choices=("exact", "first-order"), default="exact", help="first-order: the paper's")
+    command.add_argument("--optimizer", choices=("second-order", "adamw"), default="second-order", help="of TinyGC-Net; adamw: the paper's")
+    command.add_argument(
+        "--loss", choices=("squared", "distance"), default="squared", help="of TinyGC-Net; distance: the paper's, where days differ"
+    )
+    command.add_argument("--epochs", type=count(1), default=2000, help="of adamw (%(default)s)")
+    command.add_argument(
+        "--denoise-loss",
+        choices=("neighbours", "still", "endpoint"),
+        default="neighbours",
+        help="what tinygc_denoised learns; endpoint: the paper's",
+    )
+    command.add_argument("--denoise-delay", type=count(0), default=12, metavar="N", help="samples it may come late (%(default)s)")
+    command.add_argument(
+        "--variant", choices=("paper", "published"), default="paper", help="TinyGC-Net's 27 parameters, or the 26 of its code"
+    )
+    command.add_argument(
+        "--parts", type=count(1), default=1, metavar="M", help="train TinyGC-Net on sequences of so many segments (%(default)s)"
+    )
+    command.add_argument(
+        "--conditions", type=conditions, default=(), metavar="temperature,force", help="fit a TinyGC-Net that is told these, too"
+    )
+    command.add_argument(
+        "--bias-per-log", action="store_true", help="each log has a bias of its own, as of several days; their median is kept"
+    )
+    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
+    command.add_argument(
+        "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
+    )
+
+
+def fit_options(args: argparse.Namespace) -> FitOptions:
+    """From the parsed arguments; without physics."""
+    from tinygc.methods.denoising.options import DenoiseOptions
+    from tinygc.methods.options import FitOptions
+
+    return FitOptions(
+        methods=tuple(args.methods),
+        folds=args.folds,
+        seed=args.seed,
+        still_rates=args.still_rates,
+        integrator=args.integrator,
+        optimizer=args.optimizer,
+        epochs=args.epochs,
+        loss=args.loss,
+        earth=not args.no_earth,
+        exclude=tuple(dict.fromkeys(args.exclude)),
+        denoise=DenoiseOptions(loss=args.denoise_loss, delay=args.denoise_delay, epochs=args.epochs),
+        variant=args.variant,
+        parts=args.parts,
+        conditions=args.conditions,
+        bias_per_log=args.bias_per_log,
+    )
+
+
+def given(args: argparse.Namespace, but: tuple[str, ...]) -> list[str]:
+    """Options of a fit that were asked for otherwise than by default, as a person writes them; ``but`` those that are heeded."""
+    parser = argparse.ArgumentParser(add_help=False)
+    add_fit_arguments(parser)
+    usual = {**vars(parser.parse_args([])), "resume": False, "physics": None}
+    return [f"--{name.replace('_', '-')}" for name, value in usual.items() if name not in but and getattr(args, name) != value]

@@ -1,0 +1,90 @@
+"""What every command does with its results: print them, write them as JSON, refuse in time what cannot be written."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+from session.common.errors import CalibrationError
+
+
+def output(args: argparse.Namespace):
+    """Standard output for people; silent when quiet, and where the JSON has standard output to itself."""
+    from tinygc.cli import console
+
+    return console.output(args.quiet or str(args.json) == "-")
+
+
+def try_destinations(args: argparse.Namespace, default: str) -> None:
+    """Refuse before the work, not after it, what cannot be written: make the folder, write there, and take both away again."""
+    if args.out is None and not args.folder.is_dir():
+        return  # the reading of the session has more to say
+    _try_folder(args.out or args.folder / default, args, "another folder")
+
+
+def try_file(args: argparse.Namespace, path: Path) -> None:
+    """The same where the result is one file."""
+    if args.out is None and not args.folder.is_dir():
+        return
+    if path.is_dir():
+        raise CalibrationError(f"{path}: that is a folder; give --out a file")
+    _try_folder(path.parent, args, "another file")
+
+
+def _try_folder(folder: Path, args: argparse.Namespace, instead: str) -> None:
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+        if args.json is not None and str(args.json) != "-":
+            _try_json(args.json)
+    except OSError as error:
+        raise CalibrationError(f"{error.filename or folder}: {error.strerror or error}; give --out {instead}") from None
+    finally:
+        for path in missing:
+            with contextlib.suppress(OSError):
+                path.rmdir()
+
+
+def write_json(path: Path | None, table: dict) -> None:
+    """Where ``--json`` says: nowhere, standard output (-), or a file."""
+    if path is None:
+        return
+    if str(path) == "-":
+        whole = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+        with standard_output():
+            sys.stdout.write(json.dumps(table, indent=1, ensure_ascii=not whole) + "\n")
+        return
+    try:
+        path.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", errors="backslashreplace")
+    except OSError as error:
+        raise _no_json(path, error) from None
+
+
+def _try_json(path: Path) -> None:
+    new = not path.exists()
+    if new or path.is_file() or path.is_dir():  # a pipe or device is not opened twice
+        try:
+            path.open("a").close()
+        except OSError as error:
+            raise _no_json(path, error) from None
+    if new:
+        path.unlink()
+
+
+def _no_json(path: Path, error: OSError) -> CalibrationError:
+    return CalibrationError(f"{path}: cannot be written ({error.strerror}); give --json another path")
+
+
+@contextlib.contextmanager
+def standard_output():
+    """Give a failure to write its name, which a stream's errors lack."""
+    try:
+        yield
+    except OSError as error:
+        error.filename = "standard output"
+        raise

@@ -1,0 +1,61 @@
+"""``apply``: a log with calibrated rates."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from tinygc.cli.commands._log_options import add_log_options, answers_of
+from tinygc.cli.commands._results import output, write_json
+
+SUMMARY = "calibrate the rates of a log"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("model", type=Path, help="model file, such as fit/model_least_squares.json of a session")
+    command.add_argument("log", type=Path, help="any log that replay reads; -: standard input")
+    command.add_argument("-o", "--out", type=Path, required=True, metavar="CSV", help="log to write (.csv or .csv.gz); -: standard output")
+    command.add_argument("--unit", choices=("rps", "dps"), default="rps", help="of the rates (%(default)s: rad/s)")
+    command.add_argument("--session", type=Path, metavar="DIR", help="where session.toml is (beside the log)")
+    command.add_argument("--force", action="store_true", help="write over a file that is there")
+    add_log_options(command)
+
+
+def run(args: argparse.Namespace) -> int:
+    """A log with calibrated rates."""
+    from session.common.errors import CalibrationError
+    from session.dialects.lines import STANDARD
+    from tinygc.cli.console import progress_bar
+    from tinygc.deploy.apply import apply_model
+
+    to_stdout = str(args.out) == STANDARD
+    if to_stdout and str(args.json) == STANDARD:
+        raise CalibrationError("-o - and --json - both want standard output; give one of them a file")
+    if args.out.is_file():
+        if any(path.exists() and args.out.samefile(path) for path in (args.log, args.model)):
+            raise CalibrationError(f"{args.out}: is what is read; give -o another file")
+        if not args.force:
+            raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
+    with progress_bar(args.quiet) as progress:
+        done = apply_model(args.model, args.log, args.out, answers_of(args), args.session, args.unit, progress)
+    late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""
+    said = [f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late})", *(f"  {note}" for note in done.notes)]
+    for line in said:
+        if not to_stdout:
+            output(args).print(line, soft_wrap=True)
+        elif not args.quiet:
+            print(line, file=sys.stderr)
+    write_json(
+        args.json,
+        {
+            "schema": "tinygc-apply/1",
+            "out": str(done.out),
+            "rows": done.rows,
+            "kind": done.kind,
+            "delay_s": done.delay_s,
+            "notes": list(done.notes),
+        },
+    )
+    return 0

@@ -1,0 +1,77 @@
+"""``board``: a virtual board, to try the recorder without hardware."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+
+from tinygc.cli.arguments import count, positive, seconds
+from tinygc.cli.commands._results import write_json
+
+SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("folder", type=Path, nargs="?", help="session folder to stream (a simulated one)")
+    command.add_argument("--rate", type=positive, default=416.0, metavar="HZ", help="data rate of the simulated sensor (%(default)g)")
+    command.add_argument("--segments", type=count(1), default=40, help="turns of the simulated session (%(default)s)")
+    command.add_argument("--closure", type=seconds, default=0.0, metavar="S", help="closure run behind it, s (%(default)g: none)")
+    command.add_argument("--frames", action="store_true", help="send frames instead of text lines")
+    command.add_argument("--speed", type=positive, default=1.0, metavar="X", help="so many times faster than real (%(default)g)")
+    command.add_argument("--lead", type=seconds, default=10.0, metavar="S", help="still time before the session (%(default)g)")
+    command.add_argument("--tail", type=seconds, metavar="S", help="still time behind it, then stop (go on for ever)")
+    command.add_argument("--uptime", type=seconds, default=0.0, metavar="S", help="device time at the start (%(default)g)")
+    command.add_argument("--faults", default="", metavar="NAME=X,…", help="lost, torn, flip: probability; garbage: bytes; reset, unplug: s")
+    command.add_argument("--link", type=Path, metavar="PATH", help="name of the port (tinygc-board in the temporary folder)")
+    command.add_argument("--config", type=Path, metavar="FILE", help="write the session.toml that belongs to the stream")
+
+
+def run(args: argparse.Namespace) -> int:
+    """A virtual board, until Ctrl-C or the end of ``--tail``."""
+    from tinygc.simulation.board.board import Board
+    from tinygc.simulation.board.faults import Faults
+    from tinygc.simulation.board.source import recorded, simulated
+    from tinygc.simulation.board.terminal import MEMORY_BYTES, Terminal
+    from tinygc.simulation.options import SimulationOptions
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the port's link goes with the board
+
+    def say(what: str) -> None:
+        if not args.quiet:
+            print(what, file=sys.stderr, flush=True)
+
+    faults = Faults.parse(args.faults)
+    if args.folder:
+        source = recorded(args.folder)
+    else:
+        say("simulating a session …")
+        odr_hz = int(args.rate) if args.rate == int(args.rate) else args.rate
+        source = simulated(SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed))
+    if args.config and source.config:
+        args.config.write_text(source.config, encoding="utf-8")
+    # A faster board must hold back more, for a host that is as fast as ever.
+    with Terminal(args.link, round(MEMORY_BYTES * max(1.0, args.speed))) as terminal:
+        if not args.quiet and str(args.json) != "-":
+            print(terminal.name, flush=True)
+        say(f"{source.info.text}: open it with another program; Ctrl-C ends")
+        board = Board(
+            source=source,
+            terminal=terminal,
+            frames=args.frames,
+            speed=args.speed,
+            lead_s=args.lead,
+            tail_s=args.tail,
+            uptime_s=args.uptime,
+            faults=faults,
+            seed=args.seed,
+            say=say,
+        )
+        try:
+            board.run()
+        finally:
+            say(f"{board.sent} samples sent, {terminal.dropped} writes dropped since nobody read")
+            write_json(args.json, {"schema": "tinygc-board/1", "samples": board.sent, "dropped": terminal.dropped, "starts": board.starts})
+    return 0

@@ -1,0 +1,29 @@
+"""``check``: the first look at a session."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tinygc.cli.commands._results import output, write_json
+
+SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("folder", type=Path, help="session folder")
+    command.add_argument("--strict", action="store_true", help="exit 1 on warnings")
+
+
+def run(args: argparse.Namespace) -> int:
+    """The first look at a session."""
+    from session.checks.first_look import check_folder, worst
+    from tinygc.report.fit_text import findings_table
+
+    findings = check_folder(args.folder)
+    output(args).print(findings_table(findings))
+    write_json(args.json, {"schema": "tinygc-check/1", "findings": [vars(finding) for finding in findings]})
+    if worst(findings) == "error":
+        return 2
+    return 1 if args.strict and worst(findings) == "warning" else 0

@@ -1,0 +1,43 @@
+"""``compare``: sessions of one sensor side by side."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tinygc.cli.commands._results import output, write_json
+
+SUMMARY = "say whether the calibrations of several sessions of one sensor agree"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="session folders that were fitted, two or more")
+    command.add_argument("--bias", action="store_true", help="the bias counts, too: the sensor was never switched off in between")
+    command.add_argument("--strict", action="store_true", help="exit 1 if they differ (p < 0.01)")
+    command.add_argument("--limit", type=_probability, metavar="P", help="exit 1 if the p-value is below this")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Sessions of one sensor side by side."""
+    from session.common.errors import CalibrationError
+    from tinygc.fit.compare import DIFFERS_P, compare, read_calibrated, to_json
+    from tinygc.report.comparison_text import comparison_page
+
+    if len(args.folders) < 2:
+        raise CalibrationError("compare needs two sessions or more")
+    found = compare([read_calibrated(folder) for folder in args.folders], args.bias)
+    output(args).print(comparison_page(found))
+    write_json(args.json, to_json(found))
+    limits = [limit for limit in (args.limit, DIFFERS_P if args.strict else None) if limit is not None]
+    return 1 if any(found.verdict.p_value < limit for limit in limits) else 0
+
+
+def _probability(text: str) -> float:
+    value = float(text)
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"{text} is no probability")
+    return value
+
+
+_probability.__name__ = "number"

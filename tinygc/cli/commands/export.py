@@ -1,0 +1,45 @@
+"""``export``: a calibration in another program's words."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tinygc.cli.commands._results import output, write_json
+from tinygc.deploy.exports import FORMATS
+
+SUMMARY = "write the calibration for other programs"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("folder", type=Path, help="session folder that was fitted")
+    command.add_argument("--to", required=True, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
+    command.add_argument("--model", metavar="NAME", help="method of the fit, or a model file (least_squares)")
+    command.add_argument("--out", type=Path, metavar="DIR", help="where the files go (export/ in the session folder)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """A calibration in another program's words."""
+    import sys
+
+    from session.common.files import write_text_whole
+    from session.common.writing import result_folder
+    from tinygc.deploy.exports import exporter
+    from tinygc.deploy.exports._context import read_context
+
+    said = []
+
+    def say(line: str) -> None:
+        said.append(line)
+        print(f"calibrate: {line}", file=sys.stderr)
+
+    model, context = read_context(args.folder, args.model, say)
+    folder = args.out or args.folder / "export"
+    files = exporter(args.to).export(model, context)
+    with result_folder(folder):
+        for name, text in files.items():
+            write_text_whole(folder / name, text)
+            output(args).print(f"written: {folder / name}", soft_wrap=True)
+    write_json(args.json, {"schema": "tinygc-export/1", "format": args.to, "files": [str(folder / name) for name in files], "said": said})
+    return 0

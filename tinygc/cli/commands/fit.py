@@ -1,0 +1,129 @@
+"""``fit``: from a session to models and closure figures."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from session.common.errors import CalibrationError
+from tinygc.cli.arguments import positive, three
+from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
+from tinygc.cli.commands._results import output, try_destinations, write_json
+
+#: what a bias of the day heeds of a fit's arguments
+HONOURED = ("exclude", "no_earth")
+SUMMARY = "fit the calibration, compare the methods, print the closure errors"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
+    command.add_argument("folder", type=Path, help="session folder")
+    add_fit_arguments(command)
+    command.add_argument("--resume", action="store_true", help="go on with an adamw training that was interrupted")
+    command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
+    command.add_argument("--model", type=Path, metavar="FILE", help="a stored calibration, of which only the bias is taken anew (--bias)")
+    command.add_argument("--bias", choices=("start", "gravity", "given"), help="from: the first still, gravity over the run, --bias-dps")
+    command.add_argument("--bias-dps", type=three, metavar="X,Y,Z", help="what the sensor reads at rest, for --bias given")
+    command.add_argument("--out", type=Path, metavar="DIR", help="where the models go (fit/ in the session folder)")
+    command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
+
+
+def run(args: argparse.Namespace) -> int:
+    """From a session to models and closure figures."""
+    if args.bias or args.model or args.bias_dps:
+        return _rebias(args)
+    if args.resume and not _resumable(args):
+        raise CalibrationError(
+            "--resume goes on with an adamw training, and this fit has none; add --optimizer adamw and a method that is trained "
+            "(tinygc or tinygc_denoised), or leave --resume out"
+        )
+    from tinygc.cli.console import progress_bar
+    from tinygc.fit.session import fit_session, save_models, to_json
+    from tinygc.methods.network.adamw_checkpoint import forget
+    from tinygc.report.fit_text import fit_report
+
+    physics = None if args.physics is None else _physics(args.physics)
+    options = replace(fit_options(args), physics=physics, checkpoints=args.out or args.folder / "fit", resume=args.resume)
+    try_destinations(args, "fit")
+    with progress_bar(args.quiet) as progress:
+        result = fit_session(args.folder, options, progress)
+    table = to_json(result)
+    # The results first: a terminal that fails must not cost them.
+    folder = save_models(result, args.out)
+    forget(options.checkpoints)
+    output(args).print(fit_report(result))
+    output(args).print(f"models: {folder}", soft_wrap=True)
+    write_json(args.json, table)
+    above = [] if args.limit is None else _above(table, args.limit)
+    if above:
+        print(f"calibrate: above --limit {args.limit:g} deg: {'; '.join(above)}", file=sys.stderr)
+    return 1 if above else 0
+
+
+def _physics(words: str) -> tuple[str, ...]:
+    """Ids, or ``auto``; what is in no catalogue is said before anything is read."""
+    from session.common.errors import FitError
+    from tinygc.effects import catalogue
+
+    ids = tuple(dict.fromkeys(name.strip() for name in words.split(",")))
+    if unknown := [name for name in ids if name not in catalogue() and ids != ("auto",)]:
+        raise FitError(f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}")
+    return ids
+
+
+def _resumable(args: argparse.Namespace) -> bool:
+    """Whether anything of the fit is trained by adamw."""
+    return args.optimizer == "adamw" and bool({"tinygc", "tinygc_denoised"} & set(args.methods))
+
+
+def _rebias(args: argparse.Namespace) -> int:
+    """A stored calibration with the bias of the day."""
+    if args.model is None or args.bias is None or (args.bias == "given") != (args.bias_dps is not None):
+        raise CalibrationError(
+            "a bias of the day needs the stored calibration and its source: --model FILE --bias start, or --bias gravity, "
+            "or --bias given --bias-dps X,Y,Z"
+        )
+    if idle := given(args, HONOURED):
+        raise CalibrationError(
+            f"{', '.join(idle)}: of no use with --model and --bias, which fit nothing and take only the bias anew; "
+            f"leave {'it' if len(idle) == 1 else 'them'} out"
+        )
+    from tinygc.cli.console import progress_bar
+    from tinygc.fit.bias import MODEL
+    from tinygc.fit.bias.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
+
+    try_destinations(args, "fit")
+    with progress_bar(args.quiet) as progress:
+        how = {"use_earth": not args.no_earth, "exclude": tuple(dict.fromkeys(args.exclude)), "progress": progress}
+        result = rebias_session(args.folder, args.model, args.bias, args.bias_dps, **how)
+    table = rebias_to_json(result)
+    folder = save_rebiased(result, args.out)
+    output(args).print(rebias_report(result))
+    output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
+    write_json(args.json, table)
+    chosen = f"stored_{args.bias}"
+    only = {
+        "methods": {chosen: table["methods"][chosen]},
+        "closure_runs": [{"file": run["file"], chosen: run[chosen]} for run in table["closure_runs"]],
+    }
+    above = [] if args.limit is None else _above(only, args.limit)
+    if above:
+        print(f"calibrate: above --limit {args.limit:g} deg: {'; '.join(above)}", file=sys.stderr)
+    return 1 if above else 0
+
+
+def _above(table: dict, limit_deg: float) -> list[str]:
+    """The figures of a fit that ``--limit`` refuses: the best held-out tilt, and each closure run's best RMSE."""
+    tilts = {name: method["holdout"]["tilt_rms_deg"] for name, method in table["methods"].items()}
+    figures = [("the best held-out tilt", tilts)]
+    for run in table["closure_runs"]:
+        figures.append((f"{run['file']}'s best RMSE", {name: run[name]["rmse_deg"] for name in tilts if name in run}))
+    said = []
+    for what, by_method in figures:
+        best = min(by_method, key=by_method.get)
+        if not by_method[best] <= limit_deg:
+            said.append(f"{what} is {by_method[best]:.4g} deg ({best})")
+    return said

@@ -1,0 +1,36 @@
+"""``plan``: what to record next."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tinygc.cli.arguments import count
+from tinygc.cli.commands._results import output, write_json
+
+SUMMARY = "say which movements to record next"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("folder", type=Path, help="session folder")
+    command.add_argument("--count", type=count(1), default=5, help="movements at most (%(default)s)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """What to record next."""
+    from tinygc.plan.plan import propose
+
+    proposals, asked = propose(args.folder, args.count)
+    console = output(args)
+    if asked:
+        console.print(f"explain asks: {asked}")
+    for number, proposal in enumerate(proposals, start=1):
+        console.print(
+            f"{number}. {proposal.words}: {proposal.parameter}, {proposal.now:.1f} -> {proposal.after:.1f} times its target sigma"
+        )
+    if not proposals:
+        done = "every parameter has reached its target sigma (50 ppm, 0.05 mrad, 2 mdps)"
+        console.print(f"{done}: nothing more is needed" + (" for the linear calibration" if asked else ""))
+    write_json(args.json, {"schema": "tinygc-plan/1", "asked": asked, "proposals": [vars(proposal) for proposal in proposals]})
+    return 0

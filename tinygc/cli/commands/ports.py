@@ -1,0 +1,29 @@
+"""``ports``: the serial ports, and which of them is likely the board."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+
+from tinygc.cli.commands._results import output, write_json
+
+SUMMARY = "list the serial ports, and say which may be the board"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """None but the common ones."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """The serial ports, candidates first."""
+    from session.recording.ports import known_ports
+
+    ports = known_ports()
+    for port in ports:
+        usb = "" if port.usb is None else f"  USB {port.usb[0]:04x}:{port.usb[1]:04x}"
+        serial = "" if port.serial_number is None else f"  S/N {port.serial_number}"
+        output(args).print(f"{port.name}  {port.what}{usb}{serial}", soft_wrap=True)
+    if not any(port.is_candidate for port in ports):
+        output(args).print("no board: plug one in, or start a virtual one with calibrate.py board", soft_wrap=True)
+    write_json(args.json, {"schema": "tinygc-ports/1", "ports": [asdict(port) for port in ports]})
+    return 0

@@ -1,0 +1,165 @@
+"""``record``: lead one person at the table through a session, and lose nothing of it."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from pathlib import Path
+
+from tinygc.cli.arguments import count, positive
+from tinygc.cli.commands._interruption import Interruption
+from tinygc.cli.commands._results import output, write_json
+
+SUMMARY = "record a guided session from a serial port"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("--port", metavar="PORT", help="such as /dev/ttyACM0 (the only one there is, if it can be the board)")
+    command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
+    command.add_argument("--out", type=Path, metavar="DIR", help="session folder to write (the next free data/sessionN)")
+    command.add_argument("--resume", action="store_true", help="go on with the recording in --out")
+    command.add_argument("--segments", type=count(1), default=40, help="to be accepted (%(default)s)")
+    command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
+    command.add_argument("--like", type=Path, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
+    command.add_argument("--odr", type=positive, metavar="HZ", help="data rate, where the board does not say")
+    command.add_argument("--gyro-fs", dest="gyro_fs_dps", type=positive, metavar="DPS", help="full scale, where the board does not say")
+    command.add_argument("--accel-fs", dest="accel_fs_g", type=positive, metavar="G", help="full scale, where the board does not say")
+    command.add_argument("--no-coach", action="store_true", help="any turn will do")
+    command.add_argument("--mute", action="store_true", help="no bell")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Lead one person at the table through a session, and lose nothing of it."""
+    from session.common.errors import CalibrationError, StorageError
+    from session.guide.guide import Guide
+    from session.guide.guided_session import GuidedRecording
+    from session.recording.ports import only_candidate
+    from session.recording.recorder import Recorder
+    from session.recording.session_file import SessionFile
+
+    folder = args.out or _next_folder()
+    port = args.port or only_candidate().name
+    _require_place(folder, args.resume)
+    session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g)
+    _say_what_was_asked(args, folder)
+    interrupted = False
+    with Interruption() as wanted:
+        recorder = Recorder(folder, port, args.baud)
+        guide = Guide(session_file.protocol, args.segments, args.stop_at_target)
+        try:
+            with _view(args, f"{folder} · {port}") as view:
+                GuidedRecording(guide, recorder, session_file.configure, None if args.no_coach else _coach(), view).lead(wanted)
+        except KeyboardInterrupt:
+            interrupted = True
+        except CalibrationError as error:
+            with contextlib.suppress(StorageError):  # a full disk has more than one thing to say
+                recorder.close()
+            raise type(error)(f"{error}; kept in {folder}: {_so_far(guide, recorder)}") from None
+        finally:
+            recorder.close()
+    console = output(args)
+    console.print(f"{folder}: {_so_far(guide, recorder)}", soft_wrap=True)
+    for path in recorder.logs.put_aside:
+        console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again", soft_wrap=True)
+    if missing := _missing(guide):
+        console.print(missing, soft_wrap=True)
+    again = f"calibrate.py record --resume --out {folder} --port {port}"
+    if interrupted:
+        print(f"calibrate: interrupted; everything received is kept. To go on: {again}", file=sys.stderr)
+    else:
+        console.print(f"next: calibrate.py check {folder}, then calibrate.py fit {folder}", soft_wrap=True)
+    write_json(args.json, _table(guide, folder, recorder))
+    return 130 if interrupted else 0
+
+
+def _next_folder() -> Path:
+    """The first ``data/sessionN`` that is not there yet."""
+    return next(path for number in range(1, 1_000_000) if not (path := Path("data") / f"session{number}").exists())
+
+
+def _require_place(folder: Path, resume: bool) -> None:
+    """A recording is never overwritten; one is resumed only where there is one."""
+    from session.common.errors import FormatError
+    from session.log.folder import log_paths
+    from session.recording.rawfile import RAW
+
+    raw = folder / RAW
+    recorded = raw.exists() and raw.stat().st_size > 0
+    if resume and not raw.exists():
+        raise FormatError(f"{folder}: no recording to resume ({RAW} is not there); give its folder with --out, or leave --resume out")
+    if not resume and recorded:
+        raise FormatError(f"{folder}: holds a recording; --resume goes on with it, or give another --out")
+    if not resume and folder.is_dir() and (logs := log_paths(folder, "log")):
+        raise FormatError(f"{folder}: holds {logs[0].name}; give another --out")
+
+
+def _say_what_was_asked(args: argparse.Namespace, folder: Path) -> None:
+    """What `explain` wants to see of this sensor: of this session when it is resumed, or of the one that it is like."""
+    from tinygc.plan.requested import asked
+
+    for place in (folder, args.like.parent if args.like else None):
+        if place and (words := asked(place)) and not args.quiet:
+            print(f"explain asks ({place}): {words}", file=sys.stderr)
+            return
+
+
+def _view(args: argparse.Namespace, title: str):
+    """The live screen in a terminal, lines elsewhere, nothing where quiet."""
+    from rich.console import Console
+
+    from session.guide.screen import LiveScreen, PlainLines
+
+    console = Console(stderr=True, highlight=False, markup=False, emoji=False, quiet=args.quiet)
+    return LiveScreen(title, args.mute, console) if console.is_terminal and not args.quiet else PlainLines(console)
+
+
+def _coach():
+    """The coach; its modules are loaded in its own thread, not before the recording starts."""
+    coach = None
+
+    def advise(taken):
+        nonlocal coach
+        if coach is None:
+            from tinygc.plan.coach import Coach
+
+            coach = Coach()
+        return coach(taken)
+
+    return advise
+
+
+def _so_far(guide, recorder) -> str:
+    """What there is: segments and files."""
+    logs = ", ".join(path.name for path in recorder.logs.paths) or "no log yet"
+    return f"{guide.accepted} of {guide.segments} segments, {recorder.decoder.samples} samples ({recorder.raw.path.name}, {logs})"
+
+
+def _missing(guide) -> str:
+    """What the coach would still ask for."""
+    if guide.advice is None or not guide.advice.missing:
+        return ""
+    return f"not yet at their target sigma: {'; '.join(guide.advice.missing[:4])}{'; …' if len(guide.advice.missing) > 4 else ''}"
+
+
+def _table(guide, folder: Path, recorder) -> dict:
+    """The result as JSON."""
+    health = guide.health
+    troubles = health.troubles  # before the port was closed, which tears the last frame
+    return {
+        "schema": "tinygc-record/1",
+        "session": str(folder),
+        "done": guide.stage.value == "done",
+        "segments": {"wanted": guide.segments, "accepted": guide.accepted, "rejected": guide.rejected},
+        "samples": recorder.decoder.samples,
+        "lost": troubles["lost"],
+        "crc_errors": troubles["crc"],
+        "garbage_bytes": troubles["garbage"],
+        "implausible": troubles["implausible"],
+        "resets": troubles["reset"],
+        "odr_hz": health.odr_hz,
+        "odr_by_host_hz": health.odr_by_host_hz,
+        "logs": [path.name for path in recorder.logs.paths],
+        "missing": list(guide.advice.missing) if guide.advice else None,
+    }

@@ -1,0 +1,58 @@
+"""``replay``: what is on the card, or what a port gave, becomes a session folder."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tinygc.cli.commands._log_options import add_log_options, answers_of
+from tinygc.cli.commands._results import output, write_json
+
+SUMMARY = "make a session folder of what a logger wrote to its card, or of a recording's raw bytes"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument(
+        "logs", type=Path, nargs="+", metavar="LOG", help="the log; or the gyroscope's and the accelerometer's; or raw.bin"
+    )
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="session folder to make")
+    command.add_argument("--add", choices=("log", "closure"), help="add to the session that is there, as a further log or a closure run")
+    command.add_argument("--sensor", default="", metavar="NAME", help="what the sensor is")
+    command.add_argument("--serial", default="", metavar="TEXT", help="which one it is")
+    add_log_options(command)
+
+
+def run(args: argparse.Namespace) -> int:
+    """What is on the card becomes a session folder."""
+    from session.replay.convert import convert
+    from session.replay.from_raw import convert_raw, is_raw
+
+    if len(args.logs) == 1 and is_raw(args.logs[0]):
+        made = convert_raw(args.logs[0], args.out, args.odr, args.gyro_fs, args.accel_fs)
+    else:
+        made = convert(args.logs, args.out, answers_of(args), args.add, args.sensor, args.serial)
+    console = output(args)
+    console.print(f"{made.log}: {made.samples} samples, {' and '.join(made.dialects)}", soft_wrap=True)
+    for note in made.notes:
+        console.print(f"  {note}", soft_wrap=True)
+    for finding in made.findings:
+        if finding.level in ("error", "warning"):
+            do = f"; {finding.do}" if finding.do else ""
+            console.print(f"  {finding.level}: {finding.where}: {finding.what}: {finding.says}{do}", soft_wrap=True)
+    for number, step in enumerate(made.next):
+        console.print(f"{'next:' if number == 0 else 'then:'} {step}", soft_wrap=True)
+    write_json(args.json, {"schema": "tinygc-replay/1", **_table(made)})
+    return 0
+
+
+def _table(made) -> dict:
+    return {
+        "folder": str(made.folder),
+        "log": made.log.name,
+        "dialects": list(made.dialects),
+        "samples": made.samples,
+        "notes": list(made.notes),
+        "findings": [vars(finding) for finding in made.findings],
+        "next": list(made.next),
+    }

@@ -1,0 +1,51 @@
+"""``report``: the calibration as one HTML file."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from tinygc.cli.arguments import positive
+from tinygc.cli.commands._fitting import add_fit_arguments, fit_options
+from tinygc.cli.commands._results import output, try_file, write_json
+
+SUMMARY = "the calibration report: one HTML file that needs nothing else"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    limit = "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this; exit 1 if not"
+    command.add_argument("folder", type=Path, help="session folder")
+    command.add_argument("--out", type=Path, metavar="FILE", help="the report (report.html in the session folder)")
+    command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
+    command.add_argument("--no-explain", action="store_true", help="do not ask why recording and simulation differ")
+    add_fit_arguments(command)
+
+
+def run(args: argparse.Namespace) -> int:
+    """The calibration as one HTML file."""
+    from tinygc.cli.console import progress_bar
+    from tinygc.report.html.evidence import gather
+    from tinygc.report.html.page import save
+    from tinygc.report.html.summary import summary
+
+    path = args.out or args.folder / "report.html"
+    try_file(args, path)
+    with progress_bar(args.quiet) as progress:
+        evidence = gather(args.folder, fit_options(args), explain=not args.no_explain, limit_deg=args.limit, progress=progress)
+    save(evidence, path)
+    decision = evidence.decision
+    output(args).print(f"{decision.word if decision.passed else 'FAIL'}: {decision.rule}")
+    for met, reason in decision.reasons:
+        output(args).print(f"  {'met' if met else 'not met'}: {reason}")
+    for doubt in decision.doubts:
+        output(args).print(f"  in doubt: {doubt}")
+    output(args).print(f"written: {path}", soft_wrap=True)
+    write_json(args.json, summary(evidence))
+    if args.limit is not None and not decision.passed:
+        print(
+            f"calibrate: above --limit {args.limit:g} deg: {'; '.join(text for met, text in decision.reasons if not met)}", file=sys.stderr
+        )
+        return 1
+    return 0

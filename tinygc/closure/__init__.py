@@ -1,0 +1,15 @@
+"""The closure residual: how far the integrated rate misses the attitude that the reference saw; its floor, its linear solution."""
+
+from tinygc.closure.residual import (
+    Batch,
+    attitudes,
+    end_attitude,
+    error_angles,
+    like,
+    nearest_yaw,
+    residual,
+    segment_residuals,
+    sensitivity,
+)
+
+__all__ = ["Batch", "attitudes", "end_attitude", "error_angles", "like", "nearest_yaw", "residual", "segment_residuals", "sensitivity"]

@@ -1,0 +1,81 @@
+"""Gauss-Newton on the linear sensitivity: 12 columns, no autograd, a covariance for every parameter.
+
+Minimises sum_s |r_s|^2 / (sigma_s / 2)^2 plus a prior so weak that it only matters where the data say nothing: a fit must not
+wander along a direction that no segment observes.  (r is half an angle, hence the half.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.common.errors import FitError
+from tinygc import closure
+from tinygc.closure.residual import Batch
+from tinygc.closure.still_rates import StillRates
+from tinygc.models import linear
+from tinygc.models.linear import PRIOR_SIGMA, LinearModel
+
+#: a parameter whose sigma is not at least this much below its prior's was not observed
+OBSERVED_BELOW = 0.1
+MAX_STEPS = 50
+#: rad: a step that changes no residual by more than this ends the search
+TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquaresFit:
+    """model; covariance (12, 12) in the units of ``LinearModel.vector``; unobserved: names of the parameters no segment sees."""
+
+    model: LinearModel
+    covariance: np.ndarray
+    unobserved: tuple[str, ...]
+    steps: int
+
+
+def fit_least_squares(
+    batch: Batch,
+    sigma: np.ndarray,
+    start: LinearModel,
+    *,
+    still_rates: StillRates | None = None,
+    integrator: str = "exact",
+) -> LeastSquaresFit:
+    """Fit the 12 parameters to a batch with sigma (S,) rad of each segment, or (S, d) of each angle, from a start.
+
+    Raises FitError where the search does not settle (residuals that are not finite, or no segments).
+    The covariance returned is that of independent residuals with these sigmas; ``uncertainty.parameter_covariance`` refines it.
+    """
+    if len(batch) == 0:
+        raise FitError("no segments to fit; see the reasons for which they were rejected")
+    vector, prior = start.vector, start.vector
+    weight = 1 / sigma.reshape(len(batch), -1)
+    rank = linear.PARAMETERS
+    for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
+        model = LinearModel.from_vector(vector)
+        rate = model(batch.rate)
+        angles = 2 * closure.segment_residuals(batch, rate, integrator)
+        if not np.isfinite(angles).all():
+            raise FitError("least squares left the finite numbers; are the rates in the log in the unit that its header says?")
+        design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, : batch.angles]
+        rows = [(design * weight[..., None]).reshape(-1, linear.PARAMETERS)]
+        values = [(angles * weight).ravel()]
+        if still_rates is not None:
+            rows.append(still_rates.columns())
+            values.append(still_rates.residuals(model))
+        jacobian, r = np.concatenate(rows) * PRIOR_SIGMA, np.concatenate(values)
+        left, strength, right = np.linalg.svd(jacobian, full_matrices=False)
+        # What noise alone lets a direction seem to do is no observation: it stays at the prior instead of fitting that noise.
+        rank = min(rank, int(np.sum(strength**2 > OBSERVED_BELOW**-2 - 1)))
+        aim = left.T @ (jacobian @ ((vector - prior) / PRIOR_SIGMA) - r) * strength / (strength**2 + 1)
+        change = prior + PRIOR_SIGMA * (aim[:rank] @ right[:rank]) - vector
+        vector = vector + change
+        if np.abs(design @ change).max() < TOLERANCE:
+            break
+    else:
+        raise FitError(f"least squares did not settle in {MAX_STEPS} steps; look at `calibrate.py check` for what is wrong with the data")
+    covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) * np.outer(PRIOR_SIGMA, PRIOR_SIGMA)
+    seen = np.sqrt(np.diag(covariance)) < OBSERVED_BELOW * PRIOR_SIGMA
+    unobserved = tuple(name for name, ok in zip(linear.NAMES, seen, strict=True) if not ok)
+    return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps)

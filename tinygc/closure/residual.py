@@ -1,0 +1,127 @@
+"""The closure residual: what is left between the attitude that the gyro predicts and the one that the reference saw.
+
+Integrating from ``start`` gives q_pred; the error rotation, in the table frame, is d = q_pred q_end^-1 = (w, x, y, z).  q and -q
+are one attitude, so the nearer sign counts.  Where yaw is unknown, the reference is first turned about the vertical by the yaw that
+brings it nearest to the prediction; what remains is the tilt, in the frame of the prediction, with cosine c = sqrt(w^2 + z^2) of
+half its angle.  The loss is the paper's squared Euclidean distance of the two quaternions,
+
+    D^2 = 2 - 2c = 2 s^2 / (1 + c),   s the length of the vector part,
+
+written so that it loses no digits near zero and is smooth there.  As a least-squares residual it is r = vector part x
+sqrt(2 / (1 + c)), |r| = D; for small errors r is half the error's rotation vector.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tinygc.attitude import rotation
+from tinygc.attitude.integrate import sample_weights, steps
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """S segments of up to T samples side by side; short ones are padded with steps of no duration.
+
+    rate (S, T, 3) rad/s measured; dt (S, T-1) s; earth (S, T, 3) rad/s, the Earth's rate in body axes, to be taken off the calibrated
+    rate; start, end (S, 4) q_tb from the reference; yaw_known: whether the reference sees three angles or two.
+    """
+
+    rate: np.ndarray
+    dt: np.ndarray
+    earth: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    yaw_known: bool
+
+    def __len__(self) -> int:
+        return len(self.rate)
+
+    @property
+    def duration_s(self) -> np.ndarray:
+        """(S,) s."""
+        return self.dt.sum(-1)
+
+    @property
+    def angles(self) -> int:
+        """Residual components per segment: 2 where only gravity is known, else 3."""
+        return 3 if self.yaw_known else 2
+
+    def pick(self, which) -> Batch:
+        """Some of the segments, by index or mask."""
+        return replace(self, **{name: getattr(self, name)[which] for name in ("rate", "dt", "earth", "start", "end")})
+
+
+def end_attitude(batch: Batch, rate, integrator: str = "exact"):
+    """Predicted q_tb (S, 4) at the end from calibrated rates (S, T, 3), which still hold the Earth's rate.
+
+    NumPy or torch, as ``rate`` is.
+    """
+    earth, dt, start = (like(rate, x) for x in (batch.earth, batch.dt, batch.start))
+    return rotation.multiply(start, rotation.compose(steps(rate - earth, dt, integrator)))
+
+
+def residual(q_pred, q_end, yaw_known: bool):
+    """Residual (S, 2) or (S, 3), |r|^2 the squared quaternion distance; components about the table's x, y (and z)."""
+    xp = rotation.namespace(q_pred)
+    d = rotation.multiply(q_pred, rotation.conjugate(like(q_pred, q_end)))
+    w, x, y, z = rotation.split(d)
+    if yaw_known:
+        sign = xp.where(w < 0, -xp.ones_like(w), xp.ones_like(w))
+        vector, c = xp.stack([x * sign, y * sign, z * sign], -1), w * sign
+    else:
+        # Half a turn upside down has no nearest yaw; the tiny term keeps its gradient finite.
+        c = xp.sqrt(w**2 + z**2 + 1e-300)
+        vector = xp.stack([(w * x - z * y) / c, (w * y + z * x) / c], -1)
+    return vector * xp.sqrt(2 / (1 + c))[..., None]
+
+
+def segment_residuals(batch: Batch, rate, integrator: str = "exact"):
+    """``residual`` of each segment for calibrated rates (S, T, 3)."""
+    return residual(end_attitude(batch, rate, integrator), batch.end, batch.yaw_known)
+
+
+def error_angles(r: np.ndarray) -> np.ndarray:
+    """Rotation vectors (S, 2 or 3) rad behind residuals: D = 2 sin(angle/4)."""
+    distance = np.linalg.norm(r, axis=-1, keepdims=True)
+    angle = 4 * np.arcsin(np.minimum(distance / 2, 1))
+    return r * np.where(distance > 1e-12, angle / np.where(distance > 1e-12, distance, 1), 2.0)
+
+
+def attitudes(batch: Batch, rate: np.ndarray) -> np.ndarray:
+    """q_tb (S, T, 4) at every sample, from the start and calibrated rates."""
+    running = rotation.accumulate(steps(rate - batch.earth, batch.dt))
+    start = batch.start[:, None]
+    return np.concatenate([start, rotation.multiply(start, running)], axis=1)
+
+
+def sensitivity(batch: Batch, rate: np.ndarray) -> np.ndarray:
+    """(S, T, 3, 3) s: how a small error of the rate at each sample turns the end attitude, in the table frame.
+
+    phi = sum_k sensitivity_k @ d_omega_k (DESIGN, first-order sensitivity; in table axes instead of the end's body axes).
+    The residual is half of phi, its first two or all three components.
+    """
+    return rotation.matrix(attitudes(batch, rate)) * sample_weights(batch.dt)[..., None, None]
+
+
+def nearest_yaw(q_tb: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
+    """``q_tilt`` (4,) turned about the vertical to be as near to ``q_tb`` (4,) as it can be."""
+    d = rotation.multiply(q_tb, rotation.conjugate(q_tilt))
+    turn = np.array([d[0], 0.0, 0.0, d[3]])
+    length = np.linalg.norm(turn)
+    return rotation.multiply(turn / length, q_tilt) if length > 1e-9 else q_tilt
+
+
+def like(model, array):
+    """``array`` in the library, and on the device, of ``model``."""
+    xp = rotation.namespace(model)
+    if xp is np or not isinstance(array, np.ndarray):
+        return array
+    return xp.as_tensor(array, dtype=model.dtype, device=model.device)
+
+
+def closure_angles(batch: Batch, model, integrator: str = "exact") -> np.ndarray:
+    """Error angles (S, d) rad that a model leaves."""
+    return error_angles(segment_residuals(batch, model(batch.rate), integrator))

@@ -1,0 +1,119 @@
+"""How well the parameters are known, and how far the closure is from its floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import EarthRate
+from tinygc.attitude.integrate import sample_weights
+from tinygc.closure.bias_wander import wander_covariance
+from tinygc.closure.floor import Floor
+from tinygc.closure.still_rates import StillRates
+from tinygc.models import linear
+from tinygc.models.linear import PRIOR_SIGMA, LinearModel
+
+#: a closure this improbable from noise alone is a mismatch
+MISMATCH_P = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class GoodnessOfFit:
+    """chi_square of the error angles against the floor, its degrees of freedom, and the probability of more by chance."""
+
+    chi_square: float
+    freedom: int
+    p_value: float
+
+    @property
+    def excess(self) -> float:
+        """Factor on the floor's variance that the residuals ask for; 1 where noise alone explains them."""
+        return max(1.0, self.chi_square / self.freedom) if self.p_value < MISMATCH_P else 1.0
+
+
+def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, middle_s: np.ndarray | None = None) -> GoodnessOfFit:
+    """Of the closure that a linear model leaves, its 12 parameters' best taken off once more with the full covariance.
+
+    That covariance knows of shared stills and, with middle_s (S,) the segments' moments, of the bias's wander.
+    """
+    rate = model(batch.rate)
+    angles = closure.error_angles(closure.segment_residuals(batch, rate)).ravel()
+    design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, : batch.angles].reshape(len(angles), -1)
+    covariance = floor.dense()
+    if middle_s is not None:
+        bias, owner = design[:, 9:], np.repeat(np.arange(len(batch)), batch.angles)
+        covariance = covariance + (bias @ bias.T) * wander_covariance(middle_s)[np.ix_(owner, owner)]
+    factor = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(factor, np.column_stack([angles, design * PRIOR_SIGMA]))
+    left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
+    chi_square, freedom = float(left @ left), max(len(angles) - linear.PARAMETERS, 1)
+    return GoodnessOfFit(chi_square, freedom, float(stats.chi2.sf(chi_square, freedom)))
+
+
+def parameter_covariance(
+    batch: closure.Batch,
+    floor: Floor,
+    model: LinearModel,
+    earth: EarthRate,
+    still_rates: StillRates | None = None,
+    middle_s: np.ndarray | None = None,
+) -> np.ndarray:
+    """(12, 12) covariance of ``LinearModel.vector`` as least squares fits it.
+
+    Weighted least squares with weights 1/sigma^2 does not see that neighbours share a still, that the heading is only estimated,
+    nor that the bias wanders while the session lasts; the sandwich H^-1 (J' W C W J) H^-1 does (White 1980).
+    middle_s (S,): when each segment was recorded, for the wander; without it the bias is taken to stand still.
+    """
+    rate = model(batch.rate)
+    sensitivity = closure.sensitivity(batch, rate)
+    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles]
+    weight = 1 / floor.sigma[..., None] ** 2
+    hessian = np.einsum("sdp,sdq->pq", design * weight, design) + np.diag(1 / PRIOR_SIGMA**2)
+    meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
+    if still_rates is not None:
+        rows = still_rates.columns()
+        hessian += rows.T @ rows
+        meat += rows.T @ rows
+        still_pull = rows.reshape(-1, 3, rows.shape[1]).transpose(0, 2, 1) / still_rates.sigma[:, None]
+    if earth.source == "estimated":
+        # A heading wrong by dh turns the horizontal Earth rate by dh: one more column, with the heading's own sigma.
+        sideways = np.cross([0.0, 0.0, 1.0], earth.rate_t)
+        body = np.einsum("stji,j->sti", _turn(sensitivity, batch), sideways)
+        column = np.einsum("stij,stj->si", sensitivity, body)[:, : batch.angles]
+        pull = np.einsum("sdp,sd->p", design * weight, column)
+        if still_rates is not None and still_rates.q_tb is not None:
+            turned = np.einsum("qji,j->qi", rotation.matrix(still_rates.q_tb), sideways)
+            pull = pull + np.einsum("qpi,qi->p", still_pull, turned)
+        pull = pull * earth.heading_sigma_rad
+        meat += np.outer(pull, pull)
+    if middle_s is not None:
+        # A bias error turns a segment's end as the three bias columns say.
+        pull = np.einsum("sdp,sdi->spi", design * weight, design[..., 9:])
+        if still_rates is not None and still_rates.middle_s is not None:
+            pull, middle_s = np.concatenate([pull, still_pull]), np.concatenate([middle_s, still_rates.middle_s])
+        wander = wander_covariance(middle_s)
+        meat += np.einsum("spi,st,tqi->pq", pull, wander, pull, optimize=True)
+    inverse = np.linalg.inv(hessian)
+    return inverse @ meat @ inverse
+
+
+def covariance_from_columns(design: np.ndarray, floor: Floor, middle_s: np.ndarray) -> np.ndarray:
+    """(12, 12) from the segments' columns (S, d, 12) alone: ``parameter_covariance`` without still rates and heading."""
+    weight = 1 / floor.sigma[..., None] ** 2
+    hessian = np.einsum("sdp,sdq->pq", design * weight, design) + np.diag(1 / PRIOR_SIGMA**2)
+    meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
+    pull = np.einsum("sdp,sdi->spi", design * weight, design[..., 9:])
+    meat += np.einsum("spi,st,tqi->pq", pull, wander_covariance(middle_s), pull, optimize=True)
+    inverse = np.linalg.inv(hessian)
+    # The prior is no datum: what no segment has seen is as uncertain as it was.
+    return inverse @ (meat + np.diag(1 / PRIOR_SIGMA**2)) @ inverse
+
+
+def _turn(sensitivity: np.ndarray, batch: closure.Batch) -> np.ndarray:
+    """Rotation matrices (S, T, 3, 3) out of a sensitivity, which is they times the sample's duration."""
+    duration = sample_weights(batch.dt)[..., None, None]
+    return sensitivity / np.where(duration > 0, duration, 1)

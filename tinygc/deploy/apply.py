@@ -1,0 +1,246 @@
+"""A model applied to a log of any length, in constant memory: rows are read, calibrated and written in pieces."""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import itertools
+import sys
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from session.common.errors import CalibrationError, DataError, FormatError
+from session.common.files import read_json, whole
+from session.common.fixed_point import rows
+from session.common.units import DEG
+from session.detect.pace import pace_of
+from session.dialects.layout import Answers, Layout
+from session.dialects.lines import STANDARD
+from session.dialects.reader import Piece, Reader, temperature_c
+from session.dialects.stamps import counted
+from session.log.config import Accelerometer, read_config
+from tinygc import models
+from tinygc.deploy.calibration import Calibration, Stream
+
+#: what is written: below the noise of any MEMS sensor by three orders
+DECIMALS = {"rps": 9, "dps": 7, "mps2": 6, "c": 4}
+#: a rate farther than this from the one that a model was made for is said
+RATE_WITHIN = 0.05
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Applied:
+    """out: the file; rows; kind of the model; delay_s by which the rates come late; notes on what was assumed or mended."""
+
+    out: Path
+    rows: int
+    kind: str
+    delay_s: float
+    notes: tuple[str, ...]
+
+
+def apply_model(
+    model_path: Path,
+    log: Path,
+    out: Path,
+    answers: Answers,
+    session: Path | None = None,
+    unit: str = "rps",
+    progress: Progress = lambda what, done, of: None,
+) -> Applied:
+    """Write ``log`` again with calibrated rates, in ``unit`` (rps or dps), as a log that this tool reads.
+
+    Full scales and the accelerometer's pre-calibration are those of ``session``, of the session.toml beside the log, or of the model
+    file, in this order.  ``out`` appears only when it is whole.  ``-`` is standard input
+    or output.  Raises FormatError, DataError, CalibrationError.
+    """
+    model = models.load(model_path)
+    reader = Reader(log, answers)
+    if reader.layout.gyro is None:
+        raise FormatError(f"{log.name} holds no gyroscope")
+    known = _surroundings(model_path, log, session)
+    answers = replace(
+        answers,
+        gyro_fs_dps=answers.gyro_fs_dps or _number(reader, "gyro_fs_dps") or known.gyro_fs_dps,
+        accel_fs_g=answers.accel_fs_g or _number(reader, "accel_fs_g") or known.accel_fs_g,
+    )
+    source = _Source(reader, answers, known.accelerometer)
+    pieces, rate_hz, notes = source.pieces(), None, []
+    if getattr(model, "rate_hz", None) or Calibration(model, 1.0).uses_rate:
+        first = next(pieces, None)
+        if first is None:
+            raise _no_samples(log)
+        rate_hz = answers.odr_hz or _rate(first)
+        pieces = itertools.chain([first], pieces)
+        made_for = getattr(model, "rate_hz", None)
+        if made_for and abs(rate_hz / made_for - 1) > RATE_WITHIN:
+            notes.append(f"the denoiser was made for {made_for:g} samples a second, the log has {rate_hz:.4g}: it smooths otherwise here")
+    calibration = Calibration(model, rate_hz)
+    _refuse_missing(calibration, reader)
+    if "acc" in calibration.needs and known.accelerometer is None:
+        notes.append("no session.toml beside the log: the accelerometer is taken as it is, without pre-calibration")
+    count = _write(out, log, source, pieces, calibration.stream(), unit, progress)
+    notes += reader.notes
+    return Applied(out, count, _kind(model), float(getattr(model, "delay_s", 0.0)), tuple(notes))
+
+
+def _refuse_missing(calibration: Calibration, reader: Reader) -> None:
+    channels = {"acc": ("the accelerometer", reader.layout.accel), "temp": ("the temperature", reader.layout.temp)}
+    missing = [named for what, (named, there) in channels.items() if what in calibration.needs and there is None]
+    if missing:
+        model = ", ".join(calibration.effects)
+        raise DataError(f"{reader.path.name} lacks {' and '.join(missing)}, which the model needs ({model}); replay joins two files")
+
+
+@dataclass(frozen=True)
+class _Surroundings:
+    gyro_fs_dps: float | None = None
+    accel_fs_g: float | None = None
+    accelerometer: Accelerometer | None = None
+
+
+def _surroundings(model_path: Path, log: Path, session: Path | None) -> _Surroundings:
+    folder = session or log.parent
+    if session is not None or (log.is_file() and (folder / "session.toml").exists()):
+        config = read_config(folder / "session.toml")
+        return _Surroundings(config.sensor.gyro_fs_dps, config.sensor.accel_fs_g, config.accelerometer)
+    table = read_json(model_path)
+    sensor, accelerometer = table.get("sensor"), table.get("accelerometer")
+    try:
+        matrix, bias = (np.array(accelerometer[key], dtype=float) for key in ("matrix", "bias_mps2"))
+        before = Accelerometer(matrix.reshape(3, 3), bias.reshape(3))
+        return _Surroundings(float(sensor["gyro_fs_dps"]), float(sensor["accel_fs_g"]), before)
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return _Surroundings()
+
+
+def _number(reader: Reader, key: str) -> float | None:
+    """What the log's own comments say."""
+    try:
+        return float(reader.comments[key])
+    except (KeyError, ValueError):
+        return None
+
+
+class _Source:
+    """A log's pieces in SI: stamps, measured rate, force as measured and as pre-calibrated, temperature."""
+
+    def __init__(self, reader: Reader, answers: Answers, accelerometer: Accelerometer | None):
+        self.reader, self.layout = reader, reader.layout
+        self._odr_hz, self._accelerometer = answers.odr_hz, accelerometer or Accelerometer()
+        self._gyro = _scale(self.layout, "gyro", answers.gyro_fs_dps, "--gyro-fs", reader.path.name)
+        self._accel = 1.0 if self.layout.accel is None else _scale(self.layout, "accel", answers.accel_fs_g, "--accel-fs", reader.path.name)
+
+    def pieces(self):
+        """``Piece`` after ``Piece``, SI."""
+        first = 0
+        for piece in self.reader.pieces():
+            stamps = piece.t_ns
+            if stamps is None:
+                stamps = counted(first + len(piece.gyro), self._odr_hz)[first:]
+            first += len(piece.gyro)
+            temp = None if piece.temp is None else temperature_c(piece.temp, self.layout.temp_unit)
+            yield Piece(stamps, piece.gyro * self._gyro, None if piece.accel is None else piece.accel * self._accel, temp)
+
+    def force(self, accel: np.ndarray | None) -> np.ndarray | None:
+        """Pre-calibrated."""
+        return None if accel is None else self._accelerometer.correct(accel)
+
+
+def _scale(layout: Layout, kind: str, full_scale: float | None, option: str, name: str) -> float:
+    if getattr(layout, kind).unit.si is None and full_scale is None:
+        raise FormatError(f"{name} holds registers and does not say the full scale; give {option}, or --session DIR")
+    return layout.gyro_si(full_scale) if kind == "gyro" else layout.accel_si(full_scale)
+
+
+def _rate(first: Piece) -> float:
+    if not (np.diff(first.t_ns) > 0).any():
+        raise DataError("the log's stamps do not say its data rate, which the model needs; give --odr HZ")
+    return pace_of(first.t_ns).rate_hz
+
+
+def _no_samples(log: Path) -> FormatError:
+    return FormatError(f"{log.name}: a header but no samples; was the recording stopped before it began?")
+
+
+def _write(out: Path, log: Path, source: _Source, pieces, stream: Stream, unit: str, progress: Progress) -> int:
+    """All rows; how many.  The file has its name only once it is whole."""
+    if out.is_dir():
+        raise FormatError(f"{out}: that is a folder; give -o a file")
+    size, count = max(log.stat().st_size, 1) if log.is_file() else 1, 0
+    try:
+        with _open(out) as file:
+            waiting: deque[Piece] = deque()
+            header = None
+            for piece in pieces:
+                if header is None:
+                    header = _header(piece, unit)
+                    file.write(header.encode())
+                waiting.append(piece)
+                count += _drain(file, waiting, stream.push(piece.gyro, source.force(piece.accel), piece.temp), unit, count)
+                progress("applying", min(source.reader.position, size), size)
+            if header is None:
+                raise _no_samples(log)
+            count += _drain(file, waiting, stream.flush(), unit, count)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        error.filename = error.filename or str(out)
+        raise
+    return count
+
+
+@contextlib.contextmanager
+def _open(out: Path):
+    """The bytes of ``out``, packed if its name says so; of standard output where it is ``-``."""
+    if str(out) == STANDARD:
+        yield sys.stdout.buffer
+        sys.stdout.buffer.flush()
+        return
+    with whole(out) as path, gzip.open(path, "wb", compresslevel=3) if out.name.endswith(".gz") else path.open("wb") as file:
+        yield file
+
+
+def _header(piece: Piece, unit: str) -> str:
+    names = ["t_ns", *(f"g{axis}_{unit}" for axis in "xyz")]
+    names += [] if piece.accel is None else [f"a{axis}_mps2" for axis in "xyz"]
+    return ",".join(names + ([] if piece.temp is None else ["temp_c"])) + "\n"
+
+
+def _drain(file, waiting: deque[Piece], omega: np.ndarray, unit: str, before: int) -> int:
+    """Write the rows whose rates are known; the rest of their pieces goes on waiting."""
+    done = 0
+    while done < len(omega):
+        piece = waiting.popleft()
+        take = min(len(piece.gyro), len(omega) - done)
+        now, later = _split(piece, take)
+        if later is not None:
+            waiting.appendleft(later)
+        rate = omega[done : done + take] / (DEG if unit == "dps" else 1.0)
+        columns, decimals = [now.t_ns, *rate.T], [0, *[DECIMALS[unit]] * 3]
+        if now.accel is not None:
+            columns, decimals = [*columns, *now.accel.T], [*decimals, *[DECIMALS["mps2"]] * 3]
+        if now.temp is not None:
+            columns, decimals = [*columns, now.temp], [*decimals, DECIMALS["c"]]
+        try:
+            file.write(rows(columns, decimals))
+        except ValueError as error:
+            raise CalibrationError(f"sample {before + done} and on: {error}; does the log suit the model?") from None
+        done += take
+    return done
+
+
+def _split(piece: Piece, take: int) -> tuple[Piece, Piece | None]:
+    if take == len(piece.gyro):
+        return piece, None
+    parts = (piece.t_ns, piece.gyro, piece.accel, piece.temp)
+    return (Piece(*(None if part is None else part[cut] for part in parts)) for cut in (slice(take), slice(take, None)))
+
+
+def _kind(model) -> str:
+    return models.to_dict(model)["kind"]

@@ -1,0 +1,75 @@
+"""A model as stages of single precision, in the order in which a device runs them."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from tinygc.deploy.embedded.affine import Linear
+from tinygc.deploy.embedded.convolutions import Denoise
+from tinygc.deploy.embedded.effects import effect_stage
+from tinygc.deploy.embedded.nets import Conditioned, Net, Published
+from tinygc.deploy.embedded.stage import Cost, Inputs, Stage
+from tinygc.deploy.exports import ExportError
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.conditions_net import ConditionsModel
+from tinygc.models.linear import LinearModel
+from tinygc.models.published_net import PublishedNet
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """stages in order; parameters of the model they were made of."""
+
+    stages: tuple[Stage, ...]
+    parameters: int
+
+    def run(self, inputs: Inputs) -> np.ndarray:
+        """Calibrated rates (N, 3) float32: what the C gives, bit for bit, when it is fed the N samples one after the other."""
+        rate = inputs.rate
+        for stage in self.stages:
+            rate = stage.run(inputs, rate)
+        return rate
+
+    @property
+    def constants(self) -> dict[str, np.ndarray]:
+        return {name: array for stage in self.stages for name, array in stage.constants.items()}
+
+    @property
+    def cost(self) -> Cost:
+        return sum((stage.cost for stage in self.stages), Cost())
+
+    @property
+    def identity(self) -> int:
+        """A CRC-32 of the weights: which model a device holds."""
+        return zlib.crc32(b"".join(array.astype("<f4").tobytes() for array in self.constants.values()))
+
+
+def program(model) -> Program:
+    """Of any model that ``tinygc.models`` reads.  ExportError says what cannot be carried."""
+    stages = tuple(_stages(model))
+    own = getattr(model, "parameters", None)
+    return Program(stages, len(model.vector) if own is None else own)
+
+
+def _stages(model) -> list[Stage]:
+    if isinstance(model, LinearModel):
+        return [Linear(model, "LINEAR", "r = E r + B")]
+    if isinstance(model, CalibrationNet):
+        return [Net(model)]
+    if isinstance(model, PublishedNet):
+        return [Published(model)]
+    if isinstance(model, ConditionsModel):
+        return [Conditioned(model)]
+    if hasattr(model, "denoiser"):
+        return [*_stages(model.calibration), Denoise(model.denoiser)]
+    if hasattr(model, "claims"):
+        return [Linear(model.linear, "LINEAR", "r = E r + B"), *(effect_stage(claim, model.known) for claim in model.claims)]
+    if hasattr(model, "physics"):
+        linear = model.physics.linear
+        inverse = np.linalg.inv(linear.E)
+        back = Linear(LinearModel(inverse, -inverse @ linear.B), "BACK", "r = E^-1 (r - B)")
+        return [*_stages(model.physics), back, *_stages(model.net)]
+    raise ExportError(f"a model of type {type(model).__name__} cannot be exported to C: there is no C for it; json carries it")

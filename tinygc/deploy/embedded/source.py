@@ -1,0 +1,216 @@
+"""A program as two C files: ``tinygc_model.h`` and ``tinygc_model.c``."""
+
+from __future__ import annotations
+
+import re
+from textwrap import indent
+
+import numpy as np
+
+from tinygc.deploy.embedded import affine, register_input
+from tinygc.deploy.embedded.program import Program
+from tinygc.deploy.embedded.register_input import Registers
+from tinygc.deploy.embedded.stage import Stage
+from tinygc.deploy.embedded.vectors import TOLERANCE, Vectors, vectors
+
+HEADER, SOURCE = "tinygc_model.h", "tinygc_model.c"
+FLAGS = "-std=c11 -ffp-contract=off -Wall -Wextra -Wdouble-promotion -Werror"
+
+_HEADER = """\
+/* {title}
+ *
+{facts}
+ *
+ * From what the sensor reads to what it feels: m is the measured rate, r begins as m,
+{formula}
+ * and is the answer.  No sample is looked at twice, and none ahead.{averaged}
+ *
+ * units    rate in rad/s in and out; specific force in m/s^2, pre-calibrated (level and still, z down: 0, 0, -g); temperature in degC
+ * axes     the sensor's own
+ * memory   {weights} bytes of weights, {state} bytes of state
+ * cost     {multiply} multiplications, {add} additions, {compare} comparisons a sample, all in single precision;
+ *          code size and instructions on a Cortex-M4F: python benchmarks/firmware.py
+ * build    {flags}
+ *          (any C99 compiler will do; what keeps each bit is that products and sums are not contracted)
+ */
+#ifndef TINYGC_MODEL_H
+#define TINYGC_MODEL_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+/* CRC-32 of the weights: which model this is. */
+#define TINYGC_MODEL_ID 0x{identity:08x}u
+{defines}
+typedef struct {{
+    float rate[3];  /* rad/s, as measured: registers times sensitivity */
+    float force[3]; /* m/s^2, specific force{force} */
+    float temp_c;   /* degC{temp} */
+}} tinygc_input;
+
+typedef struct {{
+{members}}} tinygc_state;
+
+/* Forget all samples. */
+void tinygc_start(tinygc_state *state);
+
+/* One sample in, the calibrated rate omega in rad/s out. */
+void tinygc_step(tinygc_state *state, const tinygc_input *in, float omega[3]);
+{prototype}
+/* Run the vectors: 0 where all agree, else the number, from 1, of the first that does not.  *worst becomes the greatest difference, in
+ * rad/s: exactly 0 where the arithmetic is IEEE 754 single precision, uncontracted. */
+int tinygc_self_test(float *worst);
+
+#ifdef __cplusplus
+}}
+#endif
+#endif
+"""
+
+_SOURCE = """\
+/* {title}  See {header}. */
+#include "{header}"
+
+typedef char tinygc_state_is_{state}_bytes[sizeof(tinygc_state) == {state} ? 1 : -1];
+
+{constants}
+
+{functions}
+{from_registers}
+void tinygc_start(tinygc_state *state)
+{{
+{start}
+}}
+
+void tinygc_step(tinygc_state *state, const tinygc_input *in, float omega[3])
+{{
+    float r[3] = {{in->rate[0], in->rate[1], in->rate[2]}};
+{body}
+    for (int i = 0; i < 3; i++)
+        omega[i] = r[i];
+}}
+
+{self_test}"""
+
+_AVERAGED = """  The calibration took the temperature's
+ * mean over a second; here it is taken as it comes."""
+
+_DEFINES = """\
+#define TINYGC_GYRO_FS_DPS {sensor.gyro_fs_dps:g}
+#define TINYGC_ACCEL_FS_G {sensor.accel_fs_g:g}
+#define TINYGC_ODR_HZ {odr} /* nominal */
+"""
+
+_FROM_REGISTERS = """
+/* Registers gx gy gz ax ay az temp of an ASM330LHH at {sensor.gyro_fs_dps:g} dps and {sensor.accel_fs_g:g} g, in physical units; the
+ * accelerometer's pre-calibration is in it. */
+void tinygc_from_registers(const int16_t registers[7], tinygc_input *in);
+"""
+
+_SELF_TEST = """\
+static const int16_t TEST_REGISTERS[{count}][7] = {registers};
+
+static const float TEST_RATES[{count}][3] = {rates};
+
+int tinygc_self_test(float *worst)
+{{
+    tinygc_state state;
+    tinygc_input in;
+    float omega[3];
+    int failed = 0;
+    *worst = 0.0f;
+    tinygc_start(&state);
+    for (int n = 0; n < {count}; n++) {{
+        tinygc_from_registers(TEST_REGISTERS[n], &in);
+        tinygc_step(&state, &in, omega);
+        for (int i = 0; i < 3; i++) {{
+            const float expected = TEST_RATES[n][i];
+            const float size = expected < 0.0f ? -expected : expected;
+            float off = omega[i] - expected;
+            off = off < 0.0f ? -off : off;
+            if (!(off <= *worst)) /* also where it is not a number */
+                *worst = off;
+            if (!(off <= {tolerance} * (1.0f + size)) && !failed)
+                failed = n + 1;
+        }}
+    }}
+    return failed;
+}}
+"""
+
+
+def source_files(program: Program, sensor: Registers | None, title: str, facts: dict[str, str]) -> dict[str, str]:
+    """File name -> text.  sensor: None where nothing is known of its registers; title and facts go into comments.
+
+    Without a sensor ``tinygc_from_registers`` is private to the self-test.
+    """
+    known = Registers() if sensor is None else sensor
+    constants, stages = program.constants, program.stages
+    members, start = ("".join(getattr(stage, name) for stage in stages) for name in ("state", "start"))
+    code = "\n".join(stage.body for stage in stages)
+    unread = "; this model does not read it"
+    fill = {
+        "title": _comment(title),
+        "header": HEADER,
+        "flags": FLAGS,
+        "facts": "\n".join(f" * {_comment(name):8} {_comment(value)}" for name, value in facts.items()),
+        "formula": "\n".join(f" *     {_comment(stage.says)}" for stage in stages),
+        "identity": program.identity,
+        "weights": 4 * sum(array.size for array in constants.values()),
+        "state": sum(stage.state_bytes for stage in stages) or 1,
+        "members": members or "    unsigned char unused;\n",
+        **vars(program.cost),
+        "averaged": _AVERAGED if "in->temp_c" in code else "",
+        "force": "" if "in->force" in code else unread,
+        "temp": "" if "in->temp_c" in code else unread,
+        "defines": "" if sensor is None else _DEFINES.format(sensor=sensor, odr=_number(np.float32(sensor.odr_hz))),
+        "prototype": "" if sensor is None else _FROM_REGISTERS.format(sensor=sensor),
+        "constants": "\n\n".join(_constant(name, array) for name, array in (constants | known.constants).items()),
+        "functions": "\n".join([affine.FUNCTION, *(stage.functions for stage in stages if stage.functions)]),
+        "from_registers": ("static " if sensor is None else "") + register_input.FUNCTION,
+        "start": indent(start or "state->unused = 0;", "    "),
+        "body": indent("\n".join(["(void)state;"] * (not members) + [_block(stage) for stage in stages]), "    "),
+        "self_test": _self_test(vectors(program, known)),
+    }
+    return {HEADER: _HEADER.format(**fill), SOURCE: _SOURCE.format(**fill)}
+
+
+def _block(stage: Stage) -> str:
+    return f"{{ /* {_comment(stage.says)} */\n{indent(stage.body, '    ')}\n}}"
+
+
+def _self_test(test: Vectors) -> str:
+    return _SELF_TEST.format(
+        count=len(test.registers), registers=_rows(test.registers), rates=_rows(test.rates), tolerance=_number(np.float32(TOLERANCE))
+    )
+
+
+def _constant(name: str, array: np.ndarray) -> str:
+    sizes = "".join(f"[{size}]" for size in array.shape)
+    return f"static const float {name}{sizes} = {_rows(array)};"
+
+
+def _rows(array: np.ndarray) -> str:
+    """A C initialiser, a row a line; long rows are broken."""
+    if array.ndim == 1:
+        words = [_number(value) for value in array]
+        lines = [", ".join(words[at : at + 7]) for at in range(0, len(words), 7)]
+        return "{" + ",\n     ".join(lines) + "}"
+    return "{\n" + ",\n".join(indent(_rows(row), "    ") for row in array) + "}"
+
+
+def _number(value) -> str:
+    """A literal that reads back as the same number: the shortest decimals of a float32, or an integer."""
+    if isinstance(value, np.integer):
+        return str(value)
+    text = repr(float(str(value)))
+    return f"{text}f"
+
+
+def _comment(text: str) -> str:
+    """Text that cannot leave a C comment: printable ASCII, no comment marks, no trigraphs, no backslash at a line's end."""
+    plain = text.encode("ascii", "replace").decode()
+    return re.sub(r"[^ -~]|\\|\?(?=\?)|(?<=\*)/|(?<=/)\*", "_", plain)[:120]

@@ -1,0 +1,29 @@
+"""What other programs read: a file per format.
+
+An exporter's file is named below.  It has
+
+    NAME                       as ``--to`` names it
+    SUMMARY                    one line for ``--help``
+    export(model, context)     -> dict of file name -> text, without touching the disk
+
+``model`` is what ``tinygc.models.load`` gives; ``context`` (``Context``) is what is known around it.  An exporter that cannot carry the
+model raises ``ExportError`` with one line: what cannot be carried, and which format can.  What it carries only in part it says in
+``context.say(line)``.  Files that begin with an underscore are shared by exporters.  A new format is a new file and a name below.
+"""
+
+from __future__ import annotations
+
+import importlib
+
+from session.common.errors import CalibrationError
+
+FORMATS = ("json", "kalibr", "ros", "xio", "px4", "ardupilot", "c")
+
+
+class ExportError(CalibrationError):
+    """A format that cannot carry the model, or a fit that lacks what the format needs."""
+
+
+def exporter(name: str):
+    """The module of a format."""
+    return importlib.import_module(f"tinygc.deploy.exports.{name}")

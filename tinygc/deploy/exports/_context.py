@@ -1,0 +1,107 @@
+"""What is known around a model: the session, the fit, the covariance, and where all of it came from."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from session.common.files import read_json
+from session.common.units import DEG, G
+from session.log.config import Config, read_config
+from session.log.folder import log_paths
+from session.log.hashes import sha256_of
+from session.log.logfile import read_log
+from tinygc import models
+from tinygc.deploy.exports import ExportError
+from tinygc.fit import bias
+
+#: the method that is taken unless another is asked for
+PREFERRED = "least_squares"
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """session: its name; method: of the fit; config: ``session.toml``; table: the model file as JSON; fit: ``fit.json`` or empty;
+    hashes: SHA-256 of the model file, session.toml and every log, by file name; say: takes a line for the operator;
+    logs: paths of the calibration logs."""
+
+    session: str
+    method: str
+    config: Config
+    table: dict
+    fit: dict
+    hashes: dict[str, str]
+    say: Callable[[str], None] = field(default=lambda line: None)
+    logs: tuple[Path, ...] = ()
+
+    @property
+    def stem(self) -> str:
+        """The session's name as a file name."""
+        return re.sub(r"[^A-Za-z0-9]+", "_", self.session).strip("_") or "session"
+
+    @property
+    def covariance(self) -> np.ndarray | None:
+        """(12, 12) of E row by row, then B in rad/s; of physics the effects' theta after them; None where the method has none."""
+        table = self.table.get("covariance")
+        return None if table is None else np.asarray(table, dtype=float)
+
+    @property
+    def gyro_noise(self) -> np.ndarray | None:
+        """(3,) rad/s/sqrt(Hz), one-sided white density measured in the stills."""
+        found = self.fit.get("noise", {}).get("gyro_dps_rthz")
+        return None if found is None else np.multiply(found, DEG)
+
+    @property
+    def accel_noise(self) -> np.ndarray | None:
+        """(3,) m/s^2/sqrt(Hz), one-sided white density measured in the stills."""
+        found = self.fit.get("noise", {}).get("accel_g_rthz")
+        return None if found is None else np.multiply(found, G)
+
+    def temperature_c(self) -> tuple[float, float] | None:
+        """Coldest and warmest of the calibration logs, degC; None where they do not tell.  Reads them."""
+        seen = [read_log(path, self.config.sensor).samples.temp_c for path in self.logs]
+        seen = [values for values in seen if values is not None]
+        return (float(min(map(np.min, seen))), float(max(map(np.max, seen)))) if seen else None
+
+
+def read_context(folder: Path, method: str | None = None, say: Callable[[str], None] = lambda line: None):
+    """``(model, Context)`` of a fitted session.
+
+    ``method`` names one of the fit's models, or is a model file; without it least squares is taken.
+    Raises ExportError where there is no fit, FormatError for files that cannot be read.
+    """
+    config = read_config(folder / "session.toml")
+    path = _model_path(folder, method)
+    if method is None and (folder / "fit" / "model_physics.json").exists():
+        say("least squares is exported; the fit holds physics as well: --model physics")
+    model = models.load(path)
+    table, fit = read_json(path), _fit_beside(path)
+    sources = [path, folder / "session.toml", *log_paths(folder, "log"), *log_paths(folder, "closure")]
+    hashes = {source.name: sha256_of(source) for source in sources}
+    name = table.get("session") if isinstance(table.get("session"), str) else folder.resolve().name
+    named = table.get("method") if isinstance(table.get("method"), str) else path.stem.removeprefix("model_")
+    return model, Context(name, named, config, table, fit, hashes, say, tuple(log_paths(folder, "log")))
+
+
+def _model_path(folder: Path, method: str | None) -> Path:
+    if method is not None and (method.endswith(".json") or "/" in method):
+        return Path(method)
+    there = {path.stem.removeprefix("model_"): path for path in sorted((folder / "fit").glob("model_*.json"))}
+    if not there:
+        raise ExportError(f"{folder / 'fit'}: no model; run `calibrate.py fit {folder}` first, or give --model FILE")
+    wanted = method or PREFERRED
+    if wanted not in there:
+        raise ExportError(f"{folder / 'fit'}: no model_{wanted}.json; there are {', '.join(there)}")
+    return there[wanted]
+
+
+def _fit_beside(path: Path) -> dict:
+    """What was found with a model: ``rebiased.json`` for one whose bias was taken anew, ``fit.json`` for the others; empty without."""
+    names = (bias.FIGURES, "fit.json") if path.name == bias.MODEL else ("fit.json",)
+    beside = next((path.parent / name for name in names if (path.parent / name).exists()), None)
+    table = {} if beside is None else read_json(beside)
+    return table if isinstance(table, dict) else {}

@@ -1,0 +1,82 @@
+"""What formats that hold a matrix and a bias can carry of a model, and a refusal of the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.common.units import G
+from tinygc.deploy.exports import ExportError
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.linear import LinearModel
+from tinygc.models.published_net import PublishedNet
+
+#: slopes this near to 1 are 1 but for the rounding of a fit
+UNBENT = 1e-9
+ELSEWHERE = "export --to json carries every model, or choose another with --model"
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPart:
+    """omega = E m + B - K a - k (T - T0): E (3, 3); B (3,) rad/s; K (3, 3) (rad/s)/(m/s^2); k (3,) (rad/s)/degC from T0 degC."""
+
+    E: np.ndarray
+    B: np.ndarray
+    K: np.ndarray
+    k: np.ndarray
+    first_c: float
+
+    @property
+    def M(self) -> np.ndarray:
+        """The sensor itself, m = M (omega + K a + k (T - T0)) + bias."""
+        return np.linalg.inv(self.E)
+
+    @property
+    def bias(self) -> np.ndarray:
+        """(3,) rad/s, what the sensor reads at rest, at T0 and without gravity."""
+        return -self.M @ self.B
+
+    def example(self) -> str:
+        """One vector in and out, to try an implementation with."""
+        m, a = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, -9.0])
+        omega = self.E @ m + self.B - self.K @ a
+        force = f" with specific force {words(a)} m/s^2" if self.K.any() else ""
+        return f"Try: measured {words(m)} rad/s{force} must give {words(np.round(omega, 9))} rad/s."
+
+
+def linear_part(model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
+    """Of a model that is linear, up to the effects that the format ``carries``.  Raises ExportError for what it cannot."""
+    if hasattr(model, "denoiser"):
+        raise ExportError(f"{name} has no memory, and this model denoises; {ELSEWHERE}")
+    if isinstance(model, CalibrationNet | PublishedNet):
+        slopes = np.concatenate([np.ravel(getattr(model, name)) for name in ("slope", "slope1", "slope2") if hasattr(model, name)])
+        if np.abs(slopes - 1).max() > UNBENT:
+            raise ExportError(f"{name} is linear, and this TinyGC-Net bends (slopes {slopes.tolist()}); {ELSEWHERE}")
+        model = LinearModel(np.eye(3) + model.W2 @ model.W1, model.W2 @ model.b1 + model.b2)
+    K, k, first_c = np.zeros((3, 3)), np.zeros(3), 25.0
+    if hasattr(model, "net"):
+        what = "a net behind physics" if hasattr(model, "physics") else "a net that is told temperature or force"
+        raise ExportError(f"{name} cannot carry {what}; {ELSEWHERE}")
+    if hasattr(model, "claims"):
+        unable = [claim.effect.id for claim in model.claims if claim.effect.id not in carries]
+        if unable:
+            raise ExportError(f"{name} cannot carry {', '.join(unable)}; {ELSEWHERE}")
+        for claim in model.claims:
+            if claim.effect.id == "gyro.g_sensitivity":
+                K = claim.theta.reshape(3, 3) / G
+            else:
+                k, first_c = claim.theta, model.known.first_temp_c
+        model = model.linear
+    return LinearPart(np.asarray(model.E, dtype=float), np.asarray(model.B, dtype=float), K, k, float(first_c))
+
+
+def words(array: np.ndarray) -> str:
+    """Numbers as YAML and JSON read them, every digit kept."""
+    array = np.asarray(array, dtype=float)
+    if array.ndim:
+        return "[" + ", ".join(words(part) for part in array) + "]"
+    text = repr(float(array))
+    # YAML 1.1 takes 1e-05 for a word: it wants the point.
+    mantissa, e, power = text.partition("e")
+    return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{power if power[:1] in '+-' or not e else '+' + power}"

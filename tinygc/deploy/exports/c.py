@@ -1,0 +1,28 @@
+"""C99 for a microcontroller, and for any other machine: one header, one source with the weights (docs/firmware.md)."""
+
+from __future__ import annotations
+
+import tinygc
+from tinygc.deploy.embedded.program import program
+from tinygc.deploy.embedded.register_input import Registers
+from tinygc.deploy.embedded.source import source_files
+from tinygc.deploy.exports._context import Context
+
+NAME = "c"
+SUMMARY = "C99 source for a microcontroller: no library, no allocation, single precision, with a self-test"
+
+
+def export(model, context: Context) -> dict[str, str]:
+    """Raises ExportError for physics that no device can undo sample by sample."""
+    sensor = context.config.sensor
+    chosen = program(model)
+    facts = {
+        "session": context.session,
+        "method": f"{context.method}, {chosen.parameters} parameters",
+        "sensor": f"{sensor.model} {sensor.serial}, {sensor.odr_hz:g} Hz",
+    }
+    if hasattr(model, "rate_hz"):
+        facts["denoiser"] = f"made for {model.rate_hz:g} Hz, {1e3 * model.delay_s:.2f} ms late"
+    for name in [*context.hashes][:1]:  # the model's own file
+        facts["sha256"] = f"{context.hashes[name]} {name}"
+    return source_files(chosen, Registers.of(context.config), f"A gyroscope's calibration, by TinyGC {tinygc.__version__}.", facts)

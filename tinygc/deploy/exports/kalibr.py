@@ -1,0 +1,94 @@
+"""Kalibr: ``imu.yaml`` (its input) and the intrinsics block of its scale-misalignment model (its result).
+
+Kalibr's model is forward:  w_meas = M C w + A C a + b, M lower-triangular, C a rotation.  Ours is w = E w_meas + B - K a, so with
+F = E^-1 the LQ factors F = M C (positive diagonal) are exact, A = F K C^T and b = -F B.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.common.units import DEG_PER_HOUR
+from tinygc.closure.bias_wander import BIAS_INSTABILITY_RPS
+from tinygc.deploy.exports import ExportError
+from tinygc.deploy.exports._context import Context
+from tinygc.deploy.exports._linear import LinearPart, linear_part, words
+from tinygc.deploy.exports._remarks import remarks
+
+NAME = "kalibr"
+SUMMARY = "imu.yaml and the intrinsics block of Kalibr's scale-misalignment model"
+#: a random walk with the Allan deviation of flicker noise's floor at this averaging time
+WALK_S = 100.0
+FLOOR = 0.664
+#: m/s^2, of a MEMS accelerometer of this class: not measured
+ACCEL_INSTABILITY_MPS2 = 4e-4
+
+
+def export(model, context: Context) -> dict[str, str]:
+    """Linear models, with g-sensitivity."""
+    part = linear_part(model, NAME, carries=("gyro.g_sensitivity",))
+    if context.gyro_noise is None or context.accel_noise is None:
+        raise ExportError("kalibr needs the noise that `calibrate.py fit` measured (fit.json beside the model)")
+    context.say("kalibr: the random walks in imu.yaml are guesses from bias instability; minutes of recording do not show them")
+    return {"imu.yaml": _imu(context), "imu-intrinsics.yaml": _intrinsics(part, context)}
+
+
+def factor(part: LinearPart) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(M, C, A): M lower-triangular with a positive diagonal, C a rotation, A (rad/s)/(m/s^2)."""
+    Q, R = np.linalg.qr(part.M.T)
+    signs = np.sign(np.diag(R))
+    M, C = (signs[:, None] * R).T, (Q * signs).T
+    return np.tril(M), C, part.M @ part.K @ C.T
+
+
+def _imu(context: Context) -> str:
+    # Kalibr's densities are two-sided, as IEEE 952's random walks are: the one-sided ones that the stills show, over sqrt 2.
+    gyro, accel = context.gyro_noise / np.sqrt(2), context.accel_noise / np.sqrt(2)
+    walk = np.sqrt(3 / WALK_S) * FLOOR
+    return remarks(
+        context,
+        "Densities are sigma_continuous = sigma_sample * sqrt(dt), measured in the stills; the worst axis is given:",
+        f"gyroscope {words(gyro)}, accelerometer {words(accel)} (x, y, z).",
+        f"Random walks are NOT MEASURED: they have the Allan deviation at {WALK_S:g} s of bias instabilities of "
+        f"{BIAS_INSTABILITY_RPS / DEG_PER_HOUR:g} deg/h and {ACCEL_INSTABILITY_MPS2:g} m/s^2.  Replace them by an hour's recording.",
+        "Vibration, temperature and scale error are in none of these: users inflate them 5 to 10 times.",
+    ) + "".join(
+        f"{key}: {value}\n"
+        for key, value in {
+            "rostopic": "/imu0",
+            "update_rate": words(context.config.sensor.odr_hz),
+            "gyroscope_noise_density": words(gyro.max()) + "  # rad/s/sqrt(Hz)",
+            "gyroscope_random_walk": words(walk * BIAS_INSTABILITY_RPS) + "  # rad/s^2/sqrt(Hz)",
+            "accelerometer_noise_density": words(accel.max()) + "  # m/s^2/sqrt(Hz)",
+            "accelerometer_random_walk": words(walk * ACCEL_INSTABILITY_MPS2) + "  # m/s^3/sqrt(Hz)",
+        }.items()
+    )
+
+
+def _intrinsics(part: LinearPart, context: Context) -> str:
+    M, C, A = factor(part)
+    text = remarks(
+        context,
+        "w_meas = M C_gyro_i w + A C_gyro_i a + b        forward: w is the true rate, rad/s; a the specific force, m/s^2",
+        "w = C_gyro_i^T M^-1 (w_meas - b) - C_gyro_i^T M^-1 A C_gyro_i a        what to compute",
+        "b is this session's (Kalibr estimates its own, as a spline, and writes none): it is another one after each switch-on.",
+        part.example(),
+    )
+    text += "imu0:\n  model: scale-misalignment\n  rostopic: /imu0\n"
+    text += f"  update_rate: {words(context.config.sensor.odr_hz)}\n  time_offset: 0.0\n"
+    text += _rows("T_i_b", np.eye(4), "  ") + "  gyroscopes:\n"
+    text += _rows("M", M, "    ") + _rows("A", A, "    ") + _rows("C_gyro_i", C, "    ")
+    text += f"    b: {words(part.bias)}\n"
+    before = context.config.accelerometer
+    accelerometer = np.linalg.inv(before.matrix)
+    if np.array_equal(accelerometer, np.tril(accelerometer)):
+        return text + "  accelerometers:\n" + _rows("M", accelerometer, "    ") + f"    b: {words(before.bias_mps2)}\n"
+    return text + (
+        "  # accelerometers: session.toml's matrix is not lower-triangular, as Kalibr's frame i would have it: apply it before, as\n"
+        "  # a = matrix (a_meas - bias), with\n"
+        f"  # matrix {words(before.matrix)}, bias {words(before.bias_mps2)} m/s^2\n"
+    )
+
+
+def _rows(name: str, matrix: np.ndarray, indent: str) -> str:
+    return f"{indent}{name}:\n" + "".join(f"{indent}- {words(row)}\n" for row in matrix)

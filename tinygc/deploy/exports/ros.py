@@ -1,0 +1,62 @@
+"""ROS 2: a parameter file with the calibration, and sensor_msgs/Imu covariances; noise and calibration covariance apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tinygc.deploy.exports import ExportError
+from tinygc.deploy.exports._context import Context
+from tinygc.deploy.exports._linear import linear_part, words
+from tinygc.deploy.exports._remarks import remarks
+from tinygc.models.linear import NAMES
+
+NAME = "ros"
+SUMMARY = "a ROS 2 parameter file with sensor_msgs/Imu covariances"
+
+
+def export(model, context: Context) -> dict[str, str]:
+    """Linear models, with g-sensitivity."""
+    part = linear_part(model, NAME, carries=("gyro.g_sensitivity",))
+    if context.gyro_noise is None or context.accel_noise is None:
+        raise ExportError("ros needs the noise that `calibrate.py fit` measured (fit.json beside the model)")
+    accelerometer = context.config.accelerometer
+    half_rate = context.config.sensor.odr_hz / 2
+    gyro = part.E @ np.diag(context.gyro_noise**2 * half_rate) @ part.E.T
+    accel = accelerometer.matrix @ np.diag(context.accel_noise**2 * half_rate) @ accelerometer.matrix.T
+    head = remarks(
+        context,
+        "omega = gyroscope.matrix m + gyroscope.offset - gyroscope.g_sensitivity a        rad/s; a: calibrated specific force, m/s^2",
+        "a = accelerometer.matrix (a_measured - accelerometer.bias)        m/s^2, specific force: at rest +g on the axis that points up",
+        "Matrices are row-major.  Publish what is measured on imu/data_raw, what is calibrated on imu/data (REP 145).",
+        "*_covariance are the three of sensor_msgs/Imu: white noise of one sample, up to half the data rate, and nothing else;",
+        "orientation_covariance begins with -1: there is no estimate of it.",
+        "calibration_covariance is apart, since it does not average out: 12 x 12, of " + ", ".join(NAMES) + " (E: 1, B: rad/s);",
+        "the rate's own is J P J^T with J = [kron(I, m^T), I].  Without it the method has none.",
+        part.example(),
+    )
+    values = {
+        "gyroscope.matrix": part.E.ravel(),
+        "gyroscope.offset": part.B,
+        "gyroscope.g_sensitivity": part.K.ravel(),
+        "accelerometer.matrix": accelerometer.matrix.ravel(),
+        "accelerometer.bias": accelerometer.bias_mps2,
+        "orientation_covariance": np.array([-1.0] + [0.0] * 8),
+        "angular_velocity_covariance": gyro.ravel(),
+        "linear_acceleration_covariance": accel.ravel(),
+    }
+    if context.covariance is None:
+        context.say(f"ros: method {context.method} has no covariance: calibration_covariance is left out")
+    else:
+        values["calibration_covariance"] = context.covariance.ravel()
+    return {"imu_calibration.yaml": head + "/**:\n  ros__parameters:\n" + _nested(values)}
+
+
+def _nested(values: dict[str, np.ndarray]) -> str:
+    text, above = "", ""
+    for name, value in values.items():
+        group, _, key = name.rpartition(".")
+        if group and group != above:
+            text += f"    {group}:\n"
+        above = group
+        text += f"    {'  ' if group else ''}{key}: {words(value)}\n"
+    return text

@@ -1,0 +1,55 @@
+"""x-io: misalignment, sensitivity and offset of Fusion's ``FusionCalibrationInertial`` and of the x-IMU3's settings."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from session.common.units import DEG, G
+from tinygc.deploy.exports._context import Context
+from tinygc.deploy.exports._linear import linear_part
+from tinygc.deploy.exports._remarks import remarks
+
+NAME = "xio"
+SUMMARY = "misalignment, sensitivity, offset for x-io's Fusion (C) and x-IMU3 (JSON)"
+
+
+def export(model, context: Context) -> dict[str, str]:
+    """Linear models."""
+    part = linear_part(model, NAME)
+    accelerometer = context.config.accelerometer
+    triads = {
+        "gyroscope": (*factor(part.E), part.bias / DEG),
+        "accelerometer": (*factor(accelerometer.matrix), accelerometer.bias_mps2 / G),
+    }
+    lines = (
+        "calibrated = misalignment * (sensitivity o (uncalibrated - offset))        o: element by element; deg/s, g",
+        "calibrated = FusionCalibrationInertial(uncalibrated, misalignment, sensitivity, offset);",
+        part.example(),
+    )
+    header = remarks(context, *lines, mark="//")
+    table = {"comment": [line.removeprefix("// ") for line in header.splitlines()]}
+    for name, (misalignment, sensitivity, offset) in triads.items():
+        rows = ",\n    ".join(", ".join(_float(value) for value in row) for row in misalignment)
+        header += f"static const FusionMatrix {name}Misalignment = {{.array = {{\n    {_braced(rows)}\n}}}};\n"
+        for word, vector in (("Sensitivity", sensitivity), ("Offset", offset)):
+            header += f"static const FusionVector {name}{word} = {{.array = {{{', '.join(_float(value) for value in vector)}}}}};\n"
+        table |= {f"{name}Misalignment": misalignment.ravel().tolist(), f"{name}Sensitivity": sensitivity.tolist()}
+        table[f"{name}Offset"] = offset.tolist()
+    return {"fusion_calibration.h": header, "ximu3_settings.json": json.dumps(table, indent=1, ensure_ascii=False) + "\n"}
+
+
+def factor(E: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(misalignment, sensitivity) with ``E = misalignment @ diag(sensitivity)``; the misalignment has ones on its diagonal."""
+    sensitivity = np.diag(E)
+    return E / sensitivity, sensitivity
+
+
+def _braced(rows: str) -> str:
+    return ",\n    ".join("{" + row.strip().rstrip(",") + "}" for row in rows.split("\n"))
+
+
+def _float(value: float) -> str:
+    text = f"{value:.9g}"
+    return (text if "." in text or "e" in text else text + ".0") + "f"

@@ -1,0 +1,1 @@
+"""The catalogue itself: a file for each effect, which defines ``EFFECT``."""

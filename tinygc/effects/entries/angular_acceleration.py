@@ -1,0 +1,17 @@
+"""The output follows angular acceleration, cross-axis too (IEEE 528: sensitivity to angular acceleration)."""
+
+from tinygc.effects.effect import Effect, Parameter, full, largest
+
+EFFECT = Effect(
+    id="gyro.angular_acceleration",
+    equation="ω += C dω/dt",
+    parameter=Parameter("cross", (3, 3), "s", plausible=0.05),
+    seen_in=("turn",),
+    columns=lambda movement: full(movement.acceleration),
+    says=lambda theta: (
+        f"the output follows angular acceleration by up to {abs(largest(theta)) * 1e3:.1f} ms, across axes too: "
+        "keep dω/dt in the model, or turn more gently"
+    ),
+    splits="turn about one axis at a time, with sharp starts and stops",
+    regime=("angular acceleration", "rad/s²"),
+)

@@ -1,0 +1,30 @@
+"""The axes are sampled at different instants: axis i shows the rate of ``seconds_i`` ago."""
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from tinygc.effects.effect import Effect, Movement, Parameter, axis_of, diagonal, largest
+
+
+def _shifted(rate: np.ndarray, movement: Movement, seconds: np.ndarray) -> np.ndarray:
+    """Each axis read ``seconds`` later, by a cubic spline; the ends hold their value."""
+    t = movement.t_s
+    columns = [CubicSpline(t, rate[:, axis])(np.clip(t + shift, t[0], t[-1])) for axis, shift in enumerate(seconds)]
+    return np.stack(columns, axis=-1)
+
+
+EFFECT = Effect(
+    id="timing.axis_skew",
+    equation="ω_i(t) is read at t + s_i",
+    parameter=Parameter("seconds", (3,), "s", plausible=0.05),
+    seen_in=("turn",),
+    columns=lambda movement: diagonal(-movement.acceleration),
+    exact_correct=lambda measured, movement, theta: _shifted(measured, movement, theta),
+    exact_distort=lambda movement, theta: _shifted(movement.rate, movement, -theta),
+    says=lambda theta: (
+        f"the axes are sampled at different instants, {axis_of(theta)} {1e3 * abs(largest(theta)):.1f} ms after the first: "
+        "read all axes in one burst, or shift them back"
+    ),
+    splits="shake the table about each axis at several speeds: a delay keeps the shape of fast movements, a lag rounds it off",
+    regime=("angular acceleration", "rad/s²"),
+)

@@ -1,0 +1,44 @@
+"""A slower first-order response than declared, per axis: y + τ dy/dt = x, inverted with central differences."""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from tinygc.effects.effect import Effect, Movement, Parameter, axis_of, diagonal, largest
+
+
+def _correct(measured: np.ndarray, movement: Movement, theta: np.ndarray) -> np.ndarray:
+    return measured + np.gradient(measured, movement.dt_s, axis=0) * theta
+
+
+def _distort(movement: Movement, theta: np.ndarray) -> np.ndarray:
+    """First-order low-pass with a linear input between samples, begun at rest."""
+    output = np.empty_like(movement.rate)
+    for axis, tau in enumerate(np.maximum(theta, 0)):
+        x = movement.rate[:, axis]
+        if tau < 1e-9:
+            output[:, axis] = x
+            continue
+        ratio = movement.dt_s / tau
+        decay = np.exp(-ratio)
+        late = (1 - decay) / ratio
+        output[:, axis] = lfilter([1 - late, late - decay], [1, -decay], x, zi=[x[0] * late])[0]
+    return output
+
+
+EFFECT = Effect(
+    id="gyro.bandwidth",
+    equation="τ_i dω_i/dt + ω_i = the true rate",
+    parameter=Parameter("tau_s", (3,), "s", plausible=0.05),
+    seen_in=("turn",),
+    columns=lambda movement: diagonal(-movement.acceleration),
+    # What the axes share shows in the closure by its square: from zero a search may go to negative lags, where there is no way back.
+    begin=0.005,
+    exact_correct=_correct,
+    exact_distort=_distort,
+    says=lambda theta: (
+        f"the {axis_of(theta)} axis answers {1e3 * abs(largest(theta)):.1f} ms late like a first-order filter: "
+        "check the low-pass setting of each axis"
+    ),
+    splits="shake the table about each axis at several speeds: a lag rounds off fast movements, a delay does not",
+    regime=("angular acceleration", "rad/s²"),
+)

@@ -1,0 +1,18 @@
+"""The gyro's zero wanders with time, not with temperature; to first order, steadily over the session."""
+
+from session.common.units import DEG
+from tinygc.effects.effect import Effect, Parameter, axis_of, diagonal, largest
+
+EFFECT = Effect(
+    id="gyro.bias_drift",
+    equation="ω += d t / (length of the session)",
+    parameter=Parameter("dps_over_log", (3,), "dps", DEG, plausible=5 * DEG),
+    seen_in=("still", "turn"),
+    columns=lambda movement: diagonal(movement.t_s / movement.duration_s),
+    says=lambda theta: (
+        f"the gyro's zero drifts by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} over the session, whatever the temperature: "
+        "take the bias afresh before each use"
+    ),
+    splits="let temperature rise and fall within one session: drift goes on, temperature's part comes back",
+    regime=("time", "s"),
+)

@@ -1,0 +1,41 @@
+"""The gyro's zero jumps once, at a time that is scanned for."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from session.common.units import DEG
+from tinygc.effects.effect import Effect, Movement, Parameter, axis_of, largest, per_axis
+
+
+def _at(at_s: float) -> Effect:
+    """The step at a given time of the session."""
+
+    def basis(movement: Movement) -> np.ndarray:
+        return (movement.t_s >= at_s)[:, None].astype(float)
+
+    def says(theta: np.ndarray) -> str:
+        return (
+            f"the gyro's zero jumps by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} at {at_s:.0f} s: "
+            "look for a shock, a supply change or a change of mode then"
+        )
+
+    return replace(EFFECT, columns=per_axis(basis), basis=basis, says=says, shape={"at_s": at_s})
+
+
+def _halfway(movement: Movement) -> np.ndarray:
+    return (movement.t_s >= movement.duration_s / 2)[:, None].astype(float)
+
+
+EFFECT = Effect(
+    id="gyro.bias_step",
+    equation="ω += b from the time of the step on",
+    parameter=Parameter("dps", (3,), "dps", DEG, plausible=5 * DEG),
+    seen_in=("still", "turn"),
+    columns=per_axis(_halfway),
+    basis=_halfway,
+    says=lambda theta: "the gyro's zero jumps",
+    splits="leave the table still for a minute: a step shows as one edge",
+    regime=("time", "s"),
+    variants=lambda times: [_at(float(time)) for time in times],
+)

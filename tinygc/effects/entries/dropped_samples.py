@@ -1,0 +1,20 @@
+"""Samples were lost and the stamps closed up over the loss, so that no gap shows."""
+
+import numpy as np
+
+from tinygc.effects.effect import Effect, Parameter
+
+EFFECT = Effect(
+    id="timing.dropped_samples",
+    equation="at some moments `length` samples are missing, and the stamps go on as if none were",
+    parameter=Parameter("length", (), "samples"),
+    seen_in=("timing", "turn"),
+    kind="register",
+    columns=lambda movement: np.zeros((*movement.rate.shape, 1)),
+    says=lambda theta: (
+        f"{theta[0]:.0f} samples at a time are lost without a gap in the stamps: "
+        "stamp in the sensor, count the frames, empty its FIFO in time"
+    ),
+    splits="log the sensor's own time stamps beside the samples",
+    regime=("time", "s"),
+)

@@ -1,0 +1,18 @@
+"""The gyro's zero moves with the square of the specific force along each axis (vibration and gravity alike)."""
+
+from session.common.units import DEG
+from tinygc.effects.effect import Effect, Parameter, axis_of, diagonal, largest
+
+EFFECT = Effect(
+    id="gyro.g2_sensitivity",
+    equation="ω_i += k_i f_i², f in g",
+    parameter=Parameter("dps_per_g2", (3,), "dps/g²", DEG, plausible=1 * DEG),
+    seen_in=("still", "turn"),
+    columns=lambda movement: diagonal(movement.force_g**2),
+    says=lambda theta: (
+        f"the gyro's zero moves {abs(largest(theta)) / DEG:.3f} dps per g² on {axis_of(theta)}, with the same sign up and down: "
+        "keep the square of the specific force in the model"
+    ),
+    splits="hold each axis up, down and level: g² agrees up and down, g changes sign",
+    regime=("attitude", "g"),
+)

@@ -1,0 +1,17 @@
+"""The gyro's zero moves with specific force (IEEE 528: acceleration-sensitive drift rate)."""
+
+from session.common.units import DEG
+from tinygc.effects.effect import Effect, Parameter, axis_of, full, largest
+
+EFFECT = Effect(
+    id="gyro.g_sensitivity",
+    equation="ω += K f, f the specific force in g",
+    parameter=Parameter("matrix_dps_per_g", (3, 3), "dps/g", DEG, plausible=1 * DEG),
+    seen_in=("still", "turn"),
+    columns=lambda movement: full(movement.force_g),
+    says=lambda theta: (
+        f"the gyro's zero moves {abs(largest(theta)) / DEG:.3f} dps per g (most on {axis_of(theta)}): keep gravity's direction in the model"
+    ),
+    splits="hold stills in at least six attitudes, each axis up and down",
+    regime=("attitude", "g"),
+)

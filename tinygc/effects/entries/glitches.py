@@ -1,0 +1,20 @@
+"""Isolated false readings of the gyro."""
+
+import numpy as np
+
+from tinygc.effects.effect import Effect, Parameter
+
+EFFECT = Effect(
+    id="data.glitches",
+    equation="at some rows the gyro reads what it did not feel, for a few samples",
+    parameter=Parameter("samples", (), "samples"),
+    seen_in=("timing",),
+    kind="register",
+    columns=lambda movement: np.zeros((*movement.rate.shape, 1)),
+    says=lambda theta: (
+        f"isolated false readings, {theta[0]:.0f} samples long each: they are bridged here; "
+        "look at the bus and the cable, and check each word"
+    ),
+    splits="log the raw bus words beside the samples",
+    regime=("time", "s"),
+)

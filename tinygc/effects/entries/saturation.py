@@ -1,0 +1,23 @@
+"""The output clips below what the register can hold.  What was clipped is lost: those turns are left out."""
+
+import numpy as np
+
+from session.common.units import DEG
+from tinygc.effects.effect import Effect, Movement, Parameter
+
+EFFECT = Effect(
+    id="gyro.saturation",
+    equation="|ω_i| never exceeds the level",
+    parameter=Parameter("dps", (), "dps", DEG),
+    seen_in=("turn",),
+    kind="register",
+    columns=lambda movement: np.zeros((*movement.rate.shape, 1)),
+    exact_distort=lambda movement, theta: _clip(movement, float(theta[0])),
+    says=lambda theta: f"the gyro does not go beyond {float(theta[0]) / DEG:.0f} dps: turn slower, or look for the limit in its settings",
+    splits="turn each axis faster than the level, slowly increasing",
+    regime=("rate", "dps"),
+)
+
+
+def _clip(movement: Movement, level: float) -> np.ndarray:
+    return np.clip(movement.rate, -level, level)

@@ -1,0 +1,18 @@
+"""The scale factor changes with the rate: a cubic, odd term (IEEE 528: scale factor nonlinearity)."""
+
+from tinygc.effects.effect import Effect, Parameter, axis_of, diagonal, largest
+
+EFFECT = Effect(
+    id="gyro.scale_nonlinearity",
+    equation="ω_i += c_i FS (ω_i / FS)³, FS the full scale",
+    parameter=Parameter("cubic_at_fs", (3,), "fraction of full scale", plausible=0.3),
+    seen_in=("turn",),
+    columns=lambda movement: diagonal(movement.rate * (movement.rate / movement.fs_rps) ** 2),  # a square is quick, a cube is not
+    says=lambda theta: (
+        f"fast turns read {'more' if largest(theta) > 0 else 'less'} than slow ones (cubic, "
+        f"{100 * abs(largest(theta)):.2f} % at full scale "
+        f"on {axis_of(theta)}): keep the cubic, or stay at the rates that were calibrated"
+    ),
+    splits="record slow and fast turns about each axis, both ways",
+    regime=("rate", "dps"),
+)

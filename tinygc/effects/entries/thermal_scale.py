@@ -1,0 +1,18 @@
+"""The sensitivity moves with temperature (IEEE 528: scale factor temperature sensitivity)."""
+
+from tinygc.effects.effect import Effect, Parameter, axis_of, diagonal, largest
+
+EFFECT = Effect(
+    id="gyro.thermal_scale",
+    equation="ω_i += s_i (T − T₀) ω_i, T₀ the temperature of the first sample",
+    parameter=Parameter("per_c", (3,), "1/°C", plausible=0.02),
+    seen_in=("turn",),
+    columns=lambda movement: diagonal((movement.temp_c - movement.first_temp_c)[:, None] * movement.rate),
+    says=lambda theta: (
+        f"the sensitivity moves {1e6 * abs(largest(theta)):.0f} ppm per °C on {axis_of(theta)}: "
+        "let it warm up, or keep temperature in the model"
+    ),
+    splits="let the sensor cool while you turn it: temperature then falls while time goes on",
+    regime=("temperature", "°C"),
+    needs="temperature",
+)

@@ -1,0 +1,1 @@
+"""What the registers and stills themselves show to be wrong, and the recording without it."""

@@ -1,0 +1,90 @@
+"""An explanation as ``tinygc-explain/1`` (FORMATS): what, where, how sure, and what would tell more."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import tinygc
+from session.common.files import write_whole
+from session.common.units import DEG, G
+from session.common.writing import result_folder
+from session.log.hashes import sha256_of
+from tinygc.effects import catalogue
+from tinygc.explain.verdict.claims import Claimed
+from tinygc.explain.verdict.explain import Explanation
+from tinygc.explain.verdict.next_step import what_next
+from tinygc.explain.verdict.proof import tilt_rms
+from tinygc.explain.verdict.where import where
+
+SCHEMA = "tinygc-explain/1"
+SMALLEST_P = 1e-300
+
+
+def to_json(e: Explanation) -> dict:
+    """The whole result, JSON-ready."""
+    return {
+        "schema": SCHEMA,
+        "session": e.session.name,
+        "verdict": e.verdict,
+        "mismatch": {
+            "p_value": max(e.p_value, SMALLEST_P),
+            "closure_rms_deg": tilt_rms(e.proof.before) / DEG,
+            "expected_rms_deg": e.problem.floor.tilt_rms / DEG,
+            "where": where(e),
+        },
+        "effects": [_effect(claim) for claim in e.claimed],
+        "findings": [_effect(claim) | {"share": claim.share} for claim in e.findings],
+        "fit": {
+            "holdout_closure_rms_deg": {
+                "before": tilt_rms(e.proof.before) / DEG,
+                "after": tilt_rms(e.proof.after) / DEG,
+                "floor": e.proof.floor_rms / DEG,
+            },
+            "excess_removed": e.proof.removed,
+            "segments_after": len(e.proof.after_numbers),
+        },
+        "channels": {
+            name: {"p_before": max(before, SMALLEST_P), "p_after": max(after, SMALLEST_P)} for name, (before, after) in e.own_p.items()
+        },
+        "turn_gravity": {
+            "lever_m": e.gravity.lever_m.tolist(),
+            "offset_s": e.gravity.offset_s,
+            "offset_std_s": e.gravity.sigma_s,
+            "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
+        },
+        "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
+        "seen_from": {
+            name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
+            for name, size in e.seen_from.items()
+        },
+        "warnings": [vars(warning) for warning in e.warnings],
+        "next": what_next(e),
+        "logs": {log.path.name: sha256_of(log.path) for log in e.session.logs},
+        "version": tinygc.__version__,
+    }
+
+
+def save(e: Explanation, folder: Path | None = None, pictures: bool = True) -> Path:
+    """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder."""
+    folder = folder or e.session.folder / "explain"
+    with result_folder(folder):
+        write_whole(folder / "explain.json", to_json(e))
+    if pictures:
+        from tinygc.explain.pictures.picture import draw
+
+        draw(e, folder / "explain.png")
+    return folder
+
+
+def _effect(claim: Claimed) -> dict:
+    return {
+        "id": claim.effect.id,
+        "equation": claim.effect.equation,
+        "parameters": claim.parameters,
+        "std": claim.std,
+        "p_value": max(claim.p_value, SMALLEST_P),
+        "equivalent": list(claim.equivalent),
+        "says": claim.says,
+    }

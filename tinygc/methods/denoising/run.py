@@ -1,0 +1,65 @@
+"""The method ``tinygc_denoised``: the calibration as ``tinygc`` found it, frozen, and the denoising subnet behind it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from tinygc import closure
+from tinygc.methods.denoising.material import Material, of_problem
+from tinygc.methods.denoising.training import train_denoiser
+from tinygc.methods.method_fit import MethodFit
+from tinygc.methods.options import FitOptions
+from tinygc.models.denoiser import DenoisedNet
+from tinygc.problem.problem import Problem
+
+
+def run_denoised(problem: Problem, options: FitOptions, calibrated: MethodFit, progress: Callable[[int, int], None]) -> MethodFit:
+    """Train on all segments, then on all but each fold with that fold's calibration, which saw none of it either."""
+    material = of_problem(problem)
+    how = replace(options.denoise, optimizer=options.optimizer, seed=options.seed)
+    if not material.stills or problem.session.truths is not None:
+        # A session that never rests shows no noise to learn from, and a vehicle's few stills not the noise of its flight.
+        how = replace(how, loss="endpoint")
+    steps = len(calibrated.parts) + 1
+    began = time.perf_counter()
+    trained = train_denoiser(material, calibrated.model, how, partial(_tell, progress, 0, steps), options.checkpoint("denoiser_whole"))
+    seconds = time.perf_counter() - began
+    held_out = np.zeros_like(calibrated.held_out)
+    fold = np.arange(len(problem.batch)) % len(calibrated.parts)
+    for k, calibration in enumerate(calibrated.parts):
+        tell = partial(_tell, progress, k + 1, steps)
+        part = train_denoiser(material.pick(fold != k), calibration, how, tell, options.checkpoint(f"denoiser_fold{k}"))
+        held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
+    notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": how.loss}}
+    angles = denoised_angles(material, trained.model, options.integrator)
+    return MethodFit("tinygc_denoised", trained.model, angles, held_out, calibrated.seconds + seconds, notes)
+
+
+def _tell(progress, before: int, steps: int, done: int, of: int) -> None:
+    progress(before * of + done, of * steps)
+
+
+def denoised_angles(material: Material, model: DenoisedNet, integrator: str = "exact") -> np.ndarray:
+    """Error angles (S, d) rad that the whole net leaves, its delay allowed for."""
+    return closure.error_angles(closure.segment_residuals(material.batch, material.rate(model), integrator))
+
+
+def figures(material: Material, model: DenoisedNet) -> dict:
+    """What a user must know: noise_reduction (3,), by how much the standard deviation in the stills falls (None where no
+    still is as long as the window); delay_s; delay_samples."""
+    before, after = [], []
+    for still in material.stills:
+        rate = model.calibration(still)
+        filtered = model.denoiser.windowed(rate)
+        if len(filtered) > 1:
+            before.append(rate[model.denoiser.reach :] - rate.mean(axis=0))
+            after.append(filtered - filtered.mean(axis=0))
+    ratio = None
+    if before:
+        ratio = (np.concatenate(before).std(axis=0) / np.concatenate(after).std(axis=0)).tolist()
+    return {"noise_reduction": ratio, "delay_s": model.delay_s, "delay_samples": model.delay_samples}

@@ -1,0 +1,41 @@
+"""Train the denoising subnet, calibration frozen: second order in NumPy where it is linear, the paper's AdamW in PyTorch.
+
+Three losses.  ``endpoint`` is the paper's: the closure of the segments.  It hardly rewards smoothing, since what it integrates hides noise.
+``still`` adds the variance in the stills: it smooths as far as it can, and loses the movement.  ``neighbours`` adds that and the expected
+error in motion (risk.py), weighed so that noise at rest falls by a stated factor at a stated delay: the default.
+
+Linear (slope 1), the closure is linear in the taps to first order, and the other losses are quadratic in them.  What all samples have
+to say is therefore a matrix of 49 x 49 an axis, and training is Levenberg-Marquardt on 168 weights: a fraction of a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from session.common.errors import FitError
+from tinygc.methods.denoising.material import REACH, Material
+from tinygc.methods.denoising.options import LOSSES, DenoiseOptions
+from tinygc.methods.denoising.second_order import train_second_order
+from tinygc.methods.denoising.start import DenoiserTraining
+
+
+def train_denoiser(
+    material: Material,
+    calibration,
+    options: DenoiseOptions,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+    checkpoint=None,
+) -> DenoiserTraining:
+    """The whole net with this calibration, frozen; checkpoint (``adamw.Checkpoint``) where AdamW trains it.
+
+    Raises FitError where the loss is not finite, or there is nothing to smooth.
+    """
+    if options.loss not in LOSSES:
+        raise ValueError(f"loss is {options.loss!r}, expected one of {', '.join(LOSSES)}")
+    if not 0 <= options.delay <= REACH:
+        raise FitError(f"a delay of {options.delay} samples is not within the denoiser's reach of {REACH}")
+    if options.optimizer == "adamw" or options.slope != 1:
+        from tinygc.methods.denoising.adamw_training import train_adamw
+
+        return train_adamw(material, calibration, options, progress, checkpoint)
+    return train_second_order(material, calibration, options, progress)

@@ -1,0 +1,142 @@
+"""The paper's optimiser as one loop for both subnets: AdamW with a cosine decay, seeded by its start, resumable to the bit.
+
+Only this and what calls it import torch.  A checkpoint is JSON: numbers, the losses so far, and a fingerprint of what is being trained,
+so that no run is resumed with other data or settings.  That of a training that has ended stays until all that belongs to it has
+(``forget``): a fit is many trainings, and one that is resumed repeats none.  It runs on the device of its tensors.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.common.errors import FitError, FormatError
+from session.common.files import read_json, write_whole
+
+SCHEMA = "tinygc-checkpoint/1"
+NAME = "checkpoint_{}.json"
+#: s between two checkpoints
+EVERY_S = 5.0
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """path of the file; resume: whether to go on from it where it is there."""
+
+    path: Path
+    resume: bool = False
+
+
+def device() -> str:
+    """Of what there is: an accelerator with double precision, or the processor."""
+    import torch
+
+    return "cuda" if torch.cuda.is_available() else "cpu"
+
+
+def minimise(
+    loss_of: Callable,
+    start: np.ndarray,
+    *,
+    epochs: int,
+    learning_rate: float,
+    identity: list,
+    checkpoint: Checkpoint | None = None,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+) -> tuple[np.ndarray, np.ndarray, list[float]]:
+    """The last weights, those of the least loss, and the loss before each epoch; identity: arrays and settings to be fingerprinted.
+
+    Raises FitError where the loss is not finite, or where a checkpoint does not belong to this training.
+    """
+    import torch
+
+    weights = torch.as_tensor(start, device=device()).clone().requires_grad_()
+    optimizer = torch.optim.AdamW([weights], lr=learning_rate, weight_decay=0.0)
+    mark = _fingerprint([start, np.array([epochs, learning_rate]), *identity])
+    best, losses = start.copy(), []
+    if checkpoint is not None and checkpoint.resume and checkpoint.path.exists():
+        state = _read(checkpoint.path, mark, start.shape)
+        losses, best = state["losses"], state["best"]
+        moments = {name: torch.as_tensor(state[name], device=weights.device) for name in ("exp_avg", "exp_avg_sq")}
+        optimizer.state[weights] = {"step": torch.tensor(float(len(losses))), **moments}
+        with torch.no_grad():
+            weights.copy_(torch.as_tensor(state["weights"]))
+    whole, written = None, time.monotonic()
+    try:
+        for epoch in range(len(losses), epochs):
+            optimizer.param_groups[0]["lr"] = learning_rate * (1 + math.cos(math.pi * epoch / epochs)) / 2
+            optimizer.zero_grad()
+            loss = loss_of(weights)
+            if not torch.isfinite(loss):
+                raise FitError("training left the finite numbers; are the rates in the log in the unit that its header says?")
+            value = float(loss.detach())
+            if not losses or value < min(losses):
+                best = _array(weights)
+            loss.backward()
+            optimizer.step()
+            losses.append(value)
+            if checkpoint is not None:
+                whole = _state(mark, weights, best, losses, optimizer.state[weights])
+                if time.monotonic() - written > EVERY_S:
+                    _write(checkpoint.path, whole)
+                    written = time.monotonic()
+            progress(epoch + 1, epochs)
+    except KeyboardInterrupt:
+        if whole is not None:
+            _write(checkpoint.path, whole)
+        raise
+    if whole is not None:
+        _write(checkpoint.path, whole)
+    return _array(weights), best, losses
+
+
+def forget(folder: Path) -> None:
+    """Remove the checkpoints of a fit that is whole."""
+    for path in folder.glob(NAME.format("*")):
+        path.unlink(missing_ok=True)
+
+
+def _array(tensor) -> np.ndarray:
+    return tensor.detach().cpu().numpy().copy()
+
+
+def _state(mark: str, weights, best: np.ndarray, losses: list[float], adam: dict) -> dict:
+    """After a whole epoch; lists are made of it only when it is written."""
+    moments = {name: _array(adam[name]) for name in ("exp_avg", "exp_avg_sq")}
+    return {"schema": SCHEMA, "of": mark, "losses": list(losses), "weights": _array(weights), "best": best, **moments}
+
+
+def _write(path: Path, state: dict) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in state.items()})
+
+
+def _read(path: Path, mark: str, shape: tuple[int, ...]) -> dict:
+    try:
+        table = read_json(path)
+        if table["schema"] != SCHEMA:
+            raise ValueError(f"schema is {table['schema']!r}, expected {SCHEMA!r}")
+        arrays = {name: np.asarray(table[name], dtype=float).reshape(shape) for name in ("weights", "best", "exp_avg", "exp_avg_sq")}
+        losses = [float(value) for value in table["losses"]]
+        if not losses or not all(np.isfinite(array).all() for array in (*arrays.values(), np.array(losses))):
+            raise ValueError("it holds no epochs, or numbers that are not finite")
+    except FormatError as error:
+        raise FitError(f"{error}; remove it, or train without --resume") from None
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
+        raise FitError(f"{path}: no checkpoint to resume from ({error}); remove it, or train without --resume") from None
+    if table.get("of") != mark:
+        raise FitError(f"{path}: a checkpoint of other data or settings; remove it, or train without --resume")
+    return {"losses": losses, **arrays}
+
+
+def _fingerprint(arrays: list) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(np.asarray(array)).tobytes())
+    return digest.hexdigest()

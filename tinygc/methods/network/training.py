@@ -1,0 +1,170 @@
+"""Train the calibration subnet on the endpoint loss: one net, one residual, in NumPy or in PyTorch.
+
+Second order (the default): Levenberg-Marquardt.  The net's Jacobian is contracted with the closure's linear sensitivity, so one step
+costs about one epoch.  It leads from the identity to the linear solution, and from there
+along a path of weaker and weaker ties to it; on that path the step whose predicted error is least (leave one segment out) is kept, so
+that 27 parameters do not fit the noise that 12 leave alone.
+
+First order: the paper's AdamW at 0.01 in PyTorch (training_adamw), differentiating through the tree product.  Only that imports torch,
+which takes seconds; the second order needs no autograd.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from session.common.errors import FitError
+from tinygc import closure
+from tinygc.closure.residual import Batch
+from tinygc.closure.still_rates import StillRates
+from tinygc.models.calibration_net import TIES, CalibrationNet
+from tinygc.problem import sequences
+
+#: standard errors by which a looser tie must lower the left-out error before its kinks are believed
+BELIEF = 3.0
+MAX_STEPS = 25
+#: in units of chi-square: a step that gains less than this says nothing of the sensor
+ENOUGH = 1e-3
+
+
+class Net(Protocol):
+    """What training asks of a kind of net."""
+
+    @property
+    def vector(self): ...
+
+    def with_vector(self, vector) -> Net: ...
+
+    def rungs(self, typical_rps: float, ties: tuple[float, ...]) -> list[tuple[float, np.ndarray]]: ...
+
+    def __call__(self, rate): ...
+
+    def columns(self, sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """net; tie that was chosen (0: linear); loss: value after each step or epoch, mean squared residual in sigmas."""
+
+    net: Net
+    tie: float
+    loss: tuple[float, ...]
+
+
+def train_second_order(
+    batch: Batch,
+    sigma: np.ndarray,
+    *,
+    still_rates: StillRates | None = None,
+    ties: tuple[float, ...] = TIES,
+    integrator: str = "exact",
+    start: Net | None = None,
+    begin: Net | None = None,
+    steps: int = MAX_STEPS,
+    before: np.ndarray | None = None,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+) -> Training:
+    """Levenberg-Marquardt from ``start``, the identity of the kind of net that is wanted (the paper's); sigma (S,) rad per angle.
+
+    begin: a net of that kind to go on from, while the ties still lead to the identity; steps: at most so many with each tie;
+    before (S,): the part that each goes on from (``sequences.previous``); None where each segment stands by itself.
+    Raises FitError where the residuals are not finite.
+    """
+    problem = _Problem(batch, sigma, still_rates, integrator, start or CalibrationNet.identity(), before)
+    vector, losses = problem.identity if begin is None else begin.vector, []
+    chosen, lowest = None, None
+    rungs = problem.start.rungs(problem.typical_rps, ties)
+    for number, (tie, prior) in enumerate(rungs):
+        vector, left_out, trace = problem.settle(vector, prior, steps)
+        losses += trace
+        progress(number + 1, len(rungs))
+        # The first is the linear solution; each looser tie must earn its freedom.
+        if chosen is None or _clearly_less(left_out, lowest):
+            chosen, lowest = (vector, tie), left_out
+    return Training(problem.net(chosen[0]), chosen[1], tuple(losses))
+
+
+def _clearly_less(trial: np.ndarray, best: np.ndarray) -> bool:
+    """Whether squared errors (S,) of the same segments are smaller by more than chance, judged pair by pair."""
+    gain = best - trial
+    return bool(gain.mean() > BELIEF * gain.std(ddof=1) / np.sqrt(len(gain)))
+
+
+class _Problem:
+    """The residuals of the net as rows in sigmas, with their Jacobian."""
+
+    def __init__(self, batch: Batch, sigma: np.ndarray, still_rates: StillRates | None, integrator: str, start: Net, before):
+        self.integrator, self.start = integrator, start
+        self.before = np.full(len(batch), -1) if before is None else before
+        self.batch, self.still_rates = batch, still_rates
+        self.weight = 1 / sequences.carried_sigma(sigma.reshape(len(batch), -1), self.before)
+        self.typical_rps = float(np.sqrt(np.mean(batch.rate[..., :3] ** 2)))
+        self.identity = start.vector
+
+    def net(self, vector: np.ndarray) -> Net:
+        return self.start.with_vector(vector)
+
+    def residuals(self, vector: np.ndarray) -> np.ndarray:
+        net = self.net(vector)
+        rows = [(2 * sequences.residuals(self.batch, net(self.batch.rate), self.before, self.integrator) * self.weight).ravel()]
+        if self.still_rates is not None:
+            rows.append(self.still_rates.residuals(net))
+        r = np.concatenate(rows)
+        if not np.isfinite(r).all():
+            raise FitError("training left the finite numbers; are the rates in the log in the unit that its header says?")
+        return r
+
+    def jacobian(self, vector: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
+        net = self.net(vector)
+        design = sequences.carried(net.columns(sensitivity, self.batch.rate), self.before)
+        rows = [(design * self.weight[..., None]).reshape(-1, len(vector))]
+        if self.still_rates is not None:
+            each = np.eye(3)[None, None] / self.still_rates.sigma[:, None, :, None]
+            rows.append(net.columns(each, self.still_rates.rate[:, None]).reshape(-1, len(vector)))
+        return np.concatenate(rows)
+
+    def sensitivity(self, vector: np.ndarray) -> np.ndarray:
+        rate = self.net(vector)(self.batch.rate)
+        return closure.sensitivity(self.batch, rate)[:, :, : self.batch.angles]
+
+    def settle(self, vector: np.ndarray, prior: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, list[float]]:
+        """Minimise with one prior sigma (P,); returns the weights, the left-out squared errors (S,), and the loss after each step."""
+        damping, losses = 1e-6, []
+        r = self.residuals(vector)
+        pull = (vector - self.identity) / prior
+        cost = r @ r + pull @ pull
+        turn = self.sensitivity(vector)
+        for step in range(steps):
+            if step == 1:
+                # The first step from the identity moves attitudes by degrees; what follows, by hundredths.
+                turn = self.sensitivity(vector)
+            scaled = self.jacobian(vector, turn) * prior
+            normal = scaled.T @ scaled + np.eye(len(vector))
+            gradient = scaled.T @ r + pull
+            while True:
+                trial_vector = vector - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient) * prior
+                trial = self.residuals(trial_vector)
+                trial_pull = (trial_vector - self.identity) / prior
+                trial_cost = trial @ trial + trial_pull @ trial_pull
+                if trial_cost <= cost or damping > 1e3:
+                    break
+                damping *= 10
+            gain = cost - trial_cost
+            if gain > 0:
+                vector, r, pull, cost, damping = trial_vector, trial, trial_pull, trial_cost, max(damping / 10, 1e-9)
+            losses.append(float(r @ r / len(r)))
+            if gain < ENOUGH:
+                break
+        return vector, self._left_out(r, scaled, normal), losses
+
+    def _left_out(self, r: np.ndarray, scaled: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """(S,) squared residual of each segment when it is left out of the fit (PRESS; Allen 1974), in the linear approximation."""
+        d, count = self.batch.angles, len(self.batch)
+        rows = scaled[: d * count].reshape(count, d, -1)
+        hat = rows @ np.linalg.solve(normal, rows.transpose(0, 2, 1))
+        left_out = np.linalg.solve(np.eye(d) - np.minimum(hat, 1 - 1e-6), r[: d * count].reshape(count, d, 1))
+        return np.sum(left_out[..., 0] ** 2, axis=-1)

@@ -1,0 +1,96 @@
+"""TinyGC-Net's calibration subnet (Cui et al. 2024): two linear basic networks joined by a PReLU, beside the identity path.
+
+    h = W1 m + b1,   omega = m + W2 PReLU(h) + b2,   PReLU(h) = h for h >= 0, a h below, one slope a per axis
+
+12 + 3 + 12 = 27 parameters, as in the paper's table.  (The authors' published code has a scalar PReLU after each block, 26: see
+published.)  It starts at the exact identity: W1 = I, b1 = 0, a = 1, W2 = 0, b2 = 0.  With a = 1 it is the linear model; the slopes
+bend it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from tinygc.attitude import rotation
+from tinygc.models.linear import PRIOR_SIGMA, LinearModel
+
+PARAMETERS = 27
+#: how far the slopes may leave 1, where the net is linear: sigma of their prior, from "not at all" to "freely"
+TIES = (0.0, 0.1, 0.3, 1.0, 3.0)
+#: the inner weights are tied ten times closer: they move the kinks away from zero rate, where a gyroscope has no reason to have one
+INNER_TIE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationNet:
+    """The subnet's weights, NumPy or torch: W1 (3, 3), b1 (3,) rad/s, slope (3,), W2 (3, 3), b2 (3,) rad/s."""
+
+    W1: np.ndarray
+    b1: np.ndarray
+    slope: np.ndarray
+    W2: np.ndarray
+    b2: np.ndarray
+
+    @classmethod
+    def identity(cls) -> CalibrationNet:
+        """No correction, exactly."""
+        return cls(np.eye(3), np.zeros(3), np.ones(3), np.zeros((3, 3)), np.zeros(3))
+
+    @classmethod
+    def from_linear(cls, model: LinearModel) -> CalibrationNet:
+        """The net that is this linear model."""
+        return cls(np.eye(3), np.zeros(3), np.ones(3), model.E - np.eye(3), model.B)
+
+    @classmethod
+    def from_vector(cls, vector) -> CalibrationNet:
+        """From 27 numbers in the order of the fields, matrices row by row."""
+        parts, at = [], 0
+        for shape in ((3, 3), (3,), (3,), (3, 3), (3,)):
+            size = int(np.prod(shape))
+            parts.append(vector[at : at + size].reshape(shape))
+            at += size
+        return cls(*parts)
+
+    def with_vector(self, vector) -> CalibrationNet:
+        """The same kind of net with other weights: what training asks of every kind."""
+        return self.from_vector(vector)
+
+    def rungs(self, typical_rps: float, ties: tuple[float, ...] = TIES) -> list[tuple[float, np.ndarray]]:
+        """(tie, prior sigma (27,) of the weights around the identity), from the linear model to a free one.
+
+        The bent part is tied to W1 = I, b1 = 0, slope = 1; the linear part, W2 and b2, hardly at all.
+        """
+        inner = np.array([1.0] * 9 + [typical_rps] * 3) * INNER_TIE
+        bent = np.concatenate([inner, np.ones(3)])
+        return [(tie, np.concatenate([bent * max(tie, 1e-9), PRIOR_SIGMA])) for tie in ties]
+
+    @property
+    def vector(self):
+        """(27,)."""
+        xp = rotation.namespace(self.W1)
+        return xp.concatenate([getattr(self, field.name).reshape(-1) for field in fields(self)], 0)
+
+    def __call__(self, rate):
+        """Calibrated rate (..., 3) rad/s from the measured one."""
+        h = rate @ self.W1.T + self.b1
+        xp = rotation.namespace(h)
+        return rate + xp.where(h >= 0, h, self.slope * h) @ self.W2.T + self.b2
+
+    def columns(self, sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """(S, d, 27): how each weight turns the end attitude, from sensitivity (S, T, d, 3) and measured rates (S, T, 3).
+
+        The chain rule written out, summed over the samples before the weights are told apart (NumPy only).
+        """
+        segments, samples, d = sensitivity.shape[:3]
+        h = rate @ self.W1.T + self.b1
+        active = np.where(h >= 0, 1.0, self.slope)
+        with_one = np.concatenate([rate, np.ones((segments, samples, 1))], axis=-1)
+        by_time = sensitivity.transpose(0, 2, 3, 1).reshape(segments, d * 3, samples)
+        outer = (by_time @ np.concatenate([h * active, with_one[..., 3:]], -1)).reshape(segments, d, 3, 4)
+        hidden = (sensitivity.transpose(0, 2, 1, 3) @ self.W2).transpose(0, 1, 3, 2)
+        inner = ((hidden * active.transpose(0, 2, 1)[:, None]).reshape(segments, d * 3, samples) @ with_one).reshape(segments, d, 3, 4)
+        slope = (hidden * np.minimum(h, 0).transpose(0, 2, 1)[:, None]).sum(-1)
+        parts = [inner[..., :3], inner[..., 3], slope, outer[..., :3], outer[..., 3]]
+        return np.concatenate([part.reshape(segments, d, -1) for part in parts], axis=-1)

@@ -1,0 +1,101 @@
+"""TinyGC-Net with conditions: temperature, and specific force, as inputs that move its biases and its gains (the paper's future work).
+
+    omega = net(m) + (bias c) + m * (gain c)          c the K conditions: temperature less T0, in degC; specific force, in g
+
+``bias`` (3, K) and ``gain`` (3, K) beside the 27: 33 parameters with temperature, 45 with force, 51 with both.  It starts at the exact
+identity.  Conditions are learnt only where left-out segments ask for them, as the kinks are.
+
+What `explain` names has an equation and a place in front of the net (tinygc/fit/physics).  This is for what has no name yet: the net finds
+by itself how its conditions matter, linearly, and no more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.common.errors import FitError
+from session.common.units import DEG
+from session.log.samples import Samples
+from tinygc.attitude import rotation
+from tinygc.effects.conditions import Conditions, movement_of
+from tinygc.models.calibration_net import TIES, CalibrationNet
+
+#: condition -> how many inputs it is, prior sigma of its bias (rad/s per unit) and of its gain (per unit): 0.1 dps/degC and 0.2 dps/g
+CONDITIONS = {"temperature": (1, 0.1 * DEG, 1e-3), "force": (3, 0.2 * DEG, 1e-2)}
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionsNet:
+    """net; bias and gain (3, K); names of the conditions, in their order.  It is called on inputs (..., 3 + K): rate, then conditions."""
+
+    net: CalibrationNet
+    bias: np.ndarray
+    gain: np.ndarray
+    names: tuple[str, ...]
+
+    @classmethod
+    def identity(cls, names: tuple[str, ...]) -> ConditionsNet:
+        """No correction, exactly."""
+        count = sum(CONDITIONS[name][0] for name in names)
+        return cls(CalibrationNet.identity(), np.zeros((3, count)), np.zeros((3, count)), names)
+
+    def with_vector(self, vector) -> ConditionsNet:
+        """From 27 + 6 K numbers: the net's, bias and gain row by row."""
+        count = self.bias.shape[1]
+        bias, gain = (vector[27 + 3 * count * i : 27 + 3 * count * (i + 1)].reshape(3, count) for i in range(2))
+        return ConditionsNet(CalibrationNet.from_vector(vector[:27]), bias, gain, self.names)
+
+    @property
+    def vector(self):
+        """(27 + 6 K,)."""
+        xp = rotation.namespace(self.bias)
+        return xp.concatenate([self.net.vector, self.bias.reshape(-1), self.gain.reshape(-1)], 0)
+
+    def rungs(self, typical_rps: float, ties: tuple[float, ...] = TIES) -> list[tuple[float, np.ndarray]]:
+        """(tie, prior sigma): the linear model; then with conditions, their tie counted as 0, too; then bent."""
+        of_net = self.net.rungs(typical_rps, ties)
+        sigmas = [np.concatenate([[CONDITIONS[name][column]] * CONDITIONS[name][0] for name in self.names]) for column in (1, 2)]
+        own = np.concatenate([np.tile(sigma, 3) for sigma in sigmas])
+        closed = (of_net[0][0], np.concatenate([of_net[0][1], own * 1e-9]))
+        return [closed, *((tie, np.concatenate([prior, own])) for tie, prior in of_net)]
+
+    def __call__(self, inputs):
+        """Calibrated rate (..., 3) rad/s."""
+        rate, known = inputs[..., :3], inputs[..., 3:]
+        return self.net(rate) + known @ self.bias.T + rate * (known @ self.gain.T)
+
+    def columns(self, sensitivity: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        """(S, d, 27 + 6 K): how each weight turns the end attitude (NumPy only)."""
+        rate, known = inputs[..., :3], inputs[..., 3:]
+        bias = np.einsum("stdi,stk->sdik", sensitivity, known, optimize=True)
+        gain = np.einsum("stdi,stk->sdik", sensitivity * rate[:, :, None], known, optimize=True)
+        parts = [self.net.columns(sensitivity, rate), *(part.reshape(*part.shape[:2], -1) for part in (bias, gain))]
+        return np.concatenate(parts, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionsModel:
+    """A trained net and what its conditions refer to."""
+
+    net: ConditionsNet
+    known: Conditions
+
+    @property
+    def parameters(self) -> int:
+        return len(self.net.vector)
+
+    def calibrate(self, samples: Samples, began_s: float = 0.0) -> np.ndarray:
+        """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force."""
+        return self.net(inputs_of(samples, self.net.names, self.known))
+
+
+def inputs_of(samples: Samples, names: tuple[str, ...], known: Conditions) -> np.ndarray:
+    """(N, 3 + K): the measured rate, and the conditions.  Raises FitError where the log has no temperature, or the first had none."""
+    movement = movement_of(samples, samples.gyro, known)
+    values = {"temperature": (movement.temp_c - known.first_temp_c)[:, None], "force": movement.force_g}
+    inputs = np.concatenate([samples.gyro, *(values[name] for name in names)], axis=1)
+    if not np.isfinite(inputs).all():
+        raise FitError("the log has no temperature, which the net is to be told; leave it out of --conditions")
+    return inputs

@@ -1,0 +1,48 @@
+"""The linear model every calibration begins with: omega = E m + B, 12 parameters (FORMATS, the linear model)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.common.units import DEG
+
+PARAMETERS = 12
+#: sigma of the prior around "no correction": 20 % for each element of E, 20 dps for the bias
+PRIOR_SIGMA = np.array([0.2] * 9 + [20 * DEG] * 3)
+NAMES = (*(f"E_{i}{j}" for i in "xyz" for j in "xyz"), "B_x", "B_y", "B_z")
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """omega = E m + B with m the measured rate (register x sensitivity): E (3, 3), B (3,) rad/s."""
+
+    E: np.ndarray
+    B: np.ndarray
+
+    @classmethod
+    def from_vector(cls, vector: np.ndarray) -> LinearModel:
+        """From 12 numbers: E row by row, then B."""
+        return cls(np.asarray(vector[:9], dtype=float).reshape(3, 3), np.asarray(vector[9:12], dtype=float))
+
+    @property
+    def vector(self) -> np.ndarray:
+        return np.concatenate([self.E.ravel(), self.B])
+
+    def __call__(self, rate: np.ndarray) -> np.ndarray:
+        """Calibrated rate (..., 3) rad/s from the measured one."""
+        return rate @ self.E.T + self.B
+
+
+def bias_only(still_rate: np.ndarray | None = None) -> LinearModel:
+    """No correction but the bias that a still's mean rate (3,) shows; none at all without it."""
+    return LinearModel(np.eye(3), np.zeros(3) if still_rate is None else -np.asarray(still_rate))
+
+
+def columns(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """(S, 3, 12) rad per unit: how each parameter turns the end attitude, from sensitivity (S, T, 3, 3) and m (S, T, 3)."""
+    segments, samples = rate.shape[:2]
+    by_time = sensitivity.transpose(0, 2, 3, 1).reshape(segments, 9, samples)
+    matrix = (by_time @ rate).reshape(segments, 3, 9)
+    return np.concatenate([matrix, by_time.sum(-1).reshape(segments, 3, 3)], axis=-1)

@@ -1,0 +1,63 @@
+"""Models with physics as JSON: the linear model or net, and each effect with its parameters in SI and in people's units."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from session.common.errors import FormatError
+from tinygc.effects import catalogue
+from tinygc.effects.applied import Claim
+from tinygc.effects.conditions import Conditions
+from tinygc.models.physics import CarriedNet, PhysicsModel
+
+
+def physics_to_dict(model: PhysicsModel | CarriedNet) -> dict:
+    """JSON-ready: kind, equation, what is undone in which order, and what it refers to."""
+    physics = model if isinstance(model, PhysicsModel) else model.physics
+    table: dict[str, Any] = {
+        "kind": "physics",
+        "equation": "omega = (each effect undone, in order)(E @ m + B), m the measured rate in rad/s",
+        "linear": {"E": physics.linear.E.tolist(), "B": physics.linear.B.tolist()},
+        "effects": [_claim(claim) for claim in physics.claims],
+        "conditions": {name: value if np.isfinite(value) else None for name, value in asdict(physics.known).items()},
+    }
+    if isinstance(model, CarriedNet):
+        from tinygc.models.files import to_dict
+
+        table |= {"kind": "tinygc_physics", "net": to_dict(model.net)}
+        table["equation"] = "omega = net(E^-1 ((each effect undone, in order)(E @ m + B) - B))"
+    return table
+
+
+def _claim(claim: Claim) -> dict:
+    effect = claim.effect
+    values = (claim.theta / effect.parameter.si).reshape(effect.parameter.shape).tolist()
+    return {"id": effect.id, "equation": effect.equation, "theta_si": claim.theta.tolist(), effect.parameter.name: values, **effect.shape}
+
+
+def physics_from_dict(table: dict, where: str, net_from_dict) -> PhysicsModel | CarriedNet:
+    """The model; FormatError says what is wrong with the table."""
+    from tinygc.models.linear import LinearModel
+
+    try:
+        E, B = (np.asarray(table["linear"][name], dtype=float).reshape(shape) for name, shape in (("E", (3, 3)), ("B", (3,))))
+        known = Conditions(**{name: float("nan") if value is None else float(value) for name, value in table["conditions"].items()})
+        claims = tuple(_read_claim(entry) for entry in table["effects"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise FormatError(f"{where}: the physics cannot be read: {error}") from None
+    if not (np.isfinite(E).all() and np.isfinite(B).all() and all(np.isfinite(claim.theta).all() for claim in claims)):
+        raise FormatError(f"{where}: the physics holds numbers that are not finite")
+    physics = PhysicsModel(LinearModel(E, B), claims, known)
+    return physics if table["kind"] == "physics" else CarriedNet(physics, net_from_dict(table.get("net"), f"{where}: net"))
+
+
+def _read_claim(entry: dict) -> Claim:
+    if entry["id"] not in catalogue():
+        raise ValueError(f"no effect {entry['id']!r} in the catalogue")
+    effect = catalogue()[entry["id"]]
+    if effect.variants:
+        (effect,) = effect.variants(np.array([float(entry["at_s"])]))
+    return Claim(effect, np.asarray(entry["theta_si"], dtype=float))

@@ -1,0 +1,224 @@
+"""From a session to the problem that every method solves: the same segments, references, Earth and floor for all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from session.common.errors import DataError, SegmentError
+from session.common.units import DEG
+from session.detect.segments import Segment, cut_segments
+from session.detect.stills import Still, find_stills
+from session.log.folder import Session
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
+from tinygc.closure.floor import closure_floor
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.residual import Batch, attitudes, nearest_yaw
+from tinygc.closure.still_rates import StillRates
+from tinygc.models.linear import LinearModel, bias_only
+from tinygc.problem.problem import Problem
+from tinygc.problem.rejections import CLIPPED, LEFT_OUT
+from tinygc.problem.still_set import StillSet
+from tinygc.problem.yaw import angle_between, carry_yaw
+
+#: how well a person reads a dial
+DIAL_SIGMA_RAD = 0.05 * DEG
+DIAL_LIMIT_RAD = 1.0 * DEG
+#: a linear fit with 12 parameters and two angles a segment needs at least this many
+FEWEST_SEGMENTS = 7
+
+
+def build_problem(
+    session: Session,
+    *,
+    use_earth: bool = True,
+    exclude: tuple[int, ...] = (),
+    moving: tuple[int, ...] = (),
+    clipped: tuple[int, ...] = (),
+    progress: Callable[[str], None] = lambda what: None,
+) -> Problem:
+    """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
+
+    exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none; clipped: numbers of
+    segments whose rates are not the true ones, so that no attitude can be carried through them either.
+    Raises SegmentError (no stills, nothing accepted, too few) and DataError.
+    """
+    if session.truths is not None:
+        from tinygc.problem.truth import build_truth_problem
+
+        return build_truth_problem(session, use_earth=use_earth, exclude=exclude, progress=progress)
+    logs, segments = _stills_and_segments(session, exclude, moving, clipped, progress)
+    _require_enough(session, logs, segments)
+    chain = _batch(session, logs, segments)
+    used = np.array([segment.accepted for segment in segments])
+    sigma = np.full(int(used.sum()), 1e-3)
+    start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
+    # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
+    for _ in range(2):
+        fit = fit_least_squares(chain.pick(used), sigma, start)
+        logs, chain = carry_yaw(logs, segments, chain, fit.model)
+        earths = _earths(session, logs, fit.model)
+        if not use_earth:
+            earths = dict.fromkeys(earths, no_earth())
+        at = attitudes(chain, fit.model(chain.rate))
+        groups = [int(logs[segment.log].group[logs[segment.log].stills.index(segment.first)]) for segment in segments]
+        chain = replace(chain, earth=np.stack([earths[g].in_body(q) for g, q in zip(groups, at, strict=True)]))
+    batch = chain.pick(used)
+    accepted = [segment for segment in segments if segment.accepted]
+    floor = closure_floor(
+        batch,
+        attitudes(batch, fit.model(batch.rate)),
+        [(segment.first, segment.last) for segment in accepted],
+        [logs[segment.log].noise for segment in accepted],
+        DIAL_SIGMA_RAD,
+    )
+    return Problem(session, segments, batch, floor, earths, logs, fit.model, _still_rates(logs, earths))
+
+
+def _stills_and_segments(session: Session, exclude, moving, clipped, progress) -> tuple[list[StillSet], list[Segment]]:
+    logs, segments, number = [], [], 0
+    for log in session.logs:
+        progress(f"stills of {log.path.name}")
+        samples = session.calibrated(log)
+        stills, noise = find_stills(samples, session.config.protocol.still_s)
+        if noise is None:
+            continue
+        stills = [replace(s, problem="turns about the vertical") if number + i in moving else s for i, s in enumerate(stills)]
+        number += len(stills)
+        segments += cut_segments(samples, stills, session.config.sensor, session.config.protocol, log=len(logs), number=len(segments))
+        logs.append(StillSet(samples, stills, noise, np.zeros((0, 4)), np.zeros(0, dtype=int)))
+    segments = [replace(s, problem=CLIPPED, breaks_yaw=True) if s.number in clipped else s for s in segments]
+    excluded = [replace(s, problem=LEFT_OUT) if s.number in exclude else s for s in segments]
+    if session.config.protocol.reference == "table":
+        excluded = [_with_dials(session, logs, segment) for segment in excluded]
+        _require_agreement(session, logs)
+    unknown = sorted(set(exclude) - {segment.number for segment in segments})
+    if unknown and segments:
+        raise SegmentError(f"{session.folder}: no segment {unknown[0]} to leave out; there are 0 to {len(segments) - 1}")
+    return logs, excluded
+
+
+def _require_agreement(session: Session, logs: list[StillSet]) -> None:
+    """The dials and gravity see the same tilt, or their numbers do not belong together."""
+    apart = []
+    for number, log in enumerate(logs):
+        for still in log.stills:
+            if still.problem is None and (reading := _dial(session, logs, number, still)) is not None:
+                down = rotation.matrix(rotation.from_euler(*reading))[2]
+                apart.append(angle_between(-still.accel_mean, down))
+    if apart and np.median(apart) > DIAL_LIMIT_RAD:
+        raise DataError(
+            f"attitudes.csv: the dials' tilt differs from gravity's by {np.median(apart) / DEG:.1f} deg (median of {len(apart)} stills); "
+            f"the log has {sum(len(log.stills) for log in logs)} stills, counted from 0: does the numbering match?"
+        )
+
+
+def _with_dials(session: Session, logs: list[StillSet], segment: Segment) -> Segment:
+    """A segment whose ends have no dial reading cannot be used with reference = "table"."""
+    dials = [_dial(session, logs, segment.log, still) for still in (segment.first, segment.last)]
+    missing = any(dial is None for dial in dials)
+    return replace(segment, problem="no dial reading in attitudes.csv for one of its stills") if missing and segment.accepted else segment
+
+
+def _dial(session: Session, logs: list[StillSet], log: int, still: Still) -> np.ndarray | None:
+    """Roll, pitch, yaw (3,) rad of a still, counted over all logs, or None."""
+    number = sum(len(before.stills) for before in logs[:log]) + logs[log].stills.index(still)
+    table = session.attitudes
+    if table is None or number >= len(table) or np.isnan(table[number]).any():
+        return None
+    return table[number]
+
+
+def _require_enough(session: Session, logs: list[StillSet], segments: list[Segment]) -> None:
+    where = session.folder
+    still_s = session.config.protocol.still_s
+    if not logs:
+        raise SegmentError(f"{where}: no still phase of {still_s:g} s found; was the table ever left alone? See `calibrate.py check`")
+    if not segments:
+        stills = [still for log in logs for still in log.stills]
+        bad = next((still.problem for still in stills if still.problem), None)
+        raise SegmentError(
+            f"{where}: {len(stills)} still phase{'s' * (len(stills) != 1)} but no turn between two that are usable"
+            + (f" ({bad})" if bad else "")
+            + "; record still - turn - still"
+        )
+    used = [segment for segment in segments if segment.accepted]
+    if not used:
+        raise SegmentError(f"{where}: all {len(segments)} segments are rejected, the first because {segments[0].problem}")
+    if len(used) < FEWEST_SEGMENTS:
+        raise SegmentError(
+            f"{where}: {len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good): 12 parameters, 2 angles a segment"
+        )
+
+
+def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> Batch:
+    """All segments, accepted or not, with attitudes from the reference; yaw 0 where it is not known, no Earth yet."""
+    dials = session.config.protocol.reference == "table"
+    longest = max(segment.stop - segment.start for segment in segments)
+    rate = np.zeros((len(segments), longest, 3))
+    dt = np.zeros((len(segments), longest - 1))
+    ends = np.zeros((2, len(segments), 4))
+    for i, segment in enumerate(segments):
+        samples = logs[segment.log].samples
+        count = segment.stop - segment.start
+        rate[i, :count] = samples.gyro[segment.start : segment.stop]
+        rate[i, count:] = rate[i, count - 1]
+        dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * 1e-9
+        for end, still in zip(ends, (segment.first, segment.last), strict=True):
+            end[i] = rotation.from_gravity(still.accel_mean)
+            if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
+                # A dial is read to a twentieth of a degree, gravity to a hundredth: the tilt is gravity's, the yaw the dial's.
+                end[i] = nearest_yaw(rotation.from_euler(*reading), end[i])
+    return Batch(rate, dt, np.zeros_like(rate), ends[0], ends[1], dials)
+
+
+def _earths(session: Session, logs: list[StillSet], model: LinearModel) -> dict[int, EarthRate]:
+    """The Earth's rate in the frame of each yaw group."""
+    site = session.config.site
+    groups = sorted({int(g) for log in logs for g, still in zip(log.group, log.stills, strict=True) if still.problem is None})
+    if site.latitude_deg is None:
+        return {g: no_earth() for g in groups}
+    q_tb, rate, sigma, group = _reference_stills(logs)
+    found = {}
+    for g in groups:
+        mine = group == g
+        found[g] = vertical_only(site.latitude_deg)
+        if mine.sum() > 2:
+            found[g] = estimate_heading(site.latitude_deg, q_tb[mine], model(rate[mine]), sigma[mine])
+    if site.heading_deg is not None:
+        # The table's index: where the first still is, by protocol.  Believed unless the stills contradict it.
+        given = with_heading(site.latitude_deg, site.heading_deg)
+        if not contradicts(found[0], given):
+            found[0] = given
+    return found
+
+
+def _reference_stills(logs: list[StillSet]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Attitudes (Q, 4), mean rates (Q, 3), their sigmas (Q, 3) and yaw groups (Q,) of all stills that are references."""
+    rows = [
+        (q, still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s), group)
+        for log in logs
+        for q, still, group in zip(log.q_tb, log.stills, log.group, strict=True)
+        if still.problem is None
+    ]
+    q_tb, rate, sigma, group = (np.array(column) for column in zip(*rows, strict=True))
+    return q_tb, rate, sigma, group
+
+
+def _still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRates:
+    q_tb, rate, sigma, group = _reference_stills(logs)
+    if not (sigma > 0).all():
+        raise DataError("the gyro shows no noise at all in the stills; is the log made of registers, not of smoothed values?")
+    began = np.cumsum([0.0] + [log.samples.duration_s for log in logs])
+    middle_s = [
+        began[number] + still.start_s + still.duration_s / 2
+        for number, log in enumerate(logs)
+        for still in log.stills
+        if still.problem is None
+    ]
+    return StillRates(
+        rate, np.array([earths[int(g)].in_body(q) for g, q in zip(group, q_tb, strict=True)]), sigma, q_tb, np.array(middle_s)
+    )

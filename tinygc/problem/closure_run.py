@@ -1,0 +1,120 @@
+"""Closure runs: a still, a long turn, a still in the same attitude.  Never fitted; the paper's Table 3."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.common.errors import DataError
+from session.common.units import DEG
+from session.detect.segments import why_broken
+from session.detect.stills import Still, find_stills
+from session.log.folder import Session
+from session.log.logfile import Log
+from session.log.samples import Samples
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import EarthRate, vertical_only
+from tinygc.closure.floor import gyro_variance, still_tilt_variance
+from tinygc.closure.residual import Batch
+from tinygc.problem.problem import Problem
+from tinygc.problem.yaw import angle_between, goes_on
+
+#: a table is set back by hand to a dial: closer than this is "the same attitude"
+RETURN_RAD = 0.5 * DEG
+#: stillness that is integrated at either end, for what the detector may be late
+MARGIN_S = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureRun:
+    """One run ready to be integrated: file, duration_s of the movement, batch of one segment with three known angles,
+    floor_rad (3,) one sigma from noise alone, earth: whether the horizontal part could be used; samples of the whole log, of which
+    rows are the batch's; began_s of the session when the log began; yaw_carried: whether its yaw is that of the last log's end."""
+
+    file: str
+    duration_s: float
+    batch: Batch
+    floor_rad: np.ndarray
+    earth: EarthRate
+    samples: Samples
+    rows: slice
+    began_s: float
+    yaw_carried: bool
+
+    def errors(self, model, integrator: str = "exact") -> np.ndarray:
+        """Roll, pitch, yaw error (3,) rad: the error rotation about the table's x, y and the vertical."""
+        if hasattr(model, "undelayed"):  # a net with a memory begins at the log's beginning
+            return self.errors_at(model.undelayed(self.samples.gyro)[self.rows], integrator)
+        if hasattr(model, "calibrate"):
+            return self.errors_at(model.calibrate(self.samples, self.began_s)[self.rows], integrator)
+        return self.errors_at(model(self.batch.rate[0]), integrator)
+
+    def with_earth(self, more_t: np.ndarray, rate: np.ndarray) -> ClosureRun:
+        """The run with a correction (3,) rad/s of the Earth's rate in table axes, at the attitudes of calibrated rates (N, 3)."""
+        if self.earth.source in ("none", "unknown") and not self.yaw_carried:
+            return self
+        turn = rotation.matrix(closure.attitudes(self.batch, rate[None]))
+        return replace(self, batch=replace(self.batch, earth=self.batch.earth + np.einsum("stji,j->sti", turn, more_t)))
+
+    def errors_at(self, rate: np.ndarray, integrator: str = "exact") -> np.ndarray:
+        """The same for calibrated rates (N, 3) of the batch's rows."""
+        return closure.error_angles(closure.segment_residuals(self.batch, rate[None], integrator))[0]
+
+
+def read_closure_runs(problem: Problem) -> list[ClosureRun]:
+    """The session's closure runs; DataError names a run without two stills, or that does not return."""
+    return [_prepare(problem, log) for log in problem.session.closures]
+
+
+def _prepare(problem: Problem, log: Log) -> ClosureRun:
+    session, name = problem.session, log.path.name
+    samples = session.calibrated(log)
+    stills, noise = find_stills(samples, session.config.protocol.still_s)
+    stills = [still for still in stills if still.problem is None]
+    if noise is None or len(stills) < 2:
+        raise DataError(f"{name}: {len(stills)} still phases, expected one before and one after the turn; record still - long turn - still")
+    first, last = stills[0], stills[-1]
+    away = angle_between(first.accel_mean, last.accel_mean)
+    if away > RETURN_RAD:
+        raise DataError(
+            f"{name}: does not return: gravity at its end is {away / DEG:.2f} deg from where it began, expected at most "
+            f"{RETURN_RAD / DEG:g}; set the table back to the same marks, or name the file log*.csv to fit it"
+        )
+    if why := why_broken(samples, slice(first.stop, last.start + 1), session.config.sensor):
+        raise DataError(f"{name}: {why}; a closure run must be whole: record it again, or remove the file")
+    margin = round(MARGIN_S / samples.period_s)
+    rows = slice(max(first.stop - 1 - margin, first.start), min(last.start + margin, last.stop) + 1)
+    part = samples.between(rows.start, rows.stop)
+    # The same yaw, by protocol; the tilt as gravity sees it, since a hand does not return to a hundredth of a degree.
+    earth, start, carried = _earth_and_start(problem, session, samples, first)
+    end = closure.nearest_yaw(start, rotation.from_gravity(last.accel_mean))
+    bare = Batch(part.gyro[None], part.dt_s[None], np.zeros_like(part.gyro[None]), start[None], end[None], yaw_known=True)
+    attitudes = closure.attitudes(bare, problem.first(bare.rate))
+    batch = Batch(bare.rate, bare.dt, earth.in_body(attitudes), bare.start, bare.end, yaw_known=True)
+    variance = np.diagonal(gyro_variance(batch, attitudes, [problem.noise])[0]).copy()
+    variance[:2] += still_tilt_variance(first, problem.noise) + still_tilt_variance(last, problem.noise)
+    return ClosureRun(
+        file=name,
+        duration_s=float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * 1e-9,
+        batch=batch,
+        floor_rad=np.sqrt(variance),
+        earth=earth,
+        samples=samples,
+        rows=rows,
+        yaw_carried=carried,
+        began_s=sum(log.samples.duration_s for log in problem.logs),
+    )
+
+
+def _earth_and_start(problem: Problem, session: Session, samples: Samples, first: Still) -> tuple[EarthRate, np.ndarray, bool]:
+    """The run's yaw in the table frame is known if the table was not touched since the last log; else only the vertical Earth is."""
+    before = problem.logs[-1]
+    start = rotation.from_gravity(first.accel_mean)
+    references = [i for i, still in enumerate(before.stills) if still.problem is None]
+    if references and goes_on(before.samples, before.stills[references[-1]], samples, first):
+        earth = problem.earths[int(before.group[references[-1]])]
+        return earth, closure.nearest_yaw(before.q_tb[references[-1]], start), True
+    known = problem.earth.source != "none"
+    return (vertical_only(session.config.site.latitude_deg) if known else problem.earth), start, False

@@ -1,0 +1,63 @@
+"""What every method solves: the same segments, references, Earth and floor for all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.detect.segments import Segment
+from session.detect.stills import Noise, Still
+from session.log.folder import Session
+from tinygc.attitude.earth import EarthRate
+from tinygc.closure.floor import Floor
+from tinygc.closure.residual import Batch
+from tinygc.closure.still_rates import StillRates
+from tinygc.models.linear import LinearModel
+from tinygc.problem.still_set import StillSet
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is fitted.
+
+    segments: all of them, accepted or not; batch: the accepted ones, in order; floor of the batch; earths by yaw group; logs: stills
+    by log; first: the linear fit that carried the yaw; still_rates of every reference still.
+    """
+
+    session: Session
+    segments: list[Segment]
+    batch: Batch
+    floor: Floor
+    earths: dict[int, EarthRate]
+    logs: list[StillSet]
+    first: LinearModel
+    still_rates: StillRates
+
+    @property
+    def earth(self) -> EarthRate:
+        """Of the yaw group with the most stills."""
+        groups = np.concatenate([log.group[[still.problem is None for still in log.stills]] for log in self.logs])
+        return self.earths[int(np.bincount(groups, minlength=1).argmax())]
+
+    @property
+    def used(self) -> list[Segment]:
+        return [segment for segment in self.segments if segment.accepted]
+
+    @property
+    def middle_s(self) -> np.ndarray:
+        """(S,) s of the session at the middle of each used segment, logs one after the other."""
+        began = np.cumsum([0.0] + [log.samples.duration_s for log in self.logs])
+        return np.array([began[segment.log] + segment.start_s + segment.duration_s / 2 for segment in self.used])
+
+    @property
+    def stills(self) -> list[Still]:
+        return [still for log in self.logs for still in log.stills]
+
+    @property
+    def noise(self) -> Noise:
+        """Of all logs together, by how much stillness each has, or all alike where there is none."""
+        weights = [sum(still.duration_s for still in log.stills) for log in self.logs]
+        weights = weights if any(weights) else [1.0] * len(weights)
+        power = (np.average([getattr(log.noise, name) ** 2 for log in self.logs], axis=0, weights=weights) for name in ("gyro", "accel"))
+        return Noise(*map(np.sqrt, power))

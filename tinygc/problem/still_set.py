@@ -1,0 +1,21 @@
+"""The stills of one log, with the attitudes that are carried through them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.detect.stills import Noise, Still
+from session.log.samples import Samples
+
+
+@dataclass(frozen=True, eq=False)
+class StillSet:
+    """The stills of one log: their noise, attitudes q_tb (Q, 4), the yaw carried from still to still, and yaw groups (Q,)."""
+
+    samples: Samples
+    stills: list[Still]
+    noise: Noise
+    q_tb: np.ndarray
+    group: np.ndarray

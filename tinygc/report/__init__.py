@@ -1,0 +1,4 @@
+"""Results for people: the terminal's tables, the HTML report, the comparison.
+
+May import: session, attitude, effects, models, closure, problem, methods, explain, fit, plan, deploy.
+"""

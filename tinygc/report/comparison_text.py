@@ -1,0 +1,67 @@
+"""A comparison as a person reads it in the terminal."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from tinygc.fit.compare import DIFFERS_P, Agreement, Comparison
+
+#: a move of so many sigmas is marked
+MARKED = 3.0
+MOST_MOVED = 5
+
+
+def comparison_page(comparison: Comparison) -> Group:
+    """Table, verdict, what moved, what to bear in mind."""
+    return Group(_table(comparison), *_verdict(comparison), *(Text(f"Note: {note}.", "yellow") for note in comparison.notes))
+
+
+def _table(comparison: Comparison) -> Table:
+    table = Table(title="Calibrations side by side: value ± one sigma", title_justify="left", box=None, padding=(0, 1))
+    table.add_column("")
+    for session in comparison.sessions:
+        table.add_column(session.name, justify="right")
+    table.add_column("most off, sigmas", justify="right")
+    for q, (word, component, unit) in enumerate(comparison.labels):
+        digits = _digits(comparison, q)
+        pairs = zip(comparison.values[:, q], comparison.sigmas[:, q], strict=True)
+        cells = [f"{value:.{digits}f} ± {sigma:.{digits}f}" for value, sigma in pairs]
+        off = np.abs(comparison.sigmas_off[:, q]).max()
+        table.add_row(f"{word} {component}, {unit}", *cells, Text(f"{off:.1f}", "bold red" if off > MARKED else ""))
+    return table
+
+
+def _verdict(comparison: Comparison) -> list[Text]:
+    verdict, agrees = comparison.verdict, comparison.verdict.p_value >= DIFFERS_P
+    what = "scale factors, misalignments and biases" if comparison.with_bias else "scale factors and misalignments"
+    lines = [Text(f"The {what} {'agree' if agrees else 'DIFFER'} ({_words(verdict)}).", "bold green" if agrees else "bold red")]
+    rest = "the others" if len(comparison.sessions) > 2 else comparison.sessions[0].name
+    for moved in comparison.moved[:MOST_MOVED]:
+        digits = _digits(comparison, comparison.labels.index((moved.word, moved.component, moved.unit)))
+        by = f"{moved.by:+.{digits}f} {moved.unit} from {rest}, {abs(moved.sigmas):.1f} sigmas"
+        lines.append(Text(f"  {moved.word} {moved.component} of {moved.session}: {by}"))
+    if len(comparison.moved) > MOST_MOVED:
+        lines.append(Text(f"  and {len(comparison.moved) - MOST_MOVED} more"))
+    if not agrees and not comparison.moved:
+        lines.append(Text("  no single one stands out: several moved a little, together"))
+    if not comparison.with_bias:
+        bias = comparison.bias
+        if bias.p_value < DIFFERS_P:
+            said = "as after a switch-on or at another temperature; take B anew before each use (--bias if it was never off)"
+            lines.append(Text(f"The bias is another one ({_words(bias)}), {said}."))
+        else:
+            lines.append(Text(f"The bias agrees, too ({_words(bias)})."))
+    return lines
+
+
+def _digits(comparison: Comparison, q: int) -> int:
+    """Two digits of the smallest sigma."""
+    return int(np.clip(1 - np.floor(np.log10(comparison.sigmas[:, q].min())), 0, 6))
+
+
+def _words(agreement: Agreement) -> str:
+    p = f"p = {agreement.p_value:.2g}" if agreement.p_value > 1e-99 else "p < 1e-99"
+    return f"chi-square {agreement.chi_square:.1f} for {agreement.freedom}, {p}"

@@ -1,0 +1,232 @@
+"""The terminal report of a fit, as rich renderables: it returns them, and prints nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from session.checks.first_look import Finding
+from session.common.units import DEG
+from tinygc.fit.session import FitResult, closure_figures, run_figures
+from tinygc.models.linear import NAMES, LinearModel
+
+TITLES = {
+    "raw": "raw",
+    "raw_bias_removed": "raw, first still's bias off",
+    "least_squares": "least squares",
+    "pso": "PSO",
+    "tinygc": "TinyGC-Net",
+    "tinygc_denoised": "TinyGC-Net, denoised",
+    "tinygc_conditions": "TinyGC-Net with conditions",
+    "physics": "linear model with physics",
+    "tinygc_physics": "TinyGC-Net with physics",
+}
+NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
+SAME_FLOOR = 0.01  #: two floors that differ by less are one
+LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
+
+
+def fit_report(result: FitResult) -> Group:
+    """Closure by method, closure runs, parameters, and what to know about them."""
+    parts = [_headline(result), _methods(result)]
+    if result.runs:
+        parts.append(_closure_runs(result))
+    parts += [_parameters(result), *_remarks(result)]
+    return Group(*parts)
+
+
+def findings_table(findings: list[Finding]) -> Table:
+    """The first look at a session, one row a check."""
+    table = _table("First look", "", "where", "what", "it says", "do")
+    for finding in findings:
+        level = Text(finding.level, LEVEL_STYLES[finding.level])
+        table.add_row(level, finding.where, finding.what, finding.says, finding.do)
+    return table
+
+
+def _table(title: str, first: str, *columns: str, right: bool = False) -> Table:
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(first)
+    for column in columns:
+        table.add_column(column, justify="right" if right else "left", no_wrap=right)
+    return table
+
+
+def _headline(result: FitResult) -> Text:
+    problem = result.problem
+    noise = problem.noise.gyro / DEG * 1e3
+    rejected = [segment for segment in problem.segments if not segment.accepted]
+    text = Text(f"{result.session.name}: ", "bold")
+    text.append(
+        f"{len(problem.stills)} stills, {len(problem.segments)} segments, {len(problem.used)} used; "
+        f"gyro noise {noise[0]:.1f} {noise[1]:.1f} {noise[2]:.1f} mdps/√Hz; {earth_words(result)}\n",
+        "not bold",
+    )
+    for segment in rejected:
+        text.append(f"  segment {segment.number} at {segment.start_s:.0f} s left out: {segment.problem}\n", "yellow")
+    for segment in problem.used:
+        if segment.note:
+            text.append(f"  segment {segment.number} at {segment.start_s:.0f} s: {segment.note}\n", "not bold")
+    return text
+
+
+def earth_words(result: FitResult) -> str:
+    groups, asked = len(result.problem.earths), result.session.config.site.heading_deg
+    words = _heading_words(result)
+    if asked is not None and result.problem.earth.source == "estimated":
+        words += f" (site.heading_deg = {asked:g} contradicts it: did the sensor begin at the table's index?)"
+    return words + (f"; the yaw is carried in {groups} pieces, each with a heading of its own" if groups > 1 else "")
+
+
+def _heading_words(result: FitResult) -> str:
+    earth = result.problem.earth
+    if earth.source == "given":
+        return f"Earth's rotation with the heading given ({earth.heading_rad / DEG:.0f}°)"
+    if earth.source == "estimated":
+        heading = f"{earth.heading_rad / DEG:.0f}° ± {earth.heading_sigma_rad / DEG:.0f}°"
+        return f"Earth's rotation, heading estimated from the stills: {heading}"
+    if earth.source == "unknown":
+        return "Earth's rotation about the vertical only (the stills do not show the heading)"
+    return (
+        "the Earth's rotation is left out (no site.latitude_deg in session.toml)" if result.options.earth else "Earth's rotation left out"
+    )
+
+
+def _methods(result: FitResult) -> Table:
+    table = _table("Closure per segment, degrees rms", "", "par.", "fitted", "held out", "roll", "pitch", "yaw", "seconds", right=True)
+    for name, fit in result.methods.items():
+        train, held = closure_figures(fit.angles), closure_figures(fit.held_out)
+        yaw = "–" if held["yaw_rms_deg"] is None else f"{held['yaw_rms_deg']:.4f}"
+        table.add_row(
+            TITLES[name],
+            str(fit.parameters),
+            f"{train['tilt_rms_deg']:.4f}",
+            f"{held['tilt_rms_deg']:.4f}",
+            f"{held['roll_rms_deg']:.4f}",
+            f"{held['pitch_rms_deg']:.4f}",
+            yaw,
+            f"{fit.seconds:.2f}",
+        )
+    floor = f"{result.problem.floor.tilt_rms / DEG:.4f}"
+    table.add_row("noise floor", "", floor, floor, style="dim")
+    if result.physics is not None and abs(result.physics.problem.floor.tilt_rms / result.problem.floor.tilt_rms - 1) > SAME_FLOOR:
+        mended = f"{result.physics.problem.floor.tilt_rms / DEG:.4f}"
+        table.add_row("noise floor of the mended log (physics)", "", mended, mended, style="dim")
+    folds = min(result.options.folds, len(result.problem.used))
+    table.caption = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
+    table.caption_justify = "left"
+    return table
+
+
+def _closure_runs(result: FitResult) -> Table:
+    table = _table("Closure runs, never fitted: error at the return, degrees", "", "roll", "pitch", "yaw", "RMSE", right=True)
+    for run, errors in zip(result.runs, result.run_errors, strict=True):
+        table.add_row(f"{run.file}, {run.duration_s:.0f} s", style="bold")
+        for name, error in errors.items():
+            figures = run_figures(error)
+            row = (figures[key] for key in ("roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"))
+            table.add_row(f"  {TITLES[name]}", *(f"{value:.4f}" for value in row))
+        floor = run.floor_rad / DEG
+        table.add_row("  noise floor (1σ)", *(f"{x:.4f}" for x in floor), f"{np.sqrt(np.mean(floor**2)):.4f}", style="dim")
+    if any(run.earth.source == "unknown" for run in result.runs):
+        table.caption = (
+            "the heading is unknown, or the run does not go on where the log ended (the device's clock, gravity): "
+            "of the Earth's rotation only the vertical part is taken off"
+        )
+        table.caption_justify = "left"
+    return table
+
+
+def _parameters(result: FitResult) -> Table:
+    """Least squares in the field's words: omega = E m + B, scale factor error in ppm, misalignment in mrad, bias in dps."""
+    model: LinearModel = result.linear.model
+    sigma = np.sqrt(np.diag(result.covariance))
+    unobserved = set(result.linear.notes.get("unobserved", ()))
+    table = _table("Parameters (least squares): value ± one sigma", "", "x", "y", "z", right=True)
+
+    def cells(values, sigmas, names, unit, digits):
+        shown = zip(values, sigmas, names, strict=True)
+        return ["not observed" if n in unobserved else f"{v / unit:.{digits}f} ± {s / unit:.{digits}f}" for v, s, n in shown]
+
+    names = [f"E_{i}{j}" for i in "xyz" for j in "xyz"]
+    E, sE = (model.E - np.eye(3)).ravel(), sigma[:9]
+    diagonal = [0, 4, 8]
+    table.add_row("scale correction, ppm", *cells(E[diagonal], sE[diagonal], [names[i] for i in diagonal], 1e-6, 0))
+    for row, axis in enumerate("xyz"):
+        columns = range(3 * row, 3 * row + 3)
+        shown = cells(E[columns], sE[columns], [names[i] for i in columns], 1e-3, 3)
+        shown[row] = ""
+        table.add_row(f"E, row {axis}, mrad", *shown)
+    table.add_row("B, dps", *cells(model.B, sigma[9:], ["B_x", "B_y", "B_z"], DEG, 5))
+    return table
+
+
+def _remarks(result: FitResult) -> list[Text]:
+    remarks = [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in result.warnings]
+    if result.goodness.excess > 1:
+        above = closure_figures(result.linear.angles)["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
+        remarks.append(
+            Text(
+                f"The closure is {above:.1f} times its noise floor (p {_p_words(result.goodness.p_value)}): something is missing from the "
+                f"model. The sigmas above are widened for it. Run `calibrate.py explain {result.session.folder}`.",
+                "yellow",
+            )
+        )
+    remarks += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
+    if result.physics is not None:
+        remarks.append(Text(_physics_words(result), "cyan"))
+        remarks += [Text(f"{run.file}: {words}.", "yellow") for run, words in _losses(result) if words]
+    unobserved = result.linear.notes.get("unobserved")
+    if unobserved:
+        remarks.append(Text(f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways.", "yellow"))
+    pairs = _correlations(result.covariance)
+    if pairs:
+        remarks.append(Text("Correlated above 0.5: " + ", ".join(pairs)))
+    now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
+    words = ("without", "with") if result.options.still_rates else ("with", "without")
+    moved = np.abs(result.other_choice.model.B - result.linear.model.B) / np.sqrt(np.diag(result.covariance)[9:])
+    remarks.append(
+        Text(
+            f"{words[0].capitalize()} --still-rates: held out {other:.4f} instead of {now:.4f}; "
+            f"the bias moves by up to {moved.max():.1f} sigma."
+        )
+    )
+    remarks.append(Text(f"The paper's first-order integrator would err by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
+    return remarks
+
+
+def _losses(result: FitResult):
+    """Each closure run, with what is to be said of samples lost in it."""
+    from tinygc.fit.physics.lost_in_runs import loss_words
+
+    return [(run, loss_words(lost)) for run, lost in zip(result.runs, result.lost_s, strict=True)]
+
+
+def _denoiser_words(figures: dict) -> str:
+    less = figures["noise_reduction"]
+    words = (
+        "not measured (no still is as long as the window)" if less is None else " ".join(f"{ratio:.1f}" for ratio in less) + " times less"
+    )
+    return f"Denoised: noise at rest {words}; {figures['delay_samples']} samples ({figures['delay_s'] * 1e3:.0f} ms) late."
+
+
+def _physics_words(result: FitResult) -> str:
+    physics = result.physics
+    fitted = [claim.effect.says(claim.theta) for claim in physics.fit.state.claims]
+    mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
+    if physics.refused:
+        mended.append("there is more that has no name: see calibrate.py explain" if mended else NAMELESS)
+    return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model with the rates of the stills")
+
+
+def _p_words(p_value: float) -> str:
+    return f"= {p_value:.1g}" if p_value > 1e-99 else "< 1e-99"
+
+
+def _correlations(covariance: np.ndarray) -> list[str]:
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sigma, sigma)
+    pairs = [(abs(correlation[i, j]), i, j) for i in range(12) for j in range(i) if abs(correlation[i, j]) > 0.5]
+    return [f"{NAMES[j]}–{NAMES[i]} {correlation[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:6]]

@@ -1,0 +1,68 @@
+"""The whole page: head, list of contents, sections."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from session.common.files import write_text_whole
+from session.common.writing import result_folder
+from tinygc.report.html.evidence import Evidence
+from tinygc.report.html.markup import Section, escape
+from tinygc.report.html.sections import SECTIONS
+from tinygc.report.html.style import style_sheet
+
+#: nothing is fetched and nothing runs, whatever a file's text may try
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def page(evidence: Evidence) -> str:
+    """The report as one HTML document."""
+    sections = [made for section in SECTIONS if (made := section(evidence)) is not None]
+    name = escape(evidence.fit.session.name)
+    contents = "".join(f'<li><a href="#{section.id}">{section.title}</a></li>' for section in sections)
+    return (
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'
+        f"<title>Calibration report: {name}</title><style>{style_sheet()}</style></head>"
+        f'<body><div class="sheet"><nav aria-label="Contents"><ol>{contents}</ol></nav>'
+        f"<main>{_head(evidence)}{''.join(map(_section, sections))}{_foot(evidence)}</main></div></body></html>\n"
+    )
+
+
+def save(evidence: Evidence, path: Path) -> Path:
+    """Write the page, whole or not at all; returns its path."""
+    text = page(evidence)
+    with result_folder(path.parent):
+        write_text_whole(path, text)
+    return path
+
+
+def _head(evidence: Evidence) -> str:
+    sensor = evidence.fit.session.config.sensor
+    serial = f" · {escape(sensor.serial)}" if sensor.serial else ""
+    return (
+        '<header><p class="kicker">Calibration report</p>'
+        f"<h1>{escape(sensor.model)}{serial}</h1>"
+        f'<p class="kicker">Gyroscope at ±{sensor.gyro_fs_dps:g} dps and {sensor.odr_hz:g} Hz · session '
+        f"{escape(evidence.fit.session.name)} · "
+        f"made {escape(evidence.made)}</p></header>"
+    )
+
+
+def _section(section: Section) -> str:
+    if section.id == "answer":
+        return section.html
+    return (
+        f'<section id="{section.id}" aria-labelledby="{section.id}-title"><h2 id="{section.id}-title">{section.title}'
+        f"</h2>{section.html}</section>"
+    )
+
+
+def _foot(evidence: Evidence) -> str:
+    version = escape(evidence.versions["TinyGC"])
+    return (
+        "<footer>A calibration report of the instrument with this serial number, in the conditions of this session; it is no certificate. "
+        f"TinyGC {version}, {escape(evidence.made)}.</footer>"
+    )

@@ -1,0 +1,205 @@
+"""What ``explain`` found: why recording and simulation differ, with its pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.common.units import DEG
+from tinygc.explain.pictures.channel_values import added_in_stills, left_in_stills, rates_per_still, recorded_in_stills, regime, told
+from tinygc.explain.verdict.explain import Claimed, Explanation
+from tinygc.explain.verdict.next_step import what_next
+from tinygc.explain.verdict.pages import parameter_lines, regime_words, seconds_words
+from tinygc.explain.verdict.where import where
+from tinygc.explain.verdict.words import CHANNELS, VERDICTS
+from tinygc.report.html.chart import Axis, Chart, linear_axis, log_axis
+from tinygc.report.html.evidence import Evidence
+from tinygc.report.html.markup import Section, code, escape, figure, key, paragraph, table
+from tinygc.report.html.numbers import degrees, fixed, probability, significant, tilt_rms
+
+AXIS_KEYS = [key(axis, axis) for axis in "xyz"]
+
+
+def section(evidence: Evidence) -> Section | None:
+    """None where explain was not asked."""
+    e = evidence.explanation
+    if e is None:
+        return None
+    words, _ = VERDICTS[e.verdict]
+    html = paragraph(f"<strong>{escape(words[:1].upper() + words[1:])}</strong> ({probability(e.p_value)}).")
+    for claim in e.claimed:
+        html += _claim(claim)
+    for claim in e.findings:
+        html += _claim(claim, "A finding without a name in the catalogue. ")
+    html += _place(e)
+    html += _channels(e)
+    html += _pictures(e)
+    html += _tested(e)
+    if following := what_next(e):
+        html += paragraph(f"<strong>Next:</strong> {escape(following)}.")
+    return Section("explain", "Why recording and simulation differ", html)
+
+
+def _claim(claim: Claimed, before: str = "") -> str:
+    says = escape(claim.says[:1].upper() + claim.says[1:])
+    html = f'<div class="found"><h3>{escape(claim.effect.id)}</h3>{paragraph(f"{before}{says}.")}'
+    html += paragraph(f"<code>{escape(claim.effect.equation)}</code>, {probability(claim.p_value)}", "soft")
+    if claim.parameters:
+        html += code("\n".join(parameter_lines(claim)))
+    if claim.equivalent:
+        html += paragraph(f"This recording cannot tell it from {escape(', '.join(claim.equivalent))}: {escape(claim.effect.splits)}.")
+    return html + "</div>"
+
+
+def _place(e: Explanation) -> str:
+    place = where(e)
+    if not place["phases"]:
+        return paragraph(
+            "The simulation replays this recording’s own movement through the linear model, the Earth and the noise, and nothing "
+            "is left to explain."
+        )
+    words = [f"It lives in: {', '.join(place['phases'])}"]
+    if place["axes"]:
+        words.append(f"on {', '.join(place['axes'])}")
+    words += [text for text in (regime_words(place["regime"]), seconds_words(place["seconds"])) if text]
+    if place["segments"]:
+        words.append(f"worst in segments {', '.join(map(str, place['segments'][:6]))}")
+    return paragraph(escape("; ".join(words)) + ".")
+
+
+def _channels(e: Explanation) -> str:
+    rows = []
+    for name, part in e.whiten.parts.items():
+        before, after = (float(np.sqrt(np.mean(fit.r[part] ** 2))) for fit in (e.naming.first, e.naming.fit))
+        named = (fixed(after, 2),) if e.claimed or e.findings else ()
+        rows.append((escape(CHANNELS[name]), str(part.stop - part.start), fixed(before, 2), *named))
+    header = ("Recorded less predicted, rms in sigmas", "values", "linear model", "with what is named")
+    return table(header[: len(rows[0])], rows, "Noise alone gives 1.")
+
+
+def _pictures(e: Explanation) -> str:
+    claim = told(e)
+    html = ""
+    if claim is not None and "still" not in claim.effect.seen_in:
+        html += figure(
+            lambda width: _closure_along(e, claim, width),
+            "Where it lives: held-out closure of each segment.",
+            _before_after_keys(claim in e.claimed),
+        )
+    else:
+        html += figure(
+            lambda width: _stills_along(e, claim, width),
+            "Where it lives: the mean rate in each still, less what the model predicts. Filled: linear model. Ring: with what is named."
+            if e.claimed or e.findings
+            else "The mean rate in each still, less what the model predicts.",
+            AXIS_KEYS,
+        )
+    if claim is not None and "still" in claim.effect.seen_in and claim in e.claimed:
+        html += figure(
+            lambda width: _said_against_recorded(e, claim, width),
+            f"Recorded in each still against what {escape(claim.effect.id)} says.",
+            AXIS_KEYS,
+        )
+    if e.claimed:
+        before, after = (degrees(tilt_rms(x)) for x in (e.proof.before, e.proof.after))
+        gone = f" {100 * e.proof.removed:.1f} % of the excess over the floor is gone." if e.proof.removed is not None else ""
+        html += figure(
+            lambda width: _proof(e, width),
+            f"Proof: closure of segments that the fit never saw, {before} before, {after} after, floor {degrees(e.proof.floor_rms)}.{gone}",
+            _before_after_keys(True),
+        )
+    return html
+
+
+def _before_after_keys(named: bool) -> list[str]:
+    after = [key("after", "with what is named")] if named else []
+    return [key("before", "linear model"), *after, key("floor", "noise floor", "dash")]
+
+
+def _stills_along(e: Explanation, claim: Claimed | None, width: int) -> str:
+    variable = regime(e, claim)
+    x = variable.of_stills(e.twin)
+    before, after = rates_per_still(e)
+    before, after = 1e3 * before, 1e3 * (after if claim is None else left_in_stills(e, claim))
+    chart = Chart(
+        width,
+        270,
+        linear_axis(x, f"{variable.words}, {variable.units}"),
+        linear_axis(np.concatenate([before, after]), "mdps", zero=True),
+        f"Rate in each still along {variable.words}",
+    )
+    chart.across(0, "floor", style="axis")
+    named = bool(e.claimed or e.findings)
+    for i, axis in enumerate("xyz"):
+        chart.dots(x, before[:, i], axis)
+        if named:
+            chart.dots(x, after[:, i], axis, ring=True)
+    return chart.svg()
+
+
+def _closure_along(e: Explanation, claim: Claimed, width: int) -> str:
+    variable = regime(e, claim)
+    x = variable.of_segments(e.twin)
+    at = {number: angles for number, angles in zip(e.proof.before_numbers, e.proof.before, strict=True)}
+    before = np.array([np.linalg.norm(at[s.number][:2]) if s.number in at else np.nan for s in e.twin.segments]) / DEG
+    after = np.linalg.norm(e.proof.after[:, :2], axis=1) / DEG
+    y = log_axis([*before, *after, e.proof.floor_rms / DEG], "closure, degrees")
+    chart = Chart(
+        width,
+        260,
+        linear_axis(x, f"greatest {variable.words} in the segment, {variable.units}"),
+        y,
+        f"Closure of each segment along {variable.words}",
+    )
+    chart.across(e.proof.floor_rms / DEG, "floor")
+    chart.dots(x, before, "before")
+    return (chart.dots(x, after, "after") if claim in e.claimed else chart).svg()
+
+
+def _said_against_recorded(e: Explanation, claim: Claimed, width: int) -> str:
+    said, recorded = added_in_stills(e, claim) * 1e3, recorded_in_stills(e, claim) * 1e3
+    span = linear_axis(np.concatenate([said, recorded]))
+    x, y = (Axis(span.lo, span.hi, label) for label in (f"{claim.effect.id} says, mdps", "recorded, mdps"))
+    chart = Chart(width, 300, x, y, "Recorded against explained")
+    chart.line([span.lo, span.hi], [span.lo, span.hi], "floor", "dash")
+    for i, axis in enumerate("xyz"):
+        chart.dots(said[:, i], recorded[:, i], axis)
+    return chart.svg()
+
+
+def _proof(e: Explanation, width: int) -> str:
+    before, after = (np.linalg.norm(angles[:, :2], axis=1) / DEG for angles in (e.proof.before, e.proof.after))
+    floor = e.proof.floor_rms / DEG
+    last = max([*e.proof.before_numbers, *e.proof.after_numbers])
+    chart = Chart(
+        width,
+        260,
+        Axis(-0.8, last + 0.8, "segment"),
+        log_axis([*before, *after, floor], "closure, degrees"),
+        "Closure of each segment before and after naming",
+    )
+    chart.across(floor, "floor")
+    chart.dots(
+        e.proof.before_numbers,
+        before,
+        "before",
+        [f"segment {n}: {significant(v)}°" for n, v in zip(e.proof.before_numbers, before, strict=True)],
+    )
+    chart.dots(
+        e.proof.after_numbers,
+        after,
+        "after",
+        [f"segment {n}: {significant(v)}°" for n, v in zip(e.proof.after_numbers, after, strict=True)],
+    )
+    return chart.svg()
+
+
+def _tested(e: Explanation) -> str:
+    """Which effects were tried and not found: a name that is missing here was not looked for."""
+    from tinygc.explain.naming.forward import candidates
+
+    tried = sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed})
+    return paragraph(
+        f"Tried, and not found: {escape(', '.join(tried))}. Looked for in the registers as well: clipping, false readings, lost "
+        "samples, stills that move.",
+        "soft",
+    )

@@ -1,0 +1,70 @@
+"""What the board's sensor reads: still, then a session, then still for as long as one likes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from session.common import registers
+from session.common.errors import DataError
+from session.log.folder import Session, read_session
+from session.log.samples import Samples
+from session.stream.events import Info
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.simulate import Recording, simulate_session
+
+#: the first and the last this much of a session is still
+STILL_S = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """rows (n, 7) int16 registers of the session, at info.odr_hz; config: text of its session.toml, or None."""
+
+    rows: np.ndarray
+    info: Info
+    config: str | None = None
+
+    def take(self, start: int, stop: int, rng: np.random.Generator) -> np.ndarray:
+        """Rows start <= i < stop; before 0 and behind the last, still ones: drawn from the first and the last still."""
+        count = max(1, min(len(self.rows), round(STILL_S * self.info.odr_hz)))
+        before = rng.integers(0, count, max(0, min(stop, 0) - start))
+        behind = len(self.rows) - 1 - rng.integers(0, count, max(0, stop - max(start, len(self.rows))))
+        return self.rows[np.concatenate([before, np.arange(max(start, 0), min(max(stop, 0), len(self.rows))), behind]).astype(np.int64)]
+
+
+def simulated(options: SimulationOptions) -> Source:
+    """A simulated session; its closure run, if any, follows the log without a break."""
+    from tinygc.simulation.write import config_text
+
+    simulation = simulate_session(options)
+    parts = [part for part in (simulation.log, simulation.closure) if part is not None]
+    info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.seed))
+    return Source(np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False))
+
+
+def recorded(folder: Path) -> Source:
+    """The logs of a session folder, one after the other, then its closure runs, as registers at the rate that their stamps show."""
+    session = read_session(folder)
+    logs = [log.samples for log in (*session.logs, *session.closures)]
+    sensor = session.config.sensor
+    odr_hz = (len(logs[0]) - 1) / logs[0].duration_s
+    info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial)
+    return Source(np.concatenate([_registers(samples, session) for samples in logs]), info, (folder / "session.toml").read_text("utf-8"))
+
+
+def _rows(recording: Recording) -> np.ndarray:
+    return np.column_stack([recording.gyro, recording.accel, recording.temp])
+
+
+def _registers(samples: Samples, session: Session) -> np.ndarray:
+    sensor = session.config.sensor
+    gyro = samples.gyro / registers.gyro_rps_per_lsb(sensor.gyro_fs_dps)
+    accel = samples.accel / registers.accel_mps2_per_lsb(sensor.accel_fs_g)
+    temp_c = np.full(len(samples), registers.TEMP_AT_ZERO_C) if samples.temp_c is None else samples.temp_c
+    rows = np.rint(np.column_stack([gyro, accel, (temp_c - registers.TEMP_AT_ZERO_C) * registers.TEMP_LSB_PER_C]))
+    if np.abs(rows).max() > registers.REGISTER_MAX + 1:
+        raise DataError(f"{session.folder}: holds values beyond the registers of {sensor.gyro_fs_dps:g} dps and {sensor.accel_fs_g:g} g")
+    return rows.astype(np.int16)

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from session.common.errors import printable
 from tinygc.cli.commands import COMMANDS
+from tinygc.methods.registry import CHOSEN
 
-METHODS = "raw,raw_bias_removed,least_squares,pso,tinygc,tinygc_denoised"  # as in tinygc.methods.run, which imports too much for --help
+METHODS = ",".join(CHOSEN)
 
 LONGEST_S = 1e9
 

@@ -16,6 +16,7 @@ from session.common.errors import CalibrationError
 from session.common.units import NS
 from session.log.samples import Samples
 from tinygc import models
+from tinygc.models.denoiser import DenoisedNet
 
 #: effects that are undone from what lies around a sample, and so not while only the past is known
 LOOK_AROUND = frozenset({"gyro.bandwidth", "gyro.angular_acceleration", "gyro.vibration_rectification", "timing.axis_skew"})
@@ -32,9 +33,8 @@ class Calibration:
     def __init__(self, model, rate_hz: float | None = None):
         """``rate_hz``: the sampling rate, which a model needs whose physics has a time in it."""
         self.model, self.rate_hz = model, rate_hz
-        physics = getattr(model, "physics", model)
-        self.effects: tuple[str, ...] = getattr(physics, "ids", ())
-        self._conditions: tuple[str, ...] = getattr(getattr(model, "net", None), "names", ())
+        self.effects: tuple[str, ...] = tuple(claim.effect.id for claim in model.undone)
+        self._conditions = model.conditions
         self._live: Stream | None = None
 
     @property
@@ -80,7 +80,8 @@ class Stream:
 
     def __init__(self, calibration: Calibration, live: bool = False):
         self._calibration, self._model = calibration, calibration.model
-        self._whole = hasattr(self._model, "calibrate")  # physics: it looks at time, force, temperature
+        self._denoiser = self._model.denoiser if isinstance(self._model, DenoisedNet) else None
+        self._whole = not self._model.rates_only  # physics: it looks at time, force, temperature
         ahead = LOOK_AROUND & set(calibration.effects)
         if live and ahead:
             raise CalibrationError(f"{', '.join(sorted(ahead))} is undone from what comes after a sample: no live use; give whole arrays")
@@ -89,7 +90,6 @@ class Stream:
             self._margin = MARGIN_SAMPLES * (1 + len(calibration.effects)) + round(MARGIN_S * (calibration.rate_hz or 0))
         if "rate_hz" in calibration.needs and calibration.rate_hz is None:
             raise CalibrationError(f"{', '.join(calibration.effects)}: time matters to this model; load it with rate_hz=")
-        self._denoiser = getattr(self._model, "denoiser", None)
         self._tail: np.ndarray | None = None  # what the denoiser remembers: calibrated rates
         self._held = _Rows.none()
         self._before = 0  # of the held rows: how many are given out already

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tinygc.methods.denoising.options import DenoiseOptions
-from tinygc.methods.names import METHODS
+from tinygc.methods.registry import CHOSEN
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class FitOptions:
     through; conditions that a further net is told; checkpoints: folder where AdamW leaves what it can go on from, and resume: whether
     it does; bias_per_log: each log has a bias of its own, and the median is kept."""
 
-    methods: tuple[str, ...] = METHODS
+    methods: tuple[str, ...] = CHOSEN
     folds: int = 5
     seed: int = 0
     still_rates: bool = False

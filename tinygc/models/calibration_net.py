@@ -9,12 +9,14 @@ bend it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
 
 import numpy as np
 
 from tinygc.attitude import rotation
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
+from tinygc.models.model import BaseModel
 
 PARAMETERS = 27
 #: how far the slopes may leave 1, where the net is linear: sigma of their prior, from "not at all" to "freely"
@@ -24,8 +26,11 @@ INNER_TIE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationNet:
+class CalibrationNet(BaseModel):
     """The subnet's weights, NumPy or torch: W1 (3, 3), b1 (3,) rad/s, slope (3,), W2 (3, 3), b2 (3,) rad/s."""
+
+    kind: ClassVar[str] = "tinygc"
+    SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {"W1": (3, 3), "b1": (3,), "slope": (3,), "W2": (3, 3), "b2": (3,)}
 
     W1: np.ndarray
     b1: np.ndarray
@@ -47,7 +52,7 @@ class CalibrationNet:
     def from_vector(cls, vector) -> CalibrationNet:
         """From 27 numbers in the order of the fields, matrices row by row."""
         parts, at = [], 0
-        for shape in ((3, 3), (3,), (3,), (3, 3), (3,)):
+        for shape in cls.SHAPES.values():
             size = int(np.prod(shape))
             parts.append(vector[at : at + size].reshape(shape))
             at += size
@@ -65,6 +70,15 @@ class CalibrationNet:
         inner = np.array([1.0] * 9 + [typical_rps] * 3) * INNER_TIE
         bent = np.concatenate([inner, np.ones(3)])
         return [(tie, np.concatenate([bent * max(tie, 1e-9), PRIOR_SIGMA])) for tie in ties]
+
+    @property
+    def parameters(self) -> int:
+        """27."""
+        return PARAMETERS
+
+    def with_bias_moved(self, change: np.ndarray) -> CalibrationNet:
+        """b2 greater by ``change`` (3,) rad/s."""
+        return replace(self, b2=self.b2 + change)
 
     @property
     def vector(self):

@@ -12,6 +12,7 @@ by itself how its conditions matter, linearly, and no more.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from session.log.samples import Samples
 from tinygc.attitude import rotation
 from tinygc.effects.conditions import Conditions, movement_of
 from tinygc.models.calibration_net import TIES, CalibrationNet
+from tinygc.models.model import BaseModel
 
 #: condition -> how many inputs it is, prior sigma of its bias (rad/s per unit) and of its gain (per unit): 0.1 dps/degC and 0.2 dps/g
 CONDITIONS = {"temperature": (1, 0.1 * DEG, 1e-3), "force": (3, 0.2 * DEG, 1e-2)}
@@ -76,15 +78,25 @@ class ConditionsNet:
 
 
 @dataclass(frozen=True, eq=False)
-class ConditionsModel:
+class ConditionsModel(BaseModel):
     """A trained net and what its conditions refer to."""
+
+    kind: ClassVar[str] = "tinygc_conditions"
+    pointwise: ClassVar[bool] = False
+    rates_only: ClassVar[bool] = False
 
     net: ConditionsNet
     known: Conditions
 
     @property
     def parameters(self) -> int:
+        """27 and six for each condition."""
         return len(self.net.vector)
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """What the net is told."""
+        return self.net.names
 
     def calibrate(self, samples: Samples, began_s: float = 0.0) -> np.ndarray:
         """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force."""

@@ -21,10 +21,12 @@ Before the first sample the input is taken to have stood at its value: a log tha
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from tinygc.attitude import rotation
+from tinygc.models.model import BaseModel, Model
 
 WINDOW = 50
 KERNEL = 7
@@ -172,20 +174,22 @@ class Stream:
 
 
 @dataclass(frozen=True, eq=False)
-class DenoisedNet:
+class DenoisedNet(BaseModel):
     """TinyGC-Net whole: first ``calibration``, any map of rates (27 parameters), then ``denoiser`` (168), made for rate_hz.
 
     Called on rates (..., N, 3) in the order of time it gives what the microcontroller would: causal, late by the denoiser's delay.
     """
 
-    calibration: object
+    kind: ClassVar[str] = "tinygc_denoised"
+    pointwise: ClassVar[bool] = False
+    calibration: Model
     denoiser: Denoiser
     rate_hz: float
 
     @property
     def parameters(self) -> int:
-        own = getattr(self.calibration, "parameters", None)
-        return PARAMETERS + (len(self.calibration.vector) if own is None else own)
+        """Of both subnets."""
+        return PARAMETERS + self.calibration.parameters
 
     @property
     def delay_samples(self) -> int:
@@ -193,7 +197,21 @@ class DenoisedNet:
         return round(float(self.denoiser.delay_samples.mean()))
 
     @property
+    def made_for_hz(self) -> float:
+        """The sampling rate of the session that it was trained on."""
+        return self.rate_hz
+
+    def without_denoiser(self) -> Model:
+        """The calibration alone."""
+        return self.calibration
+
+    def with_bias_moved(self, change: np.ndarray) -> DenoisedNet:
+        """The calibration's bias greater by ``change`` (3,) rad/s; the denoiser has none."""
+        return replace(self, calibration=self.calibration.with_bias_moved(change))
+
+    @property
     def delay_s(self) -> float:
+        """Mean over the axes."""
         return float(self.denoiser.delay_samples.mean()) / self.rate_hz
 
     def __call__(self, rate):

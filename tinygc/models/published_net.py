@@ -8,21 +8,26 @@ it starts at the exact identity (both slopes 1), is tied to the linear model, an
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
 
 import numpy as np
 
+from session.common.errors import CalibrationError
 from tinygc.attitude import rotation
 from tinygc.models.calibration_net import INNER_TIE, TIES
 from tinygc.models.linear import PRIOR_SIGMA
+from tinygc.models.model import BaseModel
 
 PARAMETERS = 26
-SHAPES = {"W1": (3, 3), "b1": (3,), "slope1": (1,), "W2": (3, 3), "b2": (3,), "slope2": (1,)}
 
 
 @dataclass(frozen=True, eq=False)
-class PublishedNet:
+class PublishedNet(BaseModel):
     """The weights, NumPy or torch: W1 (3, 3), b1 (3,) rad/s, slope1 (1,), W2 (3, 3), b2 (3,) rad/s, slope2 (1,)."""
+
+    kind: ClassVar[str] = "tinygc_published"
+    SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {"W1": (3, 3), "b1": (3,), "slope1": (1,), "W2": (3, 3), "b2": (3,), "slope2": (1,)}
 
     W1: np.ndarray
     b1: np.ndarray
@@ -39,11 +44,22 @@ class PublishedNet:
     def with_vector(self, vector) -> PublishedNet:
         """From 26 numbers in the order of the fields, matrices row by row."""
         parts, at = [], 0
-        for shape in SHAPES.values():
+        for shape in self.SHAPES.values():
             size = int(np.prod(shape))
             parts.append(vector[at : at + size].reshape(shape))
             at += size
         return type(self)(*parts)
+
+    @property
+    def parameters(self) -> int:
+        """26."""
+        return PARAMETERS
+
+    def with_bias_moved(self, change: np.ndarray) -> PublishedNet:
+        """b2 greater by ``change`` (3,) rad/s.  CalibrationError where the net bends behind it."""
+        if not np.allclose(self.slope2, 1):
+            raise CalibrationError("the stored net bends behind its bias (published variant): its bias cannot be moved; give another model")
+        return replace(self, b2=self.b2 + change)
 
     @property
     def vector(self):

@@ -9,20 +9,12 @@ from rich.text import Text
 
 from session.checks.first_look import Finding
 from session.common.units import DEG
-from tinygc.fit.session import FitResult, closure_figures, run_figures
+from tinygc.fit.figures import closure_figures, run_figures
+from tinygc.fit.result import FitResult
+from tinygc.methods.registry import METHODS
 from tinygc.models.linear import NAMES, LinearModel
 
-TITLES = {
-    "raw": "raw",
-    "raw_bias_removed": "raw, first still's bias off",
-    "least_squares": "least squares",
-    "pso": "PSO",
-    "tinygc": "TinyGC-Net",
-    "tinygc_denoised": "TinyGC-Net, denoised",
-    "tinygc_conditions": "TinyGC-Net with conditions",
-    "physics": "linear model with physics",
-    "tinygc_physics": "TinyGC-Net with physics",
-}
+TITLES = {name: method.title for name, method in METHODS.items()}
 NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
 SAME_FLOOR = 0.01  #: two floors that differ by less are one
 LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}

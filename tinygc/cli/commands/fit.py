@@ -11,6 +11,7 @@ from session.common.errors import CalibrationError
 from tinygc.cli.arguments import positive, three
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
 from tinygc.cli.commands._results import output, try_destinations, write_json
+from tinygc.methods.registry import METHODS
 
 #: what a bias of the day heeds of a fit's arguments
 HONOURED = ("exclude", "no_earth")
@@ -41,7 +42,9 @@ def run(args: argparse.Namespace) -> int:
             "(tinygc or tinygc_denoised), or leave --resume out"
         )
     from tinygc.cli.console import progress_bar
-    from tinygc.fit.session import fit_session, save_models, to_json
+    from tinygc.fit.fit_json import to_json
+    from tinygc.fit.save import save_models
+    from tinygc.fit.session import fit_session
     from tinygc.methods.network.adamw_checkpoint import forget
     from tinygc.report.fit_text import fit_report
 
@@ -76,7 +79,7 @@ def _physics(words: str) -> tuple[str, ...]:
 
 def _resumable(args: argparse.Namespace) -> bool:
     """Whether anything of the fit is trained by adamw."""
-    return args.optimizer == "adamw" and bool({"tinygc", "tinygc_denoised"} & set(args.methods))
+    return args.optimizer == "adamw" and any(METHODS[name].trained for name in args.methods)
 
 
 def _rebias(args: argparse.Namespace) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 import tinygc
 from session.checks.findings import stop_at_errors
 from session.checks.first_look import check_session
-from session.common.errors import CalibrationError, SegmentError
+from session.common.errors import SegmentError
 from session.common.files import read_json, write_whole
 from session.common.units import DEG, G
 from session.common.writing import result_folder
@@ -24,7 +24,9 @@ from tinygc.closure.residual import closure_angles
 from tinygc.fit.bias import FIGURES, MODEL
 from tinygc.fit.bias.of_day import DAY_SIGMA_RPS, BiasOfDay, bias_from_gravity
 from tinygc.fit.bias.origin import Origin, origin_of
-from tinygc.fit.session import SCHEMA, closure_figures, run_figures
+from tinygc.fit.figures import closure_figures, run_figures
+from tinygc.fit.fit_json import SCHEMA
+from tinygc.models.denoiser import DenoisedNet
 from tinygc.problem.build import build_problem
 from tinygc.problem.closure_run import ClosureRun, read_closure_runs
 from tinygc.problem.problem import Problem
@@ -52,7 +54,7 @@ class Rebiased:
     @property
     def model(self):
         """The stored calibration with the bias that was asked for."""
-        return with_change(self.stored, self.changes[self.source][0])
+        return self.stored.with_bias_moved(self.changes[self.source][0])
 
     @property
     def disagreement(self) -> float:
@@ -81,7 +83,7 @@ def rebias_session(
     session = read_session(folder, lambda name: progress(f"reading {name}", 0, 3))
     stop_at_errors(check_session(session))
     stored = models.load(path)
-    with_change(stored, np.zeros(3))  # a kind whose bias cannot be moved is refused before the work
+    stored.with_bias_moved(np.zeros(3))  # a kind whose bias cannot be moved is refused before the work
     problem = build_problem(session, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 1, 3))
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]] = {}
     if (start := from_start(problem, stored)) is not None:
@@ -93,7 +95,7 @@ def rebias_session(
         changes["given"] = (-_at_rest(stored, np.asarray(given_dps) * DEG), None)
     if source not in changes:
         raise SegmentError(f"{folder}: no still and no rest to take the bias from; use --bias gravity, or --bias given --bias-dps X,Y,Z")
-    all_models = {"stored": stored} | {name: with_change(stored, change) for name, (change, _) in changes.items()}
+    all_models = {"stored": stored} | {name: stored.with_bias_moved(change) for name, (change, _) in changes.items()}
     runs = read_closure_runs(problem)
     angles = {name: _closure(problem, model) for name, model in all_models.items()}
     errors = [{name: run.errors(model) for name, model in all_models.items()} for run in runs]
@@ -102,25 +104,12 @@ def rebias_session(
 
 def _closure(problem: Problem, model) -> np.ndarray:
     """Error angles (S, d) rad, as ``fit`` judges the same model: a denoiser's delay is allowed for."""
-    if hasattr(model, "denoiser"):
+    if isinstance(model, DenoisedNet):
         from tinygc.methods.denoising.material import of_problem
         from tinygc.methods.denoising.run import denoised_angles
 
         return denoised_angles(of_problem(problem), model)
     return closure_angles(problem.batch, model)
-
-
-def with_change(model, change: np.ndarray):
-    """A model whose calibrated rate is everywhere greater by ``change`` (3,) rad/s.  CalibrationError for kinds that have no such bias."""
-    names = {field.name for field in fields(model)} if is_dataclass(model) else set()
-    if "slope2" in names and not np.allclose(model.slope2, 1):
-        raise CalibrationError("the stored net bends behind its bias (published variant): its bias cannot be moved; give another model")
-    for name in ("B", "b2"):
-        if name in names:
-            return replace(model, **{name: getattr(model, name) + change})
-    if "calibration" in names:
-        return replace(model, calibration=with_change(model.calibration, change))
-    raise CalibrationError("the stored model is of a kind whose bias cannot be moved; give a linear model or a TinyGC-Net")
 
 
 def from_start(problem: Problem, model) -> tuple[np.ndarray, np.ndarray] | None:
@@ -138,7 +127,7 @@ def from_start(problem: Problem, model) -> tuple[np.ndarray, np.ndarray] | None:
 def from_gravity(problem: Problem, model, prior: np.ndarray | float = DAY_SIGMA_RPS) -> BiasOfDay:
     """From all logs of a session, one after the other: what one has found is the next one's prior."""
     # A denoised rate comes late, and beside the accelerometer that passes for a bias; the denoiser itself has none.
-    model = getattr(model, "calibration", model)
+    model = model.without_denoiser()
     change, sigma, found, excess = np.zeros(3), prior, None, 1.0
     g = problem.session.config.site.expected_gravity_mps2
     for number, log in enumerate(problem.logs):
@@ -177,7 +166,7 @@ def _rest_change(log, model, change: np.ndarray) -> np.ndarray | None:
 
 def _at_rest(model, rate: np.ndarray) -> np.ndarray:
     """(3,): a constant rate, calibrated.  A model with a memory is given it for long enough."""
-    model = getattr(model, "calibration", model)
+    model = model.without_denoiser()
     return np.asarray(model(np.asarray(rate, dtype=float)[None]))[0]
 
 
@@ -193,7 +182,7 @@ def rebias_to_json(result: Rebiased) -> dict:
     session: Session = result.problem.session
 
     def figures(name: str) -> dict:
-        own = {"parameters": getattr(result.stored, "parameters", None), "seconds": 0.0}
+        own = {"parameters": result.stored.parameters, "seconds": 0.0}
         held_out = closure_figures(result.angles[name])
         return own | {"train": dict.fromkeys(held_out), "holdout": held_out}
 

@@ -15,7 +15,7 @@ from tinygc.effects.applied import Claim
 from tinygc.explain.verdict.explain import Explanation
 from tinygc.fit.physics.covariance import covariance_table, rate_covariance, rows_of_rates
 from tinygc.fit.physics.lost_in_runs import loss_words, lost_in
-from tinygc.fit.session import FitResult
+from tinygc.fit.result import FitResult
 from tinygc.models.field_parameters import Quantity, field_quantities
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel

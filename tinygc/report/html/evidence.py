@@ -14,7 +14,8 @@ from tinygc.explain.truth.explain import TruthExplanation, explain_truth
 from tinygc.explain.twin.twin import Twin
 from tinygc.explain.twin.whitening import Whitener
 from tinygc.explain.verdict.explain import Explanation, explain_session
-from tinygc.fit.session import FitResult, fit_session
+from tinygc.fit.result import FitResult
+from tinygc.fit.session import fit_session
 from tinygc.fit.versions import versions
 from tinygc.methods.options import FitOptions
 from tinygc.models.field_parameters import COVERAGE_FACTOR, Quantity

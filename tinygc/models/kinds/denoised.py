@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,24 +18,21 @@ EQUATION = (
 GAIN_WITHIN = 1e-6
 
 
-def denoised_to_dict(model: DenoisedNet) -> dict:
-    """JSON-ready; weights (axis, channel out, channel in, tap), the last tap on the newest sample, each tap ``dilation`` samples older."""
-    from tinygc.models.files import to_dict
-
+def to_table(model: DenoisedNet, write: Callable[..., dict]) -> dict:
+    """Weights (axis, channel out, channel in, tap), the last tap on the newest sample, each tap ``dilation`` samples older."""
     net = model.denoiser
     table: dict[str, Any] = {"window": WINDOW, "dilations": list(net.dilations), "slope": net.slope}
     table |= {name: np.asarray(getattr(net, name)).tolist() for name in SHAPES}
     return {
-        "kind": "tinygc_denoised",
         "equation": EQUATION,
         "rate_hz": model.rate_hz,
         "delay_s": model.delay_s,
-        "calibration": to_dict(model.calibration),
+        "calibration": write(model.calibration),
         "denoiser": table,
     }
 
 
-def denoised_from_dict(table: dict, where: str, model_from_dict) -> DenoisedNet:
+def from_table(table: dict, where: str, read: Callable[..., Any]) -> DenoisedNet:
     """The model; FormatError says what is wrong with the table."""
     try:
         entries = table["denoiser"]
@@ -53,8 +51,8 @@ def denoised_from_dict(table: dict, where: str, model_from_dict) -> DenoisedNet:
     denoiser = Denoiser(**weights, slope=slope, dilations=dilations)
     if not np.abs(denoiser.gain - 1).max() <= GAIN_WITHIN:
         raise FormatError(f"{where}: the denoiser's gain at a constant rate is {denoiser.gain}, expected 1: it would miscalibrate")
-    calibration = model_from_dict(table.get("calibration"), f"{where}: calibration")
-    if isinstance(calibration, DenoisedNet) or not callable(calibration):
+    calibration = read(table.get("calibration"), f"{where}: calibration")
+    if not calibration.pointwise:
         raise FormatError(f"{where}: the denoiser's calibration is of a kind that it does not follow")
     return DenoisedNet(calibration, denoiser, rate_hz)
 

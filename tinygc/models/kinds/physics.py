@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
@@ -11,25 +12,25 @@ from session.common.errors import FormatError
 from tinygc.effects import catalogue
 from tinygc.effects.applied import Claim
 from tinygc.effects.conditions import Conditions
+from tinygc.models.linear import LinearModel
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
+EQUATIONS = {
+    "physics": "omega = (each effect undone, in order)(E @ m + B), m the measured rate in rad/s",
+    "tinygc_physics": "omega = net(E^-1 ((each effect undone, in order)(E @ m + B) - B))",
+}
 
-def physics_to_dict(model: PhysicsModel | CarriedNet) -> dict:
-    """JSON-ready: kind, equation, what is undone in which order, and what it refers to."""
-    physics = model if isinstance(model, PhysicsModel) else model.physics
+
+def to_table(model: PhysicsModel | CarriedNet, write: Callable[..., dict]) -> dict:
+    """equation, what is undone in which order, what it refers to, and the net where there is one behind."""
+    physics = model.physics if isinstance(model, CarriedNet) else model
     table: dict[str, Any] = {
-        "kind": "physics",
-        "equation": "omega = (each effect undone, in order)(E @ m + B), m the measured rate in rad/s",
+        "equation": EQUATIONS[model.kind],
         "linear": {"E": physics.linear.E.tolist(), "B": physics.linear.B.tolist()},
         "effects": [_claim(claim) for claim in physics.claims],
         "conditions": {name: value if np.isfinite(value) else None for name, value in asdict(physics.known).items()},
     }
-    if isinstance(model, CarriedNet):
-        from tinygc.models.files import to_dict
-
-        table |= {"kind": "tinygc_physics", "net": to_dict(model.net)}
-        table["equation"] = "omega = net(E^-1 ((each effect undone, in order)(E @ m + B) - B))"
-    return table
+    return table | {"net": write(model.net)} if isinstance(model, CarriedNet) else table
 
 
 def _claim(claim: Claim) -> dict:
@@ -38,10 +39,8 @@ def _claim(claim: Claim) -> dict:
     return {"id": effect.id, "equation": effect.equation, "theta_si": claim.theta.tolist(), effect.parameter.name: values, **effect.shape}
 
 
-def physics_from_dict(table: dict, where: str, net_from_dict) -> PhysicsModel | CarriedNet:
+def from_table(table: dict, where: str, read: Callable[..., Any]) -> PhysicsModel | CarriedNet:
     """The model; FormatError says what is wrong with the table."""
-    from tinygc.models.linear import LinearModel
-
     try:
         E, B = (np.asarray(table["linear"][name], dtype=float).reshape(shape) for name, shape in (("E", (3, 3)), ("B", (3,))))
         known = Conditions(**{name: float("nan") if value is None else float(value) for name, value in table["conditions"].items()})
@@ -51,7 +50,7 @@ def physics_from_dict(table: dict, where: str, net_from_dict) -> PhysicsModel | 
     if not (np.isfinite(E).all() and np.isfinite(B).all() and all(np.isfinite(claim.theta).all() for claim in claims)):
         raise FormatError(f"{where}: the physics holds numbers that are not finite")
     physics = PhysicsModel(LinearModel(E, B), claims, known)
-    return physics if table["kind"] == "physics" else CarriedNet(physics, net_from_dict(table.get("net"), f"{where}: net"))
+    return physics if table["kind"] == PhysicsModel.kind else CarriedNet(physics, read(table.get("net"), f"{where}: net"))
 
 
 def _read_claim(entry: dict) -> Claim:

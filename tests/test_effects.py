@@ -135,8 +135,8 @@ def test_a_new_file_is_a_new_effect(new_file):
     assert list(catalogue()) == sorted(catalogue())
 
 
-def test_the_effect_that_the_readme_writes_is_named_when_it_is_there(new_file, tmp_path):
-    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+def test_the_effect_that_the_page_writes_is_named_when_it_is_there(new_file, tmp_path):
+    readme = (Path(__file__).parents[1] / "docs" / "writing-an-effect.md").read_text(encoding="utf-8")
     (block,) = (block for block in re.findall(r"```python\n(.*?)```", readme, re.S) if "EFFECT = Effect(" in block)
     (new_file / "scale_quadratic.py").write_text(block, encoding="utf-8")
     effect = catalogue()["gyro.scale_quadratic"]

@@ -10,7 +10,7 @@ import tinygc
 from session.common.files import write_whole
 from session.common.units import DEG, G
 from session.common.writing import result_folder
-from session.log.hashes import sha256_of
+from session.log.hashes import hash_of_log
 from tinygc.effects import catalogue
 from tinygc.explain.verdict.claims import Claimed
 from tinygc.explain.verdict.explain import Explanation
@@ -61,7 +61,7 @@ def to_json(e: Explanation) -> dict:
         },
         "warnings": [vars(warning) for warning in e.warnings],
         "next": what_next(e),
-        "logs": {log.path.name: sha256_of(log.path) for log in e.session.logs},
+        "logs": {log.path.name: hash_of_log(log) for log in e.session.logs},
         "version": tinygc.__version__,
     }
 

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import tinygc
-from session.checks.findings import stop_at_errors
-from session.checks.first_look import Finding, check_session
+from session.checks.findings import Finding
 from session.common.errors import SegmentError
 from session.common.files import write_whole
 from session.common.units import DEG, G
 from session.common.writing import result_folder
-from session.log.folder import Session, read_session
+from session.log.folder import Session
 from session.log.hashes import input_hashes
 from tinygc import models
 from tinygc.closure.residual import closure_angles
@@ -25,8 +24,8 @@ from tinygc.fit import saved_fit
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
-from tinygc.problem.build import build_problem
 from tinygc.problem.closure_run import ClosureRun, read_closure_runs
+from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -72,18 +71,16 @@ def fit_session(
     options: FitOptions,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
     saved: Path | None = None,
+    prepared: Prepared | None = None,
 ) -> FitResult:
     """Run the main job.  ``progress`` is told what is being done, and how far it is; saved: a folder of ``save_models`` whose methods are
-    taken as they are where they were made from the same files with the same options.
+    taken as they are where they were made from the same files with the same options; prepared: the session, where somebody has it already.
 
-    Raises DataError for the first error of the first look, and the errors of ``read_session``, ``build_problem``,
-    ``read_closure_runs`` and of the methods.
+    Raises the errors of ``prepare``, of ``read_closure_runs`` and of the methods.
     """
-    session = read_session(folder, lambda name: progress(f"reading {name}", 0, 1))
-    progress("first look", 0, 1)
-    findings = check_session(session)
-    stop_at_errors(findings)
-    problem = build_problem(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
+    if prepared is None:
+        prepared = prepare(folder, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
+    session, problem = prepared.session, prepared.problem
     if options.still_rates and not len(problem.still_rates.rate):
         raise SegmentError(f"{folder}: no still to take a rate from; fit without --still-rates")
     runs, spread, floor = read_closure_runs(problem), None, problem.floor
@@ -133,7 +130,7 @@ def fit_session(
         linear=linear,
         covariance=covariance,
         other_choice=other,
-        warnings=[finding for finding in findings if finding.level == "warning"],
+        warnings=prepared.warnings,
         bias_sigma_rps=spread,
         reused=tuple(name for name in options.methods if name in known),
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),

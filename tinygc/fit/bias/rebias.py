@@ -9,24 +9,21 @@ from pathlib import Path
 import numpy as np
 
 import tinygc
-from session.checks.findings import stop_at_errors
-from session.checks.first_look import check_session
 from session.common.errors import CalibrationError, SegmentError
 from session.common.files import read_json, write_whole
 from session.common.units import DEG, G
 from session.common.writing import result_folder
-from session.detect.rests import find_rests
 from session.detect.truth_segments import moments_inside
 from session.log import hashes
-from session.log.folder import Session, read_session
+from session.log.folder import Session
 from tinygc import models
 from tinygc.closure.residual import closure_angles
 from tinygc.fit.bias import FIGURES, MODEL
 from tinygc.fit.bias.of_day import DAY_SIGMA_RPS, BiasOfDay, bias_from_gravity
 from tinygc.fit.bias.origin import Origin, origin_of
 from tinygc.fit.session import SCHEMA, closure_figures, run_figures
-from tinygc.problem.build import build_problem
 from tinygc.problem.closure_run import ClosureRun, read_closure_runs
+from tinygc.problem.prepared import prepare
 from tinygc.problem.problem import Problem
 
 #: the first still and gravity that differ by so many sigmas do not speak of the same bias
@@ -78,11 +75,10 @@ def rebias_session(
     given_dps (3,): what the sensor reads at rest; exclude: numbers of segments that the closure is not judged by.
     Raises SegmentError where ``source`` needs a still or a rest and there is none.
     """
-    session = read_session(folder, lambda name: progress(f"reading {name}", 0, 3))
-    stop_at_errors(check_session(session))
     stored = models.load(path)
     with_change(stored, np.zeros(3))  # a kind whose bias cannot be moved is refused before the work
-    problem = build_problem(session, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 1, 3))
+    problem = prepare(folder, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 0, 3)).problem
+    session = problem.session
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]] = {}
     if (start := from_start(problem, stored)) is not None:
         changes["start"] = start
@@ -129,7 +125,7 @@ def from_start(problem: Problem, model) -> tuple[np.ndarray, np.ndarray] | None:
     if len(rates.rate):
         return rates.earth[0] - _at_rest(model, rates.rate[0]), rates.sigma[0]
     for log in problem.logs:
-        for rest in find_rests(log.samples)[:1]:
+        for rest in log.rests[:1]:
             duration_s = (rest.stop - rest.start) * log.samples.period_s
             return -_at_rest(model, rest.gyro_mean), log.noise.angle_random_walk / np.sqrt(duration_s)
     return None
@@ -169,7 +165,7 @@ def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.
 def _rest_change(log, model, change: np.ndarray) -> np.ndarray | None:
     """(3,): what a log's rests ask for; their median, since a hand that moves slowly may pass for a rest."""
     good = [(still, q) for still, q in zip(log.stills, log.q_tb, strict=True) if still.problem is None]
-    rates = [still.gyro_mean for still, _ in good] or [rest.gyro_mean for rest in find_rests(log.samples)]
+    rates = [still.gyro_mean for still, _ in good] or [rest.gyro_mean for rest in log.rests]
     if not rates:
         return None
     return -np.median([_at_rest(model, rate) for rate in rates], axis=0) - change

@@ -12,6 +12,8 @@ from session.common.errors import DataError
 #: a counter of 32 bits, and a clock
 COUNTER = 2**32
 DAY_NS = 86_400 * 10**9
+#: stamps up to here, 146 years, can be told apart in ns without overflow
+ERA_NS = 2**62
 #: share of rows that repeat the stamp before them, from which on stamps are coarse and not merely stuttering
 COARSE = 0.02
 #: no time, whatever its unit
@@ -40,18 +42,23 @@ def exact_ns(text: str, unit_ns: int) -> int:
 
 
 class Unroll:
-    """Carries a wrapping counter or clock on, piece after piece."""
+    """Carries a wrapping counter or clock on, piece after piece; span_ns: None for stamps that count on for ever."""
 
-    def __init__(self, span_ns: int):
+    def __init__(self, span_ns: int | None):
         self._span, self._last, self._offset = span_ns, None, 0
         self._lowest = self._highest = 0
         self.wraps = 0
 
     def __call__(self, t_ns: np.ndarray) -> np.ndarray:
+        if self._span is None:
+            return t_ns
         steps = np.diff(t_ns, prepend=t_ns[:1] if self._last is None else self._last)
         self._lowest, self._highest = min(self._lowest, int(t_ns.min())), max(self._highest, int(t_ns.max()))
+        self._last = t_ns[-1:]
+        if steps.min() >= 0:
+            return t_ns + self._offset
         wrapped = comes_round(steps, self._lowest, self._highest, self._span)
-        self._last, offset = t_ns[-1:], self._offset + self._span * np.cumsum(wrapped)
+        offset = self._offset + self._span * np.cumsum(wrapped)
         self._offset, self.wraps = int(offset[-1]), self.wraps + int(wrapped.sum())
         return t_ns + offset
 

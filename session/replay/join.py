@@ -64,8 +64,8 @@ def _whole(reader: Reader, odr_hz: float | None, notes: list[str]) -> Piece:
     pieces = list(reader.pieces())
     name = reader.path.name
     notes += [f"{name}: {note}" for note in reader.notes]
-    if reader._unroll is not None and reader._unroll.wraps:
-        notes.append(f"{name}: the time counter came round {reader._unroll.wraps}x: unrolled")
+    if reader.wraps:
+        notes.append(f"{name}: the time counter came round {reader.wraps}x: unrolled")
     if not pieces:
         raise FormatError(f"{name}: a header but no samples; was the recording stopped before it began?")
     columns = [

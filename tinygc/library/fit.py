@@ -12,13 +12,13 @@ import numpy as np
 from rich.console import Group
 
 from session.common.errors import FitError
-from session.log.folder import Session, read_session
+from session.log.folder import Session
 from tinygc.deploy.calibration import Calibration
 from tinygc.fit.figures import closure_figures, run_figures
 from tinygc.fit.fit_json import to_json
 from tinygc.fit.result import FitResult
 from tinygc.fit.save import model_tables, save_models
-from tinygc.fit.session import fit_read_session
+from tinygc.fit.session import fit_session
 from tinygc.library.text import as_html, as_text
 from tinygc.methods.options import FitOptions
 from tinygc.models.linear import NAMES
@@ -131,5 +131,5 @@ def fit(
     options, or single ones of them by name (``methods=("least_squares",)``, ``still_rates=True``, ``physics=("auto",)``): see
     ``FitOptions``; progress is told what is being done.  Raises CalibrationError, in one line, for what cannot be read or fitted.
     """
-    read = session if isinstance(session, Session) else read_session(Path(session), lambda name: progress(f"reading {name}", 0, 1))
-    return Fit(fit_read_session(read, replace(options or FitOptions(), **choices), progress))
+    where = session if isinstance(session, Session) else Path(session)
+    return Fit(fit_session(where, replace(options or FitOptions(), **choices), progress))

@@ -9,7 +9,7 @@ import numpy as np
 from session.common.errors import DataError
 from session.common.units import DEG
 from session.detect.segments import why_broken
-from session.detect.stills import Still, find_stills
+from session.detect.stills import Still
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
@@ -69,9 +69,9 @@ def read_closure_runs(problem: Problem) -> list[ClosureRun]:
 
 def _prepare(problem: Problem, log: Log) -> ClosureRun:
     session, name = problem.session, log.path.name
-    samples = session.calibrated(log)
-    stills, noise = find_stills(samples, session.config.protocol.still_s)
-    stills = [still for still in stills if still.problem is None]
+    found = problem.found.of(log)
+    samples, noise = found.samples, found.noise
+    stills = [still for still in found.stills if still.problem is None]
     if noise is None or len(stills) < 2:
         raise DataError(f"{name}: {len(stills)} still phases, expected one before and one after the turn; record still - long turn - still")
     first, last = stills[0], stills[-1]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.detect.segments import Segment
+from session.detect.session_stills import SessionStills
 from session.detect.stills import Noise, Still
 from session.log.folder import Session
 from tinygc.attitude.earth import EarthRate
@@ -22,7 +23,8 @@ class Problem:
     """What is fitted.
 
     segments: all of them, accepted or not; batch: the accepted ones, in order; floor of the batch; earths by yaw group; logs: stills
-    by log; first: the linear fit that carried the yaw; still_rates of every reference still.
+    by log; first: the linear fit that carried the yaw; still_rates of every reference still; found: the session's stills as they were
+    found, for its closure runs.
     """
 
     session: Session
@@ -33,6 +35,7 @@ class Problem:
     logs: list[StillSet]
     first: LinearModel
     still_rates: StillRates
+    found: SessionStills
 
     @property
     def earth(self) -> EarthRate:

@@ -14,7 +14,8 @@ import numpy as np
 from session.common.errors import SegmentError
 from session.common.units import DEG
 from session.detect.segments import Segment
-from session.detect.stills import Noise, find_stills
+from session.detect.session_stills import LogStills, SessionStills
+from session.detect.stills import Noise
 from session.detect.truth_segments import Ends, cut_at_truth
 from session.log.folder import Session
 from session.log.samples import Samples
@@ -40,6 +41,7 @@ SHORT_S = 2.0
 
 def build_truth_problem(
     session: Session,
+    found: SessionStills,
     *,
     use_earth: bool = True,
     exclude: tuple[int, ...] = (),
@@ -50,10 +52,10 @@ def build_truth_problem(
     protocol, sensor = session.config.protocol, session.config.sensor
     for number, (log, truth) in enumerate(zip(session.logs, session.truths, strict=True)):
         progress(f"truth of {log.path.name}")
-        samples = session.calibrated(log)
-        part = cut_at_truth(samples, truth, sensor, protocol, log=number, number=len(cut))
+        here = found.of(log)
+        part = cut_at_truth(here.samples, truth, sensor, protocol, log=number, number=len(cut))
         cut += part
-        logs.append(_still_set(samples, protocol.still_s, part))
+        logs.append(_still_set(here, part))
     unknown = sorted(set(exclude) - {segment.number for segment, _ in cut})
     if unknown:
         raise SegmentError(f"{session.folder}: no segment {unknown[0]} to leave out; there are 0 to {len(cut) - 1}")
@@ -75,11 +77,11 @@ def build_truth_problem(
     model = fit_least_squares(batch, np.full(len(batch), 1e-3), model).model
     logs = [_with_attitudes(log, number, batch, accepted, at, model) for number, log in enumerate(logs)]
     floor = _floor(batch, at, accepted, ends, logs, protocol.truth_sigma_deg * DEG)
-    return Problem(session, segments, batch, floor, {0: earth}, logs, model, _still_rates(logs, earth))
+    return Problem(session, segments, batch, floor, {0: earth}, logs, model, _still_rates(logs, earth), found)
 
 
-def _still_set(samples: Samples, still_s: float, cut: list[tuple[Segment, Ends]]) -> StillSet:
-    stills, noise = find_stills(samples, still_s)
+def _still_set(found: LogStills, cut: list[tuple[Segment, Ends]]) -> StillSet:
+    samples, stills, noise = found.samples, found.stills, found.noise
     if noise is None or noise.gyro.max() > STILL_NOISE_RPS_RTHZ or not (noise.gyro > 0).all():
         stills, noise = [], _noise_in_motion(samples)
     covered = [still for still in stills if any(s.start <= still.middle < s.stop for s, _ in cut if s.accepted)]

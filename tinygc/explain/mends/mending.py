@@ -12,6 +12,7 @@ from session.common.errors import CalibrationError
 from session.common.units import DEG
 from session.detect.clipping import FALSE_ALARM
 from session.detect.segments import Segment
+from session.detect.session_stills import SessionStills
 from session.detect.stills import CREEP_SIGMAS
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -143,11 +144,13 @@ def _without_glitches(problem: Problem, found: dict, chances: dict) -> Problem:
 def _again(problem: Problem, session: Session, *, clipped: tuple[int, ...] = (), moving: tuple[int, ...] = ()) -> Problem:
     """The problem of a mended session, or with clipped segments or moving stills, without what was left out before."""
     out = {why: [segment for segment in problem.segments if segment.problem == why] for why in (LEFT_OUT, CLIPPED)}
+    found = SessionStills(session, problem.found)
     if moving:  # a still less joins two turns, and shifts the numbers behind it
-        segments = build_problem(session, use_earth=False, moving=moving).segments
+        segments = build_problem(session, use_earth=False, moving=moving, found=found).segments
         out = {why: [new for new in segments if any(_inside(old, new) for old in gone)] for why, gone in out.items()}
     asked, at_level = (tuple(segment.number for segment in out[why]) for why in (LEFT_OUT, CLIPPED))
-    return build_problem(session, use_earth=problem.earth.source != "none", exclude=asked, clipped=clipped + at_level, moving=moving)
+    use_earth = problem.earth.source != "none"
+    return build_problem(session, use_earth=use_earth, exclude=asked, clipped=clipped + at_level, moving=moving, found=found)
 
 
 def _inside(old: Segment, new: Segment) -> bool:

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.optimize import nnls
 
 from session.common.units import DEG
-from session.detect.rests import find_rests
 from session.detect.truth_segments import cut_at_truth, moments_inside
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -207,7 +206,7 @@ def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
     for log in problem.logs:
         movement = movement_of(log.samples, model(log.samples.gyro), conditions(problem))
         moving = np.ones(len(log.samples), dtype=bool)
-        for rest in find_rests(log.samples):
+        for rest in log.rests:
             part = slice(rest.start, rest.stop)
             rates.append(np.asarray(model(rest.gyro_mean[None]))[0])
             weights.append(rest.stop - rest.start)

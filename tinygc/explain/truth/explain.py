@@ -19,10 +19,9 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from session.checks.findings import stop_at_errors
-from session.checks.first_look import Finding, check_session
+from session.checks.findings import Finding
 from session.common.units import DEG
-from session.log.folder import read_session
+from session.log.folder import Session
 from tinygc import closure
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.effects import catalogue
@@ -45,8 +44,8 @@ from tinygc.explain.truth.truth_effects import FRAME, JUMPS, OFFSET, wander
 from tinygc.explain.truth.wrong_moments import without_wrong_moments
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
-from tinygc.problem.build import build_problem
 from tinygc.problem.conditions import conditions
+from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
 MOST_EFFECTS = 4
@@ -132,13 +131,16 @@ class TruthExplanation:
 
 
 def explain_truth(
-    folder: Path, *, seed: int = 0, use_earth: bool = True, progress: Callable[[str, int, int], None] = lambda what, done, of: None
+    session: Session | Path,
+    *,
+    seed: int = 0,
+    use_earth: bool = True,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    prepared: Prepared | None = None,
 ) -> TruthExplanation:
-    """Explain a session with a truth file.  Raises what ``read_session`` and ``build_problem`` raise, and DataError for a boring cause."""
-    session = read_session(folder, lambda name: progress(f"reading {name}", 0, 5))
-    findings = check_session(session)
-    stop_at_errors(findings)
-    problem = build_problem(session, use_earth=use_earth)
+    """Explain a session with a truth file.  prepared: the session, where somebody has it already.  Raises what ``prepare`` raises."""
+    prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 5))
+    problem = prepared.problem
     progress("moments of truth", 1, 5)
     sound, jumps = without_wrong_moments(problem)
     progress("naming", 2, 5)
@@ -176,7 +178,7 @@ def explain_truth(
         turned_sigma=turned_sigma,
         rests=zero_at_rest(sound, fit.model),
         force=force,
-        warnings=[finding for finding in findings if finding.level == "warning"],
+        warnings=prepared.warnings,
     )
 
 

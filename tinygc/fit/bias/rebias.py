@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 
 import tinygc
-from session.checks.findings import stop_at_errors
-from session.checks.first_look import check_session
 from session.common.errors import SegmentError
 from session.common.files import read_json, write_whole
 from session.common.units import DEG, G
@@ -18,7 +16,7 @@ from session.common.writing import result_folder
 from session.detect.rests import find_rests
 from session.detect.truth_segments import moments_inside
 from session.log import hashes
-from session.log.folder import Session, read_session
+from session.log.folder import Session
 from tinygc import models
 from tinygc.closure.residual import closure_angles
 from tinygc.fit.bias import FIGURES, MODEL
@@ -27,8 +25,8 @@ from tinygc.fit.bias.origin import Origin, origin_of
 from tinygc.fit.figures import closure_figures, run_figures
 from tinygc.fit.fit_json import SCHEMA
 from tinygc.models.denoiser import DenoisedNet
-from tinygc.problem.build import build_problem
 from tinygc.problem.closure_run import ClosureRun, read_closure_runs
+from tinygc.problem.prepared import prepare
 from tinygc.problem.problem import Problem
 
 #: the first still and gravity that differ by so many sigmas do not speak of the same bias
@@ -80,11 +78,10 @@ def rebias_session(
     given_dps (3,): what the sensor reads at rest; exclude: numbers of segments that the closure is not judged by.
     Raises SegmentError where ``source`` needs a still or a rest and there is none.
     """
-    session = read_session(folder, lambda name: progress(f"reading {name}", 0, 3))
-    stop_at_errors(check_session(session))
     stored = models.load(path)
     stored.with_bias_moved(np.zeros(3))  # a kind whose bias cannot be moved is refused before the work
-    problem = build_problem(session, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 1, 3))
+    problem = prepare(folder, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 0, 3)).problem
+    session = problem.session
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]] = {}
     if (start := from_start(problem, stored)) is not None:
         changes["start"] = start

@@ -16,14 +16,13 @@ from session.common.errors import CalibrationError
 from session.common.units import NS
 from session.log.samples import Samples
 from tinygc import models
+from tinygc.effects import Claim
+from tinygc.effects.reach import NOWHERE, Reach
 
-#: effects that are undone from what lies around a sample, and so not while only the past is known
-LOOK_AROUND = frozenset({"gyro.bandwidth", "gyro.angular_acceleration", "gyro.vibration_rectification", "timing.axis_skew"})
-NEED_FORCE = frozenset({"gyro.g_sensitivity", "gyro.g2_sensitivity", "gyro.vibration_rectification"})
-NEED_TEMPERATURE = frozenset({"gyro.thermal_bias", "gyro.thermal_scale"})
-NEED_TIME = frozenset({"gyro.bias_drift", "gyro.bias_step"}) | LOOK_AROUND
-#: what an effect sees to each side: half the temperature's mean, and the samples that a spline or a gradient remembers
-MARGIN_S, MARGIN_SAMPLES = 0.6, 48
+#: half the temperature's mean over a second, with which a log by itself is calibrated, and some more
+TEMPERATURE_REACH = Reach.around(samples=2, seconds=0.55)
+#: what an effect's input is called here
+TOLD = {"force": "acc", "vibration": "acc", "temperature": "temp"}
 
 
 class Calibration:
@@ -33,16 +32,31 @@ class Calibration:
         """``rate_hz``: the sampling rate, which a model needs whose physics has a time in it."""
         self.model, self.rate_hz = model, rate_hz
         physics = getattr(model, "physics", model)
-        self.effects: tuple[str, ...] = getattr(physics, "ids", ())
+        self._claims: tuple[Claim, ...] = getattr(physics, "claims", ())
+        self.effects: tuple[str, ...] = tuple(claim.effect.id for claim in self._claims)
         self._conditions: tuple[str, ...] = getattr(getattr(model, "net", None), "names", ())
         self._live: Stream | None = None
 
     @property
     def needs(self) -> tuple[str, ...]:
         """What the model must be told beside the rate."""
-        asked = {"acc": NEED_FORCE, "temp": NEED_TEMPERATURE, "rate_hz": NEED_TIME}
-        told = {{"force": "acc", "temperature": "temp"}[name] for name in self._conditions}
-        return tuple(what for what, ids in asked.items() if ids & set(self.effects) or what in told)
+        inputs = {*self._conditions, *(name for claim in self._claims for name in claim.effect.inputs)}
+        told = {TOLD[name] for name in inputs if name in TOLD}
+        if any(claim.effect.needs_rate_hz for claim in self._claims):
+            told.add("rate_hz")
+        return tuple(what for what in ("acc", "temp", "rate_hz") if what in told)
+
+    @property
+    def looks_ahead(self) -> tuple[str, ...]:
+        """Ids of the effects that are undone from what comes after a sample, and so not while only the past is known."""
+        return tuple(sorted(claim.effect.id for claim in self._claims if claim.effect.looks(claim.theta).is_ahead))
+
+    def around(self, live: bool) -> tuple[int, int]:
+        """How many samples before and after one its rate depends on."""
+        reach = sum((claim.effect.looks(claim.theta) for claim in self._claims), NOWHERE)
+        if "temp" in self.needs and not live:
+            reach += TEMPERATURE_REACH
+        return reach.rows(self.rate_hz or 1.0)
 
     def __call__(self, raw, acc=None, temp=None) -> np.ndarray:
         """Calibrated rate, rad/s, of the shape of ``raw``: (N, 3), a log by itself; or (3,), the next sample of a live stream.
@@ -81,12 +95,10 @@ class Stream:
     def __init__(self, calibration: Calibration, live: bool = False):
         self._calibration, self._model = calibration, calibration.model
         self._whole = hasattr(self._model, "calibrate")  # physics: it looks at time, force, temperature
-        ahead = LOOK_AROUND & set(calibration.effects)
-        if live and ahead:
-            raise CalibrationError(f"{', '.join(sorted(ahead))} is undone from what comes after a sample: no live use; give whole arrays")
-        self._margin = 0
-        if self._whole and not live and (ahead or "temp" in calibration.needs):
-            self._margin = MARGIN_SAMPLES * (1 + len(calibration.effects)) + round(MARGIN_S * (calibration.rate_hz or 0))
+        self._live = live
+        if live and (ahead := calibration.looks_ahead):
+            raise CalibrationError(f"{', '.join(ahead)} is undone from what comes after a sample: no live use; give whole arrays")
+        self._behind, self._ahead = calibration.around(live)
         if "rate_hz" in calibration.needs and calibration.rate_hz is None:
             raise CalibrationError(f"{', '.join(calibration.effects)}: time matters to this model; load it with rate_hz=")
         self._denoiser = getattr(self._model, "denoiser", None)
@@ -102,9 +114,10 @@ class Stream:
         if not self._whole:
             return self._model(raw)
         self._held = self._held.plus(_Rows.of(raw, acc, temp, self._calibration.needs))
-        ready = len(self._held.raw) - self._margin
-        # A piece at least as long as its margins, or the margins would be computed again and again.
-        return self._give(ready) if ready - self._before >= self._margin else np.zeros((0, 3))
+        ready = len(self._held.raw) - self._ahead
+        # A piece at least as long as its margins, or the margins would be computed again and again; live each sample is wanted at once.
+        long_enough = 0 if self._live else max(self._ahead, self._behind)
+        return self._give(ready) if ready - self._before >= long_enough else np.zeros((0, 3))
 
     def _denoised(self, raw: np.ndarray) -> np.ndarray:
         """Causal: each rate from its window, the log's first rate standing before it."""
@@ -124,8 +137,8 @@ class Stream:
         if stop <= self._before:
             return np.zeros((0, 3))
         rate_hz = self._calibration.rate_hz or 1.0
-        omega = self._held.calibrated(self._model, rate_hz, self._first / rate_hz)[self._before : stop]
-        drop = max(stop - self._margin, 0)
+        omega = self._held.calibrated(self._model, rate_hz, self._first / rate_hz, self._live)[self._before : stop]
+        drop = max(stop - self._behind, 0)
         self._held, self._before, self._first = self._held.since(drop), stop - drop, self._first + drop
         return omega
 
@@ -163,12 +176,12 @@ class _Rows:
     def _parts(self) -> tuple[np.ndarray, ...]:
         return self.raw, self.acc, self.temp
 
-    def calibrated(self, model, rate_hz: float, began_s: float) -> np.ndarray:
+    def calibrated(self, model, rate_hz: float, began_s: float, live: bool) -> np.ndarray:
         step_ns = 1 / rate_hz / NS
         stamps = np.rint(np.arange(len(self.raw) + 1) * step_ns).astype(np.int64)
         samples = Samples(stamps[:-1], self.raw, np.nan_to_num(self.acc), None if np.isnan(self.temp).all() else self.temp)
         samples.__dict__["period_s"] = 1 / rate_hz  # of the log, not of the piece
-        return model.calibrate(samples, began_s)
+        return model.calibrate(samples, began_s, live)
 
 
 def load(path: Path | str, rate_hz: float | None = None) -> Calibration:

@@ -44,7 +44,7 @@ def conditions_to_dict(model) -> dict:
 
 def conditions_from_dict(table: dict, where: str, model_from_dict):
     """The model; FormatError says what is wrong with the table."""
-    from tinygc.effects.conditions import Conditions
+    from tinygc.effects import Conditions
     from tinygc.models.calibration_net import CalibrationNet
     from tinygc.models.conditions_net import CONDITIONS, ConditionsModel, ConditionsNet
 

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from session.common.errors import FitError
-from tinygc.effects import catalogue
-from tinygc.effects.effect import Effect
+from tinygc.effects import Effect, catalogue
 from tinygc.explain.mends.mending import mend
 from tinygc.explain.naming.forward import candidates
 from tinygc.explain.twin.common_delay import in_gauge

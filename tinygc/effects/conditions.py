@@ -36,21 +36,21 @@ def movement_of(samples: Samples, rate: np.ndarray, known: Conditions, began_s: 
         rate=rate,
         force_g=force_g,
         temp_c=np.full(len(samples), np.nan) if samples.temp_c is None else _mean(samples.temp_c, mean_s, dt_s),
-        vibration_g2=_vibration(force_g, dt_s),
+        vibration_g2=vibration(force_g, dt_s),
         duration_s=known.duration_s,
         fs_rps=known.fs_rps,
         first_temp_c=known.first_temp_c,
     )
 
 
-def without_vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
+def withoutvibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
     """(N, 3) what a hand does to the specific force, and gravity."""
     return _mean(force_g, HAND_S, dt_s)
 
 
-def _vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
+def vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
     """(N,) g^2: mean square of what is faster than a hand, mean of the axes."""
-    fast = force_g - without_vibration(force_g, dt_s)
+    fast = force_g - withoutvibration(force_g, dt_s)
     return _mean(np.mean(fast**2, axis=1), ENERGY_S, dt_s)
 
 

@@ -95,20 +95,36 @@ def test_pieces_join_without_a_seam(name, piece):
 def test_sample_by_sample_gives_the_same(name):
     calibration = Calibration(MODELS[name], 1 / SAMPLES.period_s)
     expected = calibration(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
-    for _ in range(2):  # and again after a reset, whatever was remembered
-        one_by_one = [calibration(*sample) for sample in zip(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c, strict=True)]
+    for _ in range(2):  # and again with another stream, whatever the first has remembered
+        live = calibration.live()
+        one_by_one = [live(*sample) for sample in zip(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c, strict=True)]
         np.testing.assert_allclose(one_by_one, expected, rtol=0, atol=1e-11)
-        calibration.reset()
+
+
+def test_a_single_sample_is_told_where_it_belongs():
+    with pytest.raises(CalibrationError, match=r"one sample \(3,\); live\(\)"):
+        Calibration(MODELS["linear"])(SAMPLES.gyro[0])
+    with pytest.raises(CalibrationError, match=r"raw has shape \(2, 3\), expected \(3,\)"):
+        Calibration(MODELS["linear"]).live()(SAMPLES.gyro[:2])
+
+
+def test_a_saved_model_is_the_file_it_was_read_from(tmp_path):
+    path = tmp_path / "linear.json"
+    write_whole(path, models.to_dict(MODELS["linear"], covariance=np.eye(12).tolist(), note="kept"))
+    again = tinygc.load(path).save(tmp_path / "again.json")
+    assert again.read_bytes() == path.read_bytes()
+    assert Calibration(MODELS["net"]).save(tmp_path / "net.json").exists()
+    assert tinygc.load(tmp_path / "net.json").model.kind == "tinygc"
 
 
 def test_whole_logs_do_not_disturb_a_live_stream():
     calibration = Calibration(MODELS["denoised"])
     expected = calibration(SAMPLES.gyro[:60])
-    live = []
+    live, answers = calibration.live(), []
     for sample in SAMPLES.gyro[:60]:
-        live.append(calibration(sample))
+        answers.append(live(sample))
         calibration(SAMPLES.gyro[200:300])
-    np.testing.assert_allclose(live, expected, atol=1e-12)
+    np.testing.assert_allclose(answers, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", RATE_EFFECTS)

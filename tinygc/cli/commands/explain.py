@@ -9,6 +9,7 @@ from pathlib import Path
 from tinygc.cli.commands._results import output, try_destinations, write_json
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

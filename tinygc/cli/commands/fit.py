@@ -16,6 +16,7 @@ from tinygc.methods.registry import METHODS
 #: what a bias of the day heeds of a fit's arguments
 HONOURED = ("exclude", "no_earth")
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -73,7 +74,9 @@ def _physics(words: str) -> tuple[str, ...]:
 
     ids = tuple(dict.fromkeys(name.strip() for name in words.split(",")))
     if unknown := [name for name in ids if name not in catalogue() and ids != ("auto",)]:
-        raise FitError(f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}")
+        raise FitError(
+            f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}, or its folder with --effects DIR"
+        )
     return ids
 
 

@@ -26,7 +26,7 @@ ACCEL_INSTABILITY_MPS2 = 4e-4
 
 def export(model, context: Context) -> dict[str, str]:
     """Linear models, with g-sensitivity."""
-    part = linear_part(model, NAME, carries=("gyro.g_sensitivity",))
+    part = linear_part(model, NAME, carries=("force",))
     if context.gyro_noise is None or context.accel_noise is None:
         raise ExportError("kalibr needs the noise that `calibrate.py fit` measured (fit.json beside the model)")
     context.say("kalibr: the random walks in imu.yaml are guesses from bias instability; minutes of recording do not show them")

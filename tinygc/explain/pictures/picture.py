@@ -9,7 +9,7 @@ import numpy as np
 from session.common.units import DEG, MG
 from tinygc.explain.pictures.canvas import canvas, save
 from tinygc.explain.pictures.channel_values import lengths_per_still, rates_per_still
-from tinygc.explain.pictures.panels import panels_of
+from tinygc.explain.pictures.panels import draw_claim
 from tinygc.explain.pictures.panels.palette import AFTER, AXES, BEFORE, FLOOR
 from tinygc.explain.twin.channels import own_residuals
 from tinygc.explain.twin.variable import Regime
@@ -28,8 +28,7 @@ def draw(e: Explanation, path: Path) -> None:
     headline = f"{e.session.name}: {VERDICTS[e.verdict][0]}"
     figure, grid = canvas(rows, headline, [claim.effect.id for claim in told], [claim.says for claim in told])
     for claim, row in zip(shown, grid, strict=False):
-        for panel, axes in zip(panels_of(claim), row, strict=True):
-            panel(e, claim, axes)
+        draw_claim(e, claim, *row)
         if len(shown) > 1:
             row[0].set_title(f"{claim.effect.id}\n{row[0].get_title()}")
     if not shown:

@@ -12,7 +12,7 @@ from session.detect.truth_segments import cut_at_truth, moments_inside
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
-from tinygc.effects.conditions import movement_of
+from tinygc.effects import movement_of
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.problem.conditions import conditions

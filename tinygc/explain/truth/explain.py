@@ -24,9 +24,7 @@ from session.common.units import DEG
 from session.log.folder import Session
 from tinygc import closure
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.effects import catalogue
-from tinygc.effects.conditions import movement_of
-from tinygc.effects.effect import Effect
+from tinygc.effects import Effect, catalogue, movement_of
 from tinygc.explain.naming.selection import FAMILY_WISE, Selection
 from tinygc.explain.truth.evidence import (
     Force,
@@ -266,9 +264,10 @@ def _candidates(problem: Problem, model: LinearModel, sensitivity: np.ndarray) -
     duration = float(began[-1])
     tried = [wander(np.linspace(0, duration, max(3, min(round(duration / WANDER_S) + 1, len(problem.batch) // 6))))]
     for effect in catalogue().values():
-        if effect.kind != "rate" or (effect.needs == "temperature" and any(log.samples.temp_c is None for log in problem.logs)):
+        if effect.kind != "rate" or ("temperature" in effect.inputs and any(log.samples.temp_c is None for log in problem.logs)):
             continue
-        tried += effect.variants(times) if effect.variants else [effect]
+        own_grid = effect.scan is not None and effect.scan.grid is not None
+        tried += effect.variants(effect.scan.grid(movements) if own_grid else times)
     found = []
     for effect in tried:
         columns = np.zeros((len(problem.batch), 3, effect.parameter.size))

@@ -13,7 +13,7 @@ import tinygc
 from session.common.files import write_whole
 from session.common.units import DEG, MG
 from session.common.writing import result_folder
-from tinygc.effects.effect import largest
+from tinygc.effects import largest
 from tinygc.explain.truth.explain import Claim, TruthExplanation
 
 SCHEMA = "tinygc-explain/1"

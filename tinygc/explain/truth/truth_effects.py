@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.effects.effect import Effect, Movement, Parameter, largest
+from tinygc.effects import Effect, Movement, Parameter, largest
 
 
 def _nothing(movement: Movement) -> np.ndarray:

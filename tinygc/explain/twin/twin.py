@@ -16,9 +16,7 @@ from session.detect.stills import Still
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
-from tinygc.effects.applied import Claim
-from tinygc.effects.conditions import movement_of
-from tinygc.effects.effect import Effect, Movement
+from tinygc.effects import Claim, Effect, Movement, movement_of
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.problem.conditions import conditions

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common.units import DEG
+from tinygc.effects.occurrence import LEVEL, ROWS, SECONDS, STILLS
 from tinygc.explain.verdict.claims import Claimed
 from tinygc.explain.verdict.explain import Explanation
 
@@ -21,24 +22,28 @@ class Clipped:
 
 def moments_s(e: Explanation, claim: Claimed) -> np.ndarray | None:
     """(K,) of an effect that has moments, at least two for a span; None for one that has not."""
-    if claim.effect.id == "gyro.saturation":
+    occurs = claim.effect.occurs
+    if occurs is None:
+        return None
+    if occurs.counts == LEVEL:
         return clipped_readings(e, claim).t_s
-    if claim.effect.id == "data.glitches":
-        return reading_s(e, np.array(claim.parameters["at"], dtype=int))
-    if claim.effect.id == "timing.dropped_samples":
-        return np.array(claim.parameters["at_s"], dtype=float)
-    if claim.effect.id == "reference.not_still":
+    if occurs.counts == ROWS:
+        return reading_s(e, np.array(claim.parameters[occurs.key], dtype=int))
+    if occurs.counts == SECONDS:
+        return np.array(claim.parameters[occurs.key], dtype=float)
+    if occurs.counts == STILLS:
         began = _began_s([log.samples for log in e.problem.logs])
         spans = [(began[i] + s.start_s, began[i] + s.start_s + s.duration_s) for i, log in enumerate(e.problem.logs) for s in log.stills]
-        return np.ravel([spans[number] for number in claim.parameters["stills"]])
-    return None
+        return np.ravel([spans[number] for number in claim.parameters[occurs.key]])
+    raise ValueError(f"{claim.effect.id}: occurs counts {occurs.counts!r}")
 
 
 def clipped_readings(e: Explanation, claim: Claimed) -> Clipped:
-    """All readings at the level of a ``gyro.saturation``."""
-    level = claim.parameters["dps"] * DEG
+    """All readings at the level of a claim that happens there."""
+    key = claim.effect.occurs.key
+    level = claim.parameters[key] * DEG
     magnitude = np.concatenate([np.abs(log.samples.gyro).max(axis=1) for log in e.session.logs])
-    rows = np.flatnonzero(magnitude >= level - claim.std["dps"] * DEG)
+    rows = np.flatnonzero(magnitude >= level - claim.std[key] * DEG)
     return Clipped(reading_s(e, rows), magnitude[rows])
 
 

@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from session.common.units import DEG, MG
+from tinygc.effects.occurrence import STILLS
 from tinygc.explain.naming.seen_from import in_words
 from tinygc.explain.twin.channels import own_residuals
 from tinygc.explain.twin.variable import Regime
@@ -93,7 +94,7 @@ def _channels(e: Explanation) -> Table:
 def _stamps(e: Explanation) -> Text:
     """Registers and stamps: what is predicted is none that is false, and one sample a period."""
     longest = max(float(log.samples.dt_s.max() / log.samples.period_s) for log in e.problem.logs)
-    found = [claim.effect.id for claim in e.claimed if claim.effect.id in e.mended.found and claim.effect.id != "reference.not_still"]
+    found = [claim.effect.id for claim in e.claimed if claim.effect.id in e.mended.found and claim.effect.occurs.counts != STILLS]
     return Text(
         f"registers: {', '.join(found) or 'none at a limit, none false, none lost unseen'}; stamps: longest interval {longest:.2f} periods"
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
+from tinygc.effects.occurrence import LEVEL
 from tinygc.explain.twin.channels import own_residuals
 from tinygc.explain.twin.variable import Regime, regime_of
 from tinygc.explain.verdict.claims import Claimed
@@ -100,7 +101,7 @@ def _range(e: Explanation, claim: Claimed) -> dict | None:
 
 
 def _values(e: Explanation, claim: Claimed, regime: Regime) -> np.ndarray:
-    if claim.effect.id == "gyro.saturation":
+    if claim.effect.occurs is not None and claim.effect.occurs.counts == LEVEL:
         return clipped_readings(e, claim).magnitude / DEG
     if regime.variable == "time" and (times := moments_s(e, claim)) is not None:
         return times

@@ -11,7 +11,7 @@ from session.log.hashes import input_hashes
 from tinygc import models
 from tinygc.closure.bias_wander import wander_covariance
 from tinygc.closure.uncertainty import MISMATCH_P
-from tinygc.effects.applied import Claim
+from tinygc.effects import Claim
 from tinygc.explain.verdict.explain import Explanation
 from tinygc.fit.physics.covariance import covariance_table, rate_covariance, rows_of_rates
 from tinygc.fit.physics.lost_in_runs import loss_words, lost_in

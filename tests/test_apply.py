@@ -14,6 +14,7 @@ import calibrate
 import tinygc
 from session.common import fixed_point
 from session.common.errors import CalibrationError
+from session.common.files import write_whole
 from session.common.units import G
 from session.log.config import Sensor
 from session.log.logfile import read_log

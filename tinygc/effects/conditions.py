@@ -43,14 +43,14 @@ def movement_of(samples: Samples, rate: np.ndarray, known: Conditions, began_s: 
     )
 
 
-def withoutvibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
+def without_vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
     """(N, 3) what a hand does to the specific force, and gravity."""
     return _mean(force_g, HAND_S, dt_s)
 
 
 def vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
     """(N,) g^2: mean square of what is faster than a hand, mean of the axes."""
-    fast = force_g - withoutvibration(force_g, dt_s)
+    fast = force_g - without_vibration(force_g, dt_s)
     return _mean(np.mean(fast**2, axis=1), ENERGY_S, dt_s)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,11 +18,19 @@ from tinygc.explain.verdict.explain import Explanation
 from tinygc.explain.verdict.proof import tilt_rms
 from tinygc.explain.verdict.words import VERDICTS
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 MOST_ROWS = 4  #: of causes that are drawn, strongest first
 
 
 def draw(e: Explanation, path: Path) -> None:
     """Write the page as PNG.  Raises CalibrationError where matplotlib is missing."""
+    save(figure_of(e), path)
+
+
+def figure_of(e: Explanation) -> Figure:
+    """The page as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
     told = [*e.claimed, *e.findings]
     shown = told[:MOST_ROWS]
     rows = max(len(shown), 1) + 1
@@ -39,7 +48,7 @@ def draw(e: Explanation, path: Path) -> None:
         _stills_in_time(e, grid[-1, 1])
     else:
         _channels(e, grid[-1, 1])
-    save(figure, path)
+    return figure
 
 
 def _closure(e: Explanation, axes) -> None:

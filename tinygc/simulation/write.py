@@ -36,7 +36,7 @@ def write_session(
     distort as for ``simulate_session``; effects: what it conceals, by id (FORMATS), only for truth.json.  The same arguments give
     the same bytes.  Raises FormatError where the folder holds something: ``force`` replaces an earlier simulation, nothing else.
     """
-    _check_folder(folder, force)
+    check_folder(folder, force)
     return write_simulation(simulate_session(options, distort), folder, force, effects, concealed=distort is not None)
 
 
@@ -49,7 +49,7 @@ def write_simulation(
 ) -> Path:
     """The folder of a session that was simulated, and its truth; concealed: whether session.toml says that something is hidden (if
     effects are given).  FormatError as of ``write_session``."""
-    _check_folder(folder, force)
+    check_folder(folder, force)
     write_files(simulation, folder, config_text(simulation, concealed=bool(effects) if concealed is None else concealed))
     (folder / TRUTH).write_text(json.dumps(truth_table(simulation, effects or {}), indent=1) + "\n", encoding="utf-8")
     return folder
@@ -66,7 +66,8 @@ def write_files(simulation: Simulation, folder: Path, config: str) -> None:
             _write_log(folder / CLOSURE, simulation, simulation.closure)
 
 
-def _check_folder(folder: Path, force: bool) -> None:
+def check_folder(folder: Path, force: bool) -> None:
+    """FormatError where a simulation may not be written there: something else lies in it, or a simulation and ``force`` is not set."""
     if folder.exists() and not folder.is_dir():
         raise FormatError(f"{folder}: that is a file; give a new folder")
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()

@@ -1,7 +1,9 @@
 """The catalogue: every effect that can make a recording differ from its simulation, one small file each (FORMATS, effects).
 
 A file in this folder that defines ``EFFECT`` is in the catalogue; nothing else has to be changed.  Names that begin with an underscore
-are not effects.  ``_effect.py`` says what an effect must offer.
+are not effects.  ``effect.py`` says what an effect must offer.
+
+May import: session.
 """
 
 from __future__ import annotations

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import tinygc
 from session.checks.findings import Finding
 from session.common.errors import SegmentError
 from session.common.files import write_whole
 from session.common.units import DEG, G
+from session.common.version import VERSION
 from session.common.writing import result_folder
 from session.log.folder import Session
 from session.log.hashes import input_hashes
@@ -215,7 +215,7 @@ def to_json(result: FitResult) -> dict:
             "conditions": list(result.options.conditions),
             "bias_per_log": result.options.bias_per_log,
         },
-        "version": tinygc.__version__,
+        "version": VERSION,
     }
 
 
@@ -225,7 +225,7 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
     hashes = input_hashes(result.session)
     with result_folder(folder):
         for name, fit in result.methods.items():
-            more = {"method": name, "session": result.session.name, "sha256": hashes, "version": tinygc.__version__}
+            more = {"method": name, "session": result.session.name, "sha256": hashes, "version": VERSION}
             if fit is result.linear:
                 more["covariance"] = result.covariance.tolist()
                 more["unobserved"] = fit.notes.get("unobserved", [])

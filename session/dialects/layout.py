@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common import registers
+from session.common.units import NS_PER_S
 from session.dialects.units import Unit
 
 #: the order of the axes as they are
@@ -81,7 +82,7 @@ class Layout:
 
     def is_whole(self, column: int) -> bool:
         """Whether a column may hold nothing but whole numbers."""
-        return self.standard and (self.time_ns < 10**9 if column == self.time else self.is_register(column))
+        return self.standard and (self.time_ns < NS_PER_S if column == self.time else self.is_register(column))
 
     def name(self, column: int) -> str:
         """A column's name, as a complaint says it."""

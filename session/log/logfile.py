@@ -9,6 +9,7 @@ import numpy as np
 
 from session.common.errors import DataError, FormatError
 from session.dialects.reader import Reader
+from session.dialects.stamps import fresh
 from session.log.config import Sensor
 from session.log.samples import Samples
 
@@ -45,10 +46,9 @@ def read_log(path: Path, sensor: Sensor) -> Log:
     notes = list(reader.notes)
     if reader.wraps:
         notes.append(f"the 32-bit time counter wrapped {reader.wraps}x: unrolled")
-    fresh = np.concatenate([[True], np.diff(samples.t_ns) > 0])
-    if not fresh.all():
-        notes.append(f"{np.count_nonzero(~fresh)} rows repeat the stamp before them: left out")
-        samples = Samples(samples.t_ns[fresh], gyro[fresh], accel[fresh], None if samples.temp_c is None else samples.temp_c[fresh])
+    if not (kept := fresh(samples.t_ns)).all():
+        notes.append(f"{np.count_nonzero(~kept)} rows repeat the stamp before them: left out")
+        samples = Samples(samples.t_ns[kept], gyro[kept], accel[kept], None if samples.temp_c is None else samples.temp_c[kept])
     if len(samples) < 2:
         raise DataError(f"{path.name}: a single sample; expected a recording of some seconds")
     raw = layout.gyro.unit.si is None or layout.accel.unit.si is None

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FormatError
+from session.common.units import NS_PER_S
 from session.dialects.units import STAMP_NS
 
 #: a quaternion whose length is further from 1 than this was not one
@@ -58,7 +59,7 @@ def read_truth(path: Path) -> Truth:
     for number, line in lines[1:]:
         cells = line.split(",")
         try:
-            t_ns.append(round(float(cells[0]) * 1e9) if names[0] == "t_s" else int(cells[0]) * STAMP_NS[names[0]])
+            t_ns.append(round(float(cells[0]) * NS_PER_S) if names[0] == "t_s" else int(cells[0]) * STAMP_NS[names[0]])
             rows.append([float(cell) for cell in cells[1:5]])
             if names[5:]:
                 window.append(int(cells[5]))

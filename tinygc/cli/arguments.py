@@ -112,6 +112,6 @@ three.__name__ = "three numbers"
 
 
 def _version() -> str:
-    from tinygc import __version__
+    from session.common.version import VERSION
 
-    return f"TinyGC {__version__}"
+    return f"TinyGC {VERSION}"

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import tinygc
 from session.common.units import DEG, G
+from session.common.version import VERSION
 from tinygc.fit.figures import closure_figures, run_figures
 from tinygc.fit.result import FitResult
 
@@ -79,5 +79,5 @@ def to_json(result: FitResult) -> dict:
             "conditions": list(result.options.conditions),
             "bias_per_log": result.options.bias_per_log,
         },
-        "version": tinygc.__version__,
+        "version": VERSION,
     }

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import tinygc
 from session.common.errors import CalibrationError
 from session.common.files import write_whole
+from session.common.version import VERSION
 from session.common.writing import result_folder
 from session.log.hashes import input_hashes
 from tinygc import models
@@ -35,7 +35,7 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
 
 def model_tables(result: FitResult) -> dict[str, dict]:
     """Each method's model as ``tinygc-model/1``, with what it was made from and how well it is known."""
-    made_from = {"session": result.session.name, "sha256": input_hashes(result.session), "version": tinygc.__version__}
+    made_from = {"session": result.session.name, "sha256": input_hashes(result.session), "version": VERSION}
     tables = {}
     for name, fit in result.methods.items():
         more: dict[str, Any] = {"method": name, **made_from}

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from session.common.errors import DataError, SegmentError
-from session.common.units import DEG
+from session.common.units import DEG, NS
 from session.detect.segments import Segment, cut_segments
 from session.detect.session_stills import SessionStills
 from session.detect.stills import Still
 from session.log.folder import Session
+from session.log.samples import start_times
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import closure_floor
@@ -171,7 +172,7 @@ def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> B
         count = segment.stop - segment.start
         rate[i, :count] = samples.gyro[segment.start : segment.stop]
         rate[i, count:] = rate[i, count - 1]
-        dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * 1e-9
+        dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * NS
         for end, still in zip(ends, (segment.first, segment.last), strict=True):
             end[i] = rotation.from_gravity(still.accel_mean)
             if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
@@ -217,7 +218,7 @@ def _still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRat
     q_tb, rate, sigma, group = _reference_stills(logs)
     if not (sigma > 0).all():
         raise DataError("the gyro shows no noise at all in the stills; is the log made of registers, not of smoothed values?")
-    began = np.cumsum([0.0] + [log.samples.duration_s for log in logs])
+    began = start_times(log.samples for log in logs)
     middle_s = [
         began[number] + still.start_s + still.duration_s / 2
         for number, log in enumerate(logs)

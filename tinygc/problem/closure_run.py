@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.common.errors import DataError
-from session.common.units import DEG
+from session.common.units import DEG, NS
 from session.detect.segments import why_broken
 from session.detect.stills import Still
 from session.log.folder import Session
@@ -96,14 +96,14 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
     variance[:2] += still_tilt_variance(first, problem.noise) + still_tilt_variance(last, problem.noise)
     return ClosureRun(
         file=name,
-        duration_s=float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * 1e-9,
+        duration_s=float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * NS,
         batch=batch,
         floor_rad=np.sqrt(variance),
         earth=earth,
         samples=samples,
         rows=rows,
         yaw_carried=carried,
-        began_s=sum(log.samples.duration_s for log in problem.logs),
+        began_s=float(problem.began_s[-1]),
     )
 
 

@@ -10,6 +10,7 @@ from session.detect.segments import Segment
 from session.detect.session_stills import SessionStills
 from session.detect.stills import Noise, Still
 from session.log.folder import Session
+from session.log.samples import start_times
 from tinygc.attitude.earth import EarthRate
 from tinygc.closure.floor import Floor
 from tinygc.closure.residual import Batch
@@ -48,9 +49,14 @@ class Problem:
         return [segment for segment in self.segments if segment.accepted]
 
     @property
+    def began_s(self) -> np.ndarray:
+        """(logs + 1,) s of the session at which each log begins, and at which the last one ends."""
+        return start_times(log.samples for log in self.logs)
+
+    @property
     def middle_s(self) -> np.ndarray:
         """(S,) s of the session at the middle of each used segment, logs one after the other."""
-        began = np.cumsum([0.0] + [log.samples.duration_s for log in self.logs])
+        began = self.began_s
         return np.array([began[segment.log] + segment.start_s + segment.duration_s / 2 for segment in self.used])
 
     @property

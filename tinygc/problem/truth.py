@@ -18,7 +18,7 @@ from session.detect.session_stills import LogStills, SessionStills
 from session.detect.stills import Noise
 from session.detect.truth_segments import Ends, cut_at_truth
 from session.log.folder import Session
-from session.log.samples import Samples
+from session.log.samples import Samples, start_times
 from tinygc.attitude.earth import EarthRate, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.least_squares import fit_least_squares
@@ -160,15 +160,14 @@ def _floor(batch: Batch, at: np.ndarray, segments: list[Segment], ends: list[End
 
 
 def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:
-    rate, sigma, q, middle_s, began = [], [], [], [], 0.0
-    for log in logs:
+    rate, sigma, q, middle_s = [], [], [], []
+    for log, began in zip(logs, start_times(log.samples for log in logs)[:-1], strict=True):
         for still, q_tb in zip(log.stills, log.q_tb, strict=True):
             if still.problem is None:
                 rate.append(still.gyro_mean)
                 sigma.append(log.noise.angle_random_walk / np.sqrt(still.duration_s))
                 q.append(q_tb)
                 middle_s.append(began + still.start_s + still.duration_s / 2)
-        began += log.samples.duration_s
     q = np.array(q).reshape(-1, 4)
     turned = earth.in_body(q) if len(q) else np.zeros((0, 3))
     return StillRates(np.array(rate).reshape(-1, 3), turned, np.array(sigma).reshape(-1, 3), q, np.array(middle_s))

@@ -177,7 +177,7 @@ def _with_lost(problem: Problem, found: dict, chances: dict) -> tuple[Problem, l
             gaps += [Gap(number, int(row) + 1 + i * count, missed_rad) for i, row in enumerate(rows)]
             log = replace(log, samples=lost_samples.with_lost(log.samples, rows, count, order))
         logs.append(log)
-        began += log.samples.duration_s
+        began += log.samples.duration_s  # with what was put back
     tried = LONGEST_LOSS_S / float(np.median([log.samples.period_s for log in problem.session.logs]))
     chances["timing.dropped_samples"] = min(1.0, tried * float(chi2.sf(gain, 1)))
     found["timing.dropped_samples"] = ({"at_s": [round(float(time), 3) for time in times], "length": count}, {"length": 0.5})

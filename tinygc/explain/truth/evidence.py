@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import nnls
 
-from session.common.units import DEG
+from session.common.robust import sigma_of
+from session.common.units import DEG, NS
 from session.detect.truth_segments import cut_at_truth, moments_inside
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -103,7 +104,7 @@ def growth(problem: Problem, model: LinearModel) -> tuple[np.ndarray, np.ndarray
         batch = batch_of(problem.logs, [s for s, _ in cut], [ends for _, ends in cut])
         angles = error_angles(batch, model)
         lengths.append(length)
-        closures.append(1.4826 * np.median(np.abs(angles - np.median(angles, axis=0)), axis=0))
+        closures.append(sigma_of(angles - np.median(angles, axis=0)))
     return np.array(lengths), np.array(closures).reshape(-1, 3)
 
 
@@ -168,7 +169,7 @@ def force_against_truth(problem: Problem, turned: np.ndarray) -> Force | None:
     spin = rotation.matrix(rotation.exp(np.nan_to_num(turned)))
     for log, truth in zip(problem.logs, problem.session.truths, strict=True):
         at, q = moments_inside(log.samples, truth)
-        force, size = log.samples.accel[at], int(FORCE_WINDOW_S / np.median(np.diff(log.samples.t_ns[at]) * 1e-9))
+        force, size = log.samples.accel[at], int(FORCE_WINDOW_S / np.median(np.diff(log.samples.t_ns[at]) * NS))
         turn, has = rotation.matrix(q), np.abs(force).sum(axis=1) > 0
         weight = np.hanning(size) / np.hanning(size).sum() if size > 10 else None
         for start in range(0, len(at) - size, max(size // 2, 1)):

@@ -255,7 +255,7 @@ def _project(columns: np.ndarray) -> np.ndarray:
 
 def _candidates(problem: Problem, model: LinearModel, sensitivity: np.ndarray) -> list[tuple[Effect, np.ndarray]]:
     """(S, 3, P) columns, in the closure, of each effect that can be tried: how the residual changes with its parameters."""
-    known, began = conditions(problem), np.cumsum([0.0] + [log.samples.duration_s for log in problem.logs])
+    known, began = conditions(problem), problem.began_s
     movements = [
         movement_of(log.samples, model(log.samples.gyro), known, start) for log, start in zip(problem.logs, began[:-1], strict=True)
     ]

@@ -50,7 +50,7 @@ def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes, when: str) -> N
             windows = np.lib.stride_tricks.sliding_window_view(rate[:, i], SLOW_SEGMENTS)
             half = SLOW_SEGMENTS // 2
             axes.plot(t_s[half : len(t_s) - half], np.median(windows, axis=1), color=AXES[axis], lw=1.5)
-    began = np.cumsum([0.0] + [log.samples.duration_s for log in e.problem.logs])
+    began = e.problem.began_s
     for number, (log, at) in enumerate(e.jumps):
         axes.axvline(began[log] + at, color=FLOOR, ls=":", label=None if number else "wrong moment of truth, left out")
     axes.axhline(0, color=FLOOR, lw=0.8)

@@ -9,9 +9,9 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-import tinygc
 from session.common.files import write_whole
 from session.common.units import DEG, MG
+from session.common.version import VERSION
 from session.common.writing import result_folder
 from tinygc.effects import largest
 from tinygc.explain.truth.explain import Claim, TruthExplanation
@@ -73,7 +73,7 @@ def truth_to_json(e: TruthExplanation) -> dict:
         },
         "excess": {"before": e.excess[0], "after": e.excess[1]},
         "next": None,
-        "version": tinygc.__version__,
+        "version": VERSION,
     }
 
 

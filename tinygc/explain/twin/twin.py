@@ -277,5 +277,4 @@ def _square(sensitivity: np.ndarray) -> np.ndarray:
 
 def _movement(problem: Problem, number: int) -> Movement:
     log = problem.logs[number]
-    began = sum(before.samples.duration_s for before in problem.logs[:number])
-    return movement_of(log.samples, problem.first(log.samples.gyro), conditions(problem), began)
+    return movement_of(log.samples, problem.first(log.samples.gyro), conditions(problem), float(problem.began_s[number]))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common.units import DEG
+from session.log.samples import start_times
 from tinygc.effects.occurrence import LEVEL, ROWS, SECONDS, STILLS
 from tinygc.explain.verdict.claims import Claimed
 from tinygc.explain.verdict.explain import Explanation
@@ -32,7 +33,7 @@ def moments_s(e: Explanation, claim: Claimed) -> np.ndarray | None:
     if occurs.counts == SECONDS:
         return np.array(claim.parameters[occurs.key], dtype=float)
     if occurs.counts == STILLS:
-        began = _began_s([log.samples for log in e.problem.logs])
+        began = e.problem.began_s
         spans = [(began[i] + s.start_s, began[i] + s.start_s + s.duration_s) for i, log in enumerate(e.problem.logs) for s in log.stills]
         return np.ravel([spans[number] for number in claim.parameters[occurs.key]])
     raise ValueError(f"{claim.effect.id}: occurs counts {occurs.counts!r}")
@@ -50,9 +51,4 @@ def clipped_readings(e: Explanation, claim: Claimed) -> Clipped:
 def reading_s(e: Explanation, rows: np.ndarray) -> np.ndarray:
     """(K,) of rows that are counted over all logs."""
     logs = [log.samples for log in e.session.logs]
-    return np.concatenate([began + samples.t_s for began, samples in zip(_began_s(logs), logs, strict=True)])[rows]
-
-
-def _began_s(logs) -> np.ndarray:
-    """(L,) s of the session at which each log begins."""
-    return np.cumsum([0.0] + [samples.duration_s for samples in logs[:-1]])
+    return np.concatenate([began + samples.t_s for began, samples in zip(start_times(logs)[:-1], logs, strict=True)])[rows]

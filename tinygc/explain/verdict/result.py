@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-import tinygc
 from session.common.files import write_whole
 from session.common.units import DEG, G
+from session.common.version import VERSION
 from session.common.writing import result_folder
 from session.log.hashes import hash_of_log
 from tinygc.effects import catalogue
@@ -62,7 +62,7 @@ def to_json(e: Explanation) -> dict:
         "warnings": [vars(warning) for warning in e.warnings],
         "next": what_next(e),
         "logs": {log.path.name: hash_of_log(log) for log in e.session.logs},
-        "version": tinygc.__version__,
+        "version": VERSION,
     }
 
 

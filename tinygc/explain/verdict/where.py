@@ -69,7 +69,7 @@ def _axes(e: Explanation, told: list[Claimed]) -> list[str]:
 
 def _spans(e: Explanation, numbers: list[int]) -> list[list[float]]:
     """[from, to] of each segment, s of the session."""
-    began = np.cumsum([0.0] + [log.samples.duration_s for log in e.problem.logs])
+    began = e.problem.began_s
     at = {segment.number: segment for segment in e.problem.segments}
     found = []
     for number in numbers:

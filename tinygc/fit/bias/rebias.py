@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-import tinygc
 from session.common.errors import SegmentError
 from session.common.files import read_json, write_whole
 from session.common.units import DEG, G
+from session.common.version import VERSION
 from session.common.writing import result_folder
 from session.detect.rests import find_rests
 from session.detect.truth_segments import moments_inside
@@ -212,7 +212,7 @@ def rebias_to_json(result: Rebiased) -> dict:
             | {name if name == "stored" else f"stored_{name}": run_figures(error) for name, error in errors.items()}
             for run, errors in zip(result.runs, result.run_errors, strict=True)
         ],
-        "version": tinygc.__version__,
+        "version": VERSION,
     }
 
 
@@ -230,7 +230,7 @@ def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
         "session": session.name,
         "sha256": hashes.input_hashes(session),
         "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
-        "version": tinygc.__version__,
+        "version": VERSION,
     }
     with result_folder(folder):
         write_whole(folder / MODEL, models.to_dict(result.model, **more))

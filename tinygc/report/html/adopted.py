@@ -163,10 +163,10 @@ def agrees(p_value: float) -> bool:
 
 def model_table(adopted: Adopted, fit: FitResult) -> dict:
     """The calibration as ``tinygc-model/1``, as ``fit`` saves it."""
-    import tinygc
+    from session.common.version import VERSION
 
     hashes = input_hashes(fit.session)
-    more = {"method": adopted.name, "session": fit.session.name, "sha256": hashes, "version": tinygc.__version__}
+    more = {"method": adopted.name, "session": fit.session.name, "sha256": hashes, "version": VERSION}
     if adopted.name == LINEAR:
         more |= {"covariance": adopted.covariance.tolist(), "unobserved": fit.linear.notes.get("unobserved", [])}
     else:

@@ -116,9 +116,9 @@ def fit_session(
         errors = [
             error | {name: physics_errors(run, fit, physics) for name, fit in more.items()} for run, error in zip(runs, errors, strict=True)
         ]
-    found = goodness(problem.batch, problem.floor, linear.model, problem.middle_s)
+    found = goodness(problem.batch, problem.floor, linear.model, problem.wander)
     rates = problem.still_rates if options.still_rates else None
-    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates, problem.middle_s)
+    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates, problem.wander)
     other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
     exact, first_order = (closure_angles(problem.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(
@@ -175,6 +175,7 @@ def to_json(result: FitResult) -> dict:
         "noise": {
             "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
             "accel_g_rthz": (problem.noise.accel / G).tolist(),
+            **problem.instability.to_json(),
             "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
             **({} if result.physics is None else {"closure_floor_mended_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
         },

@@ -177,7 +177,10 @@ def _with_lost(problem: Problem, found: dict, chances: dict) -> tuple[Problem, l
         began += log.samples.duration_s
     tried = LONGEST_LOSS_S / float(np.median([log.samples.period_s for log in problem.session.logs]))
     chances["timing.dropped_samples"] = min(1.0, tried * float(chi2.sf(gain, 1)))
-    found["timing.dropped_samples"] = ({"at_s": [round(float(time), 3) for time in times], "length": count}, {"length": 0.5})  # whole samples: half a step
+    found["timing.dropped_samples"] = (
+        {"at_s": [round(float(time), 3) for time in times], "length": count},
+        {"length": 0.5},
+    )  # whole samples: half a step
     return _again(problem, _with_logs(problem.session, logs)), gaps
 
 

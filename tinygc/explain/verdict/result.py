@@ -52,6 +52,7 @@ def to_json(e: Explanation) -> dict:
             "offset_std_s": e.gravity.sigma_s,
             "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
         },
+        "noise": e.problem.instability.to_json(),
         "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
         "seen_from": {
             name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}

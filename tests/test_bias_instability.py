@@ -121,13 +121,14 @@ def test_three_degrees_and_thirty_are_told_apart(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("true", [3.0, 10.0])
-def test_inject_and_recover(true, tmp_path):
-    """40 sessions: unbiased within half a stated sigma, and the stated sigma is the scatter's."""
+@pytest.mark.parametrize(("true", "least"), [(3.0, 0.4), (10.0, 0.8)])
+def test_inject_and_recover(true, least, tmp_path):
+    """40 sessions: unbiased within half a stated sigma, and the stated sigma is the scatter's.  3 degrees an hour are hardly seen in 21
+    stills: what cannot be negative scatters less than it may be wrong by."""
     found = estimates(true, range(100, 140), tmp_path)
     z = (found[:, 0] - true) / found[:, 1]
     assert abs(z.mean()) < 0.5
-    assert 0.7 < np.sqrt(np.mean(z**2)) < 1.4
+    assert least < np.sqrt(np.mean(z**2)) < 1.4
     assert np.mean(found[:, 2] > true) > 0.85
 
 

@@ -112,8 +112,8 @@ def _flicker(twin: Twin) -> np.ndarray:
     still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
     spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
     known = twin.problem.instability
-    instability = known.rps * (1.0 if known.of_unit else UNIT_INSTABILITY)
-    wander = wander_covariance(np.array(segment_s + still_s), np.array(spans), instability_rps=instability)
+    widen = 1.0 if known.of_unit else UNIT_INSTABILITY
+    wander = widen**2 * wander_covariance(np.array(segment_s + still_s), np.array(spans), instability_rps=known.rps)
     # A bias error turns a segment's end by its mean attitude times its duration, and shows in a still as it is.
     sensitivity = twin.sensitivity(twin.start(), twin.rates(twin.start()))
     response = np.concatenate([sensitivity.sum(axis=1).reshape(s * d, 3), np.tile(np.eye(3), (q, 1))])

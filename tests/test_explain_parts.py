@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from session.common.units import DEG, EARTH_RATE_RPS, MG, G
+from session.common.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MG, G
 from session.log.folder import read_session
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -65,7 +65,7 @@ class Noise:
         (movement,) = twin.movements
         self.t_s = movement.t_s
         self.knots_s = np.arange(0, movement.t_s[-1] + 0.5, 0.5)
-        self.wander = UNIT_INSTABILITY * np.linalg.cholesky(wander_covariance(self.knots_s))
+        self.wander = np.linalg.cholesky(wander_covariance(self.knots_s, instability_rps=UNIT_INSTABILITY * 3 * DEG_PER_HOUR))
 
     def residuals(self, noisy: bool) -> np.ndarray:
         """Stacked (n,)."""

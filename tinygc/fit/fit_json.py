@@ -36,6 +36,7 @@ def to_json(result: FitResult) -> dict:
         "noise": {
             "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
             "accel_g_rthz": (problem.noise.accel / G).tolist(),
+            **problem.instability.to_json(),
             "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
             **({} if result.physics is None else {"closure_floor_mended_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
         },

@@ -63,9 +63,9 @@ def fit_session(
         physics, more, more_errors, lost = _run_physics(problem, options, runs, progress)
         fits |= more
         errors = [error | more for error, more in zip(errors, more_errors, strict=True)]
-    found = goodness(problem.batch, problem.floor, linear.model, problem.middle_s)
+    found = goodness(problem.batch, problem.floor, linear.model, problem.wander)
     rates = problem.still_rates if options.still_rates else None
-    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates, problem.middle_s)
+    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates, problem.wander)
     other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
     exact, first_order = (closure_angles(problem.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(

@@ -136,7 +136,7 @@ def _without_glitches(problem: Problem, found: dict, chances: dict) -> Problem:
         logs.append(log)
     if not rows:
         return problem
-    found["data.glitches"] = ({"at": rows, "samples": int(np.median(lengths))}, {"samples": 0.0})
+    found["data.glitches"] = ({"at": rows, "samples": int(np.median(lengths))}, {})  # counted, not measured: no std
     chances["data.glitches"] = min(1.0, before * float(chi2.sf(lost_samples.JUMP**2, 6)))
     return _again(problem, _with_logs(problem.session, logs))
 
@@ -180,7 +180,10 @@ def _with_lost(problem: Problem, found: dict, chances: dict) -> tuple[Problem, l
         began += log.samples.duration_s  # with what was put back
     tried = LONGEST_LOSS_S / float(np.median([log.samples.period_s for log in problem.session.logs]))
     chances["timing.dropped_samples"] = min(1.0, tried * float(chi2.sf(gain, 1)))
-    found["timing.dropped_samples"] = ({"at_s": [round(float(time), 3) for time in times], "length": count}, {"length": 0.5})
+    found["timing.dropped_samples"] = (
+        {"at_s": [round(float(time), 3) for time in times], "length": count},
+        {"length": 0.5},
+    )  # whole samples: half a step
     return _again(problem, _with_logs(problem.session, logs)), gaps
 
 

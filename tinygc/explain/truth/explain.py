@@ -38,7 +38,7 @@ from tinygc.explain.truth.evidence import (
     short_segments,
     zero_at_rest,
 )
-from tinygc.explain.truth.truth_effects import FRAME, JUMPS, OFFSET, wander
+from tinygc.explain.truth.truth_effects import FRAME, OFFSET, wander, wrong_moments
 from tinygc.explain.truth.wrong_moments import without_wrong_moments
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
@@ -64,13 +64,14 @@ SLOW = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """An effect with its parameters theta (P,) SI, their sigma, a family-wise p-value, and the share of chi-square it takes up."""
+    """An effect with its parameters theta (P,) SI, their sigma (None of moments, which are stamps), a p-value, and the share of chi-square
+    it takes up (None of what was found beside the selection)."""
 
     effect: Effect
     theta: np.ndarray
-    sigma: np.ndarray
+    sigma: np.ndarray | None
     p_value: float
-    share: float
+    share: float | None
 
     @property
     def says(self) -> str:
@@ -78,7 +79,7 @@ class Claim:
 
     @property
     def idle(self) -> bool:
-        return bool(np.abs(self.theta / self.sigma).max() < KEPT_SIGMAS)
+        return self.sigma is not None and bool(np.abs(self.theta / self.sigma).max() < KEPT_SIGMAS)
 
     @property
     def implausible(self) -> bool:
@@ -140,7 +141,7 @@ def explain_truth(
     prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 5))
     problem = prepared.problem
     progress("moments of truth", 1, 5)
-    sound, jumps = without_wrong_moments(problem)
+    sound, jumps, jumps_p = without_wrong_moments(problem)
     progress("naming", 2, 5)
     fit = fit_least_squares(sound.batch, sound.floor.sigma, problem.first)
     p_value, claims, refused, chi, rms, left = _select(sound, fit.model, seed)
@@ -153,8 +154,9 @@ def explain_truth(
     force = force_against_truth(sound, turned)
     claims = _frame_claim(turned, turned_sigma, force) + claims
     if jumps:
-        bar = Claim(JUMPS, np.array([float(len(jumps))]), np.zeros(1), 1e-9, 0.0)
-        claims = [bar, *claims]
+        began = np.cumsum([0.0] + [log.samples.duration_s for log in problem.logs])
+        at_s = np.array([round(float(began[log]) + at, 3) for log, at in jumps])
+        claims = [Claim(wrong_moments(len(at_s)), at_s, None, jumps_p, None), *claims]
     return TruthExplanation(
         problem=sound,
         model=fit.model,
@@ -292,4 +294,4 @@ def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> 
         return []
     if np.linalg.norm(force.turned) > 0.7 * np.linalg.norm(force.bias):
         return []
-    return [Claim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), 0.0)]
+    return [Claim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), None)]

@@ -196,6 +196,7 @@ def rebias_to_json(result: Rebiased) -> dict:
         "noise": {
             "gyro_dps_rthz": (result.problem.noise.gyro / DEG).tolist(),
             "accel_g_rthz": (result.problem.noise.accel / G).tolist(),
+            **result.problem.instability.to_json(),
             "closure_floor_rms_deg": result.problem.floor.tilt_rms / DEG,
         },
         "methods": {name if name == "stored" else f"stored_{name}": figures(name) for name in result.angles},

@@ -151,7 +151,8 @@ def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Ca
 def _wander_since(fit: FitResult, run: ClosureRun) -> float:
     """(rad/s)^2: variance of the bias in the run less its mean in the session."""
     moments = np.r_[run.began_s + run.duration_s / 2, fit.problem.middle_s]
-    wander = wander_covariance(moments, np.r_[run.duration_s, fit.problem.batch.duration_s])
+    spans = np.r_[run.duration_s, fit.problem.batch.duration_s]
+    wander = wander_covariance(moments, spans, instability_rps=fit.problem.instability.rps)
     contrast = np.r_[1.0, np.full(len(moments) - 1, -1 / (len(moments) - 1))]
     return float(contrast @ wander @ contrast)
 

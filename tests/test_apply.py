@@ -20,10 +20,8 @@ from session.log.config import Sensor
 from session.log.logfile import read_log
 from session.log.samples import Samples
 from tinygc import models
-from tinygc.deploy.calibration import LOOK_AROUND, NEED_FORCE, NEED_TEMPERATURE, NEED_TIME, Calibration
-from tinygc.effects import catalogue
-from tinygc.effects.applied import Claim
-from tinygc.effects.conditions import Conditions, movement_of
+from tinygc.deploy.calibration import Calibration
+from tinygc.effects import Claim, Conditions, catalogue, movement_of
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
@@ -37,7 +35,7 @@ RNG = np.random.default_rng(5)
 LINEAR = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), 0.01 * RNG.normal(size=3))
 NET = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + 0.01 * RNG.normal(size=27))
 KNOWN = Conditions(duration_s=SAMPLES.duration_s, fs_rps=500 * DEG, first_temp_c=25.0)
-RATE_EFFECTS = [name for name, effect in catalogue().items() if effect.kind == "rate" and not effect.variants and "saturation" not in name]
+RATE_EFFECTS = [name for name, effect in catalogue().items() if effect.kind == "rate" and not effect.scan and "saturation" not in name]
 
 
 def smoothing() -> Denoiser:
@@ -129,11 +127,13 @@ def test_whole_logs_do_not_disturb_a_live_stream():
 
 
 @pytest.mark.parametrize("name", RATE_EFFECTS)
-def test_the_lists_of_what_effects_look_at_are_true(name):
-    """Neighbours, force, temperature and time move a sample's rate just where the lists say so."""
+def test_what_effects_declare_that_they_look_at_is_true(name):
+    """Neighbours, force, temperature and time move a sample's rate just where the effect says so."""
     model = physics(name)
     middle = len(SAMPLES) // 2
     base = model.calibrate(SAMPLES)[middle]
+    calibration = Calibration(model)
+    around, needs = bool(calibration.looks_ahead), calibration.needs
 
     def moved(**changes):
         parts = {"t_ns": SAMPLES.t_ns, "gyro": SAMPLES.gyro, "accel": SAMPLES.accel, "temp_c": SAMPLES.temp_c, **changes}
@@ -142,11 +142,11 @@ def test_the_lists_of_what_effects_look_at_are_true(name):
     others = np.arange(len(SAMPLES)) != middle
     shaken = SAMPLES.gyro + 0.3 * RNG.normal(size=SAMPLES.gyro.shape) * others[:, None]
     jolted = SAMPLES.accel + RNG.normal(size=SAMPLES.accel.shape) * others[:, None]
-    assert (moved(gyro=shaken) or moved(accel=jolted)) == (name in LOOK_AROUND)
-    assert moved(accel=SAMPLES.accel + RNG.normal(size=SAMPLES.accel.shape)) == (name in NEED_FORCE)
-    assert moved(temp_c=SAMPLES.temp_c + 3) == (name in NEED_TEMPERATURE)
+    assert (moved(gyro=shaken) or moved(accel=jolted)) == around
+    assert moved(accel=SAMPLES.accel + RNG.normal(size=SAMPLES.accel.shape)) == ("acc" in needs)
+    assert moved(temp_c=SAMPLES.temp_c + 3) == ("temp" in needs)
     later = np.abs(model.calibrate(SAMPLES, began_s=10.0)[middle] - base).max() > 1e-12
-    assert (later or name in LOOK_AROUND) == (name in NEED_TIME)
+    assert (later or around) == ("rate_hz" in needs)
 
 
 def test_what_a_model_needs_is_asked_by_name(tmp_path):

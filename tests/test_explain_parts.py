@@ -12,8 +12,7 @@ from session.log.folder import read_session
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.bias_wander import wander_covariance
-from tinygc.effects import catalogue
-from tinygc.effects.applied import Claim
+from tinygc.effects import Claim, catalogue
 from tinygc.explain.naming.forward import candidates
 from tinygc.explain.naming.selection import Selection
 from tinygc.explain.naming.unknown import slow_candidates
@@ -272,7 +271,7 @@ def test_columns_of_each_effect(twin_of, name):
     """At zero, where naming looks at them."""
     twin, _ = twin_of(warm_up_c=6.0)
     effect = catalogue()[name]
-    if effect.variants:
+    if effect.scan:
         effect = effect.variants(np.array([twin.movements[0].duration_s * 0.4]))[0]
     state = replace(twin.start(), claims=(Claim(effect, np.zeros(effect.parameter.size)),))
     rates = twin.rates(state)

@@ -16,7 +16,7 @@ from tinygc.challenge.conceal import Case, conceal, draw_cases, options_chosen
 from tinygc.challenge.examination import Examination
 from tinygc.challenge.score import score
 from tinygc.challenge.seal import Seal, seal
-from tinygc.effects.catalogue import loaded_folders
+from tinygc.effects.discovery import loaded_folders
 from tinygc.simulation.write import write_files
 
 PROCESSES = 2

@@ -8,7 +8,7 @@ from tinygc.effect_checks.report import NotChecked, Wrong
 from tinygc.effect_checks.scene import Trial, movement
 
 #: Hz: a lag far below the sampling period is a backward difference
-FINE_HZ, USUAL_HZ = 3332.0, 208.0
+FINE_HZ, USUAL_HZ = 3332.0, 833.0
 #: shares of the greatest that may differ: one-sided differences, and a derivative by central differences at 2 Hz
 COLUMNS_WITHIN, UNDONE_WITHIN = 5e-3, 5e-3
 STEP = 1e-4

@@ -11,7 +11,7 @@ from session.common.units import DEG, MG
 from tinygc import models
 from tinygc.effect_checks.report import Wrong
 from tinygc.effect_checks.scene import Trial
-from tinygc.effects.catalogue import having
+from tinygc.effects.discovery import having
 
 #: what the first word of a unit is in SI; what it is divided by is g, s, degC or a power of them, all one here
 UNITS = {

@@ -20,7 +20,7 @@ from tinygc.explain.twin.common_delay import in_gauge
 from tinygc.explain.twin.refit import Refit, refit
 from tinygc.explain.twin.turn_gravity import turn_gravity
 from tinygc.explain.twin.twin import Twin
-from tinygc.explain.twin.whitening import Whitener
+from tinygc.explain.twin.whitening import PRECALIBRATION_MPS2, Whitener
 from tinygc.explain.twin.within_stills import within_stills
 from tinygc.explain.verdict.claims import named_claims
 from tinygc.explain.verdict.explain import Explanation
@@ -107,7 +107,10 @@ class _Scene:
     def disturb(self, theta: np.ndarray):
         """What the accelerometer alone feels."""
         if self.effect.kind == "force":
-            return lambda t, force: force + theta
+            # A fit allows for a pre-calibration that nobody knows better than this; so this one is as good, and no better.
+            rng = np.random.default_rng(self.options.seed)
+            bias, matrix = (PRECALIBRATION_MPS2 * rng.standard_normal(shape) for shape in (3, (3, 3)))
+            return lambda t, force: force + theta + bias + force @ matrix.T / G
         return self.shaken if "vibration" in self.effect.inputs else None
 
     def shaken(self, t: np.ndarray, force: np.ndarray) -> np.ndarray:

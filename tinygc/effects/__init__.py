@@ -9,10 +9,10 @@ changed: naming, refitting, simulating, drawing, live use, exports and C follow 
 """
 
 from tinygc.effects.applied import Claim
-from tinygc.effects.catalogue import catalogue, effect_of, load_folder, using
 from tinygc.effects.columns import axis_of, diagonal, full, largest, nothing, per_axis
 from tinygc.effects.conditions import Conditions, movement_of, without_vibration
 from tinygc.effects.device import AHEAD, BYGONE, Cost, MatrixC, NoC, PerAxisC, StageC
+from tinygc.effects.discovery import catalogue, effect_of, load_folder, using
 from tinygc.effects.effect import Effect
 from tinygc.effects.errors import EffectError
 from tinygc.effects.gauge import CommonDelay, Convention

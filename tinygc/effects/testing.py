@@ -25,7 +25,7 @@ def check(effect: Effect, **how: Any):
 
     columns: are the finite differences of ``distort`` (to 0.5 % of the greatest); undo: ``correct`` undoes ``distort`` (to 0.5 % of
     what it did); recover: injected into simulated sessions and fitted, the parameters miss the true ones by what their stated sigmas
-    and 3 % of the size allow, and not by much less than the sigmas (chance 1e-4 each); units: the sentence, the units' sizes in SI,
+    and 1 % of the size allow, and not by much less than the sigmas (chance 1e-4 each); units: the sentence, the units' sizes in SI,
     the names and numbers in JSON and back; picture: both panels are drawn, labelled, not empty; live: sample by sample, in pieces and
     whole agree, or live use is refused in one line because it looks ahead, and nothing beyond the declared reach matters; c: the C
     equals its NumPy bit for bit, and ``correct`` to 1e-5, or there is a stated reason why there is none.

@@ -79,7 +79,8 @@ class Reader:
 
     def whole(self) -> Piece | None:
         """All rows at once, or None where there are none: all stamps together tell a counter from an epoch."""
-        return next(self.pieces(ALL_BYTES), None)
+        pieces = list(self.pieces(ALL_BYTES))  # to the end, so that the file is closed
+        return pieces[0] if pieces else None
 
     def _head(self) -> list[str]:
         file = Lines(self.path)

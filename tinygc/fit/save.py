@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import tinygc
 from session.common.files import write_whole
@@ -13,9 +12,6 @@ from tinygc import models
 from tinygc.fit import saved_fit
 from tinygc.fit.fit_json import to_json
 from tinygc.fit.result import FitResult
-
-if TYPE_CHECKING:
-    pass
 
 
 def save_models(result: FitResult, folder: Path | None = None) -> Path:
@@ -28,7 +24,7 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
             if fit is result.linear:
                 more["covariance"] = result.covariance.tolist()
                 more["unobserved"] = fit.notes.get("unobserved", [])
-            if name == "physics":
+            if name == "physics" and result.physics is not None:
                 from tinygc.fit.physics.covariance import covariance_table, rate_covariance
 
                 more |= covariance_table(result.physics.model.claims, rate_covariance(result.physics.fit))

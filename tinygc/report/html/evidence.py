@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from session.common.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from session.log.hashes import input_hashes
@@ -75,7 +76,7 @@ def gather(
     """
     fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit")
     truth = fit.session.config.protocol.reference == "truth"
-    how = {"seed": options.seed, "use_earth": options.earth, "progress": progress}
+    how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress}
     explanation = explain_session(folder, **how) if explain and not truth else None
     against_truth = explain_truth(folder, **how) if explain and truth else None
     progress("what the session shows besides", 0, 1)

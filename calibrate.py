@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import TextIO
 
 from session.common.errors import CalibrationError, printable
 from tinygc.cli.arguments import parser
@@ -64,7 +65,7 @@ def _make_streams_safe() -> None:
             stream.reconfigure(errors="replace")
 
 
-def _silence(stream) -> None:
+def _silence(stream: TextIO) -> None:
     """Let what is still in the stream's buffer go nowhere."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 

@@ -58,7 +58,7 @@ def test_the_command_says_what_the_library_says(simulated, fitted, tmp_path, cap
     assert theirs["methods"]["least_squares"]["holdout"] == pytest.approx(ours["methods"]["least_squares"]["holdout"], rel=1e-6)
     shown = [line for line in fitted.summary().splitlines() if line.startswith("scale correction")]
     assert shown
-    assert shown[0].split() == [line for line in printed.splitlines() if line.startswith("scale correction")][0].split()
+    assert shown[0].split() == next(line for line in printed.splitlines() if line.startswith("scale correction")).split()
 
 
 def test_what_is_hidden_is_found_and_drawn(tmp_path):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import importlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 from session.common.errors import printable
 from tinygc.cli.commands import COMMANDS
@@ -19,7 +21,7 @@ EFFECTS_HELP = "folder with further effects, a Python file each, which is run; m
 class _Parser(argparse.ArgumentParser):
     """Bad usage is said in one line, like every other error."""
 
-    def error(self, message: str):
+    def error(self, message: str) -> NoReturn:
         self.exit(2, f"calibrate: {printable(message)}; see --help\n")
 
 
@@ -43,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def methods(text: str) -> list[str]:
+    """Names of methods, with commas."""
     known, chosen = METHODS.split(","), [name.strip() for name in text.split(",") if name.strip()]
     for name in chosen:
         if name not in known:
@@ -60,7 +63,9 @@ def conditions(text: str) -> tuple[str, ...]:
     return chosen
 
 
-def count(least: int):
+def count(least: int) -> Callable[[str], int]:
+    """A parser of whole numbers of at least so many."""
+
     def parse(text: str) -> int:
         value = int(text)
         if value < least:
@@ -80,6 +85,7 @@ def segment_numbers(text: str) -> list[int]:
 
 
 def positive(text: str) -> float:
+    """A number above zero."""
     value = float(text)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is no positive number")

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -52,6 +53,7 @@ class Calibrated:
 
     @property
     def name(self) -> str:
+        """Of its folder."""
         return self.folder.resolve().name
 
 
@@ -97,6 +99,7 @@ class Comparison:
 
     @property
     def verdict(self) -> Agreement:
+        """The agreement that was asked for."""
         return self.all if self.with_bias else self.lasting
 
 
@@ -126,7 +129,7 @@ def read_calibrated(folder: Path) -> Calibrated:
     return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes))
 
 
-def _matrix(entry) -> np.ndarray:
+def _matrix(entry: Any) -> np.ndarray:
     """An array of numbers; an empty one where the entry is none."""
     try:
         return np.asarray(entry, dtype=float)
@@ -185,14 +188,17 @@ def _against_the_rest(values: np.ndarray, covariances: np.ndarray) -> tuple[np.n
     return (values - rest) / np.sqrt(variances + 1 / others), values - rest
 
 
-def _moved(sessions, labels, by: np.ndarray, off: np.ndarray, looked_at: np.ndarray) -> tuple[Moved, ...]:
+def _moved(
+    sessions: list[Calibrated], labels: tuple[tuple[str, str, str], ...], by: np.ndarray, off: np.ndarray, looked_at: np.ndarray
+) -> tuple[Moved, ...]:
     """Quantities whose move is improbable, the number of looks allowed for (Sidak); of two sessions only the second is named."""
     looks = int(looked_at.sum()) * (len(sessions) if len(sessions) > 2 else 1)
     found = []
     for s in range(len(sessions)) if len(sessions) > 2 else [1]:
         for q in np.flatnonzero(looked_at):
             p_value = float(-np.expm1(looks * np.log1p(-min(2 * stats.norm.sf(abs(off[s, q])), 1 - 1e-16))))
-            found.append(Moved(sessions[s].name, *labels[q], float(by[s, q]), float(off[s, q]), p_value))
+            word, component, unit = labels[q]
+            found.append(Moved(sessions[s].name, word, component, unit, float(by[s, q]), float(off[s, q]), p_value))
     found = [moved for moved in found if moved.p_value < DIFFERS_P]
     return tuple(sorted(found, key=lambda moved: -abs(moved.sigmas)))
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TypedDict
 
 import numpy as np
 
 from session.common.units import DEG
 
-if TYPE_CHECKING:
-    pass
+
+class ClosureFigures(TypedDict):
+    """Root mean squares over segments, degrees; yaw_rms_deg: None where yaw is not known."""
+
+    tilt_rms_deg: float
+    roll_rms_deg: float
+    pitch_rms_deg: float
+    yaw_rms_deg: float | None
 
 
-def closure_figures(angles: np.ndarray) -> dict[str, float | None]:
+def closure_figures(angles: np.ndarray) -> ClosureFigures:
     """FORMATS' four figures of error angles (S, 2 or 3) rad, in degrees."""
     rms = np.sqrt(np.mean(angles**2, axis=0)) / DEG
     return {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -41,8 +42,8 @@ class Seen:
     def fold(self, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
         """The segments where ``seen`` (S,) is set, as fold ``number``."""
         order = None if self.order is None else self.order[seen]
-        part = {"batch": self.batch.pick(seen), "sigma": self.sigma[seen], "order": order}
-        return replace(self, **part, whole=whole, progress=progress, label=f"fold{number}")
+        batch, sigma = self.batch.pick(seen), self.sigma[seen]
+        return replace(self, batch=batch, sigma=sigma, order=order, whole=whole, progress=progress, label=f"fold{number}")
 
 
 #: a model, and notes on how it was found
@@ -73,8 +74,13 @@ def held_out(
     fold = np.arange(len(batch)) % folds
     for k in range(folds):
         seen = fold != k
-        part, _ = fit(everything.fold(seen, k, model, lambda done, of, k=k: progress((k + 1) * of + done, of * steps)))
+        part, _ = fit(everything.fold(seen, k, model, partial(tell, progress, k + 1, steps)))
         models.append(part)
         angles[~seen] = closure_angles(batch.pick(~seen), part, judged_by)
     progress(steps, steps)
     return MethodFit(name, model, closure_angles(batch, model, judged_by), angles, seconds, notes, tuple(models))
+
+
+def tell(progress: Progress, before: int, steps: int, done: int, of: int) -> None:
+    """So many of the ``steps`` are behind, each of ``of``."""
+    progress(before * of + done, of * steps)

@@ -10,7 +10,7 @@ bend it.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class CalibrationNet(BaseModel):
         return cls(np.eye(3), np.zeros(3), np.ones(3), model.E - np.eye(3), model.B)
 
     @classmethod
-    def from_vector(cls, vector) -> CalibrationNet:
+    def from_vector(cls, vector: Any) -> CalibrationNet:
         """From 27 numbers in the order of the fields, matrices row by row."""
         parts, at = [], 0
         for shape in cls.SHAPES.values():
@@ -58,7 +58,7 @@ class CalibrationNet(BaseModel):
             at += size
         return cls(*parts)
 
-    def with_vector(self, vector) -> CalibrationNet:
+    def with_vector(self, vector: Any) -> CalibrationNet:
         """The same kind of net with other weights: what training asks of every kind."""
         return self.from_vector(vector)
 
@@ -81,12 +81,12 @@ class CalibrationNet(BaseModel):
         return replace(self, b2=self.b2 + change)
 
     @property
-    def vector(self):
+    def vector(self) -> Any:
         """(27,)."""
         xp = rotation.namespace(self.W1)
         return xp.concatenate([getattr(self, field.name).reshape(-1) for field in fields(self)], 0)
 
-    def __call__(self, rate):
+    def __call__(self, rate: Any) -> Any:
         """Calibrated rate (..., 3) rad/s from the measured one."""
         h = rate @ self.W1.T + self.b1
         xp = rotation.namespace(h)

@@ -12,7 +12,7 @@ by itself how its conditions matter, linearly, and no more.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -43,14 +43,14 @@ class ConditionsNet:
         count = sum(CONDITIONS[name][0] for name in names)
         return cls(CalibrationNet.identity(), np.zeros((3, count)), np.zeros((3, count)), names)
 
-    def with_vector(self, vector) -> ConditionsNet:
+    def with_vector(self, vector: Any) -> ConditionsNet:
         """From 27 + 6 K numbers: the net's, bias and gain row by row."""
         count = self.bias.shape[1]
         bias, gain = (vector[27 + 3 * count * i : 27 + 3 * count * (i + 1)].reshape(3, count) for i in range(2))
         return ConditionsNet(CalibrationNet.from_vector(vector[:27]), bias, gain, self.names)
 
     @property
-    def vector(self):
+    def vector(self) -> Any:
         """(27 + 6 K,)."""
         xp = rotation.namespace(self.bias)
         return xp.concatenate([self.net.vector, self.bias.reshape(-1), self.gain.reshape(-1)], 0)
@@ -63,7 +63,7 @@ class ConditionsNet:
         closed = (of_net[0][0], np.concatenate([of_net[0][1], own * 1e-9]))
         return [closed, *((tie, np.concatenate([prior, own])) for tie, prior in of_net)]
 
-    def __call__(self, inputs):
+    def __call__(self, inputs: Any) -> Any:
         """Calibrated rate (..., 3) rad/s."""
         rate, known = inputs[..., :3], inputs[..., 3:]
         return self.net(rate) + known @ self.bias.T + rate * (known @ self.gain.T)

@@ -24,9 +24,11 @@ class Model(Protocol):
     by which its answers come late.
     """
 
-    kind: str
-    pointwise: bool
-    rates_only: bool
+    kind: ClassVar[str]
+    pointwise: ClassVar[bool]
+    rates_only: ClassVar[bool]
+
+    def __call__(self, rate: Any) -> Any: ...
 
     @property
     def parameters(self) -> int: ...

@@ -9,7 +9,7 @@ it starts at the exact identity (both slopes 1), is tied to the linear model, an
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -41,7 +41,7 @@ class PublishedNet(BaseModel):
         """No correction, exactly."""
         return cls(np.eye(3), np.zeros(3), np.ones(1), np.zeros((3, 3)), np.zeros(3), np.ones(1))
 
-    def with_vector(self, vector) -> PublishedNet:
+    def with_vector(self, vector: Any) -> PublishedNet:
         """From 26 numbers in the order of the fields, matrices row by row."""
         parts, at = [], 0
         for shape in self.SHAPES.values():
@@ -62,7 +62,7 @@ class PublishedNet(BaseModel):
         return replace(self, b2=self.b2 + change)
 
     @property
-    def vector(self):
+    def vector(self) -> Any:
         """(26,)."""
         xp = rotation.namespace(self.W1)
         return xp.concatenate([getattr(self, field.name).reshape(-1) for field in fields(self)], 0)
@@ -73,7 +73,7 @@ class PublishedNet(BaseModel):
         bent = np.concatenate([inner, np.ones(1)])
         return [(tie, np.concatenate([bent * max(tie, 1e-9), PRIOR_SIGMA, [max(tie, 1e-9)]])) for tie in ties]
 
-    def __call__(self, rate):
+    def __call__(self, rate: Any) -> Any:
         """Calibrated rate (..., 3) rad/s from the measured one."""
         xp = rotation.namespace(rate)
         h = rate @ self.W1.T + self.b1
@@ -89,7 +89,7 @@ class PublishedNet(BaseModel):
         outer = sensitivity * np.where(u >= 0, 1.0, self.slope2)[:, :, None]
         inner = (outer @ self.W2) * np.where(h >= 0, 1.0, self.slope1)[:, :, None]
 
-        def by(turn, values):
+        def by(turn: np.ndarray, values: np.ndarray) -> np.ndarray:
             return np.einsum("stdi,stj->sdij", turn, values, optimize=True).reshape(segments, d, -1)
 
         parts = [

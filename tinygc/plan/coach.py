@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG_PER_HOUR
+from session.detect.stills import Still
 from session.guide.messages import Advice, Taken
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -47,7 +48,7 @@ class Coach:
         missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
         if not missing:
             return Advice("", f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it", reached=True)
-        turn = self.best_turn(taken[-1].segment.last.accel_mean)
+        turn = self.best_turn(_stills(taken[-1])[1].accel_mean)
         return Advice(turn.words, f"it helps the {_said(worst[0], sigma[worst[0]])}", missing=missing)
 
     @property
@@ -75,16 +76,25 @@ class Coach:
 
     def add(self, taken: Taken) -> None:
         """Take a segment in: its two angles' columns and their noise."""
-        segment, measured = taken.segment, taken.samples.gyro[None]
-        bias = (segment.first.gyro_mean + segment.last.gyro_mean) / 2
-        start, end = (rotation.from_gravity(still.accel_mean)[None] for still in (segment.first, segment.last))
+        first, last = _stills(taken)
+        measured = taken.samples.gyro[None]
+        bias = (first.gyro_mean + last.gyro_mean) / 2
+        start, end = (rotation.from_gravity(still.accel_mean)[None] for still in (first, last))
         # The Earth's place is taken by the bias: what is left is the turn, as nearly as the sensor's own errors of 1 % matter here.
         batch = Batch(measured, taken.samples.dt_s[None], np.broadcast_to(bias, measured.shape), start, end, yaw_known=False)
         own = gyro_variance(batch, closure.attitudes(batch, measured), [taken.noise])[0, :2, :2]
-        tilt = sum(still_tilt_variance(still, taken.noise) for still in (segment.first, segment.last))
+        tilt = sum(still_tilt_variance(still, taken.noise) for still in (first, last))
         self._columns.append(linear.columns(closure.sensitivity(batch, measured), measured)[0, :2])
         self._own.append(own + tilt * np.eye(2))
         self._middle_s.append(taken.middle_s)
+
+
+def _stills(taken: Taken) -> tuple[Still, Still]:
+    """Between which a segment lies; a recording has no others."""
+    first, last = taken.segment.first, taken.segment.last
+    assert first is not None
+    assert last is not None
+    return first, last
 
 
 def _said(parameter: int, sigma: float) -> str:

@@ -47,14 +47,15 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.methods.network.adamw_checkpoint import forget
 
     physics = None if args.physics is None else _physics(args.physics)
-    options = replace(fit_options(args), physics=physics, checkpoints=args.out or args.folder / "fit", resume=args.resume)
+    checkpoints = args.out or args.folder / "fit"
+    options = replace(fit_options(args), physics=physics, checkpoints=checkpoints, resume=args.resume)
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
         result = fit(args.folder, options, progress=progress)
     table = result.to_json()
     # The results first: a terminal that fails must not cost them.
     folder = result.save(args.out)
-    forget(options.checkpoints)
+    forget(checkpoints)
     output(args).print(result.page)
     output(args).print(f"models: {folder}", soft_wrap=True)
     write_json(args.json, table)
@@ -100,8 +101,10 @@ def _rebias(args: argparse.Namespace) -> int:
 
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
-        how = {"use_earth": not args.no_earth, "exclude": tuple(dict.fromkeys(args.exclude)), "progress": progress}
-        result = rebias_session(args.folder, args.model, args.bias, args.bias_dps, **how)
+        exclude = tuple(dict.fromkeys(args.exclude))
+        result = rebias_session(
+            args.folder, args.model, args.bias, args.bias_dps, use_earth=not args.no_earth, exclude=exclude, progress=progress
+        )
     table = rebias_to_json(result)
     folder = save_rebiased(result, args.out)
     output(args).print(rebias_report(result))
@@ -126,7 +129,7 @@ def _above(table: dict, limit_deg: float) -> list[str]:
         figures.append((f"{run['file']}'s best RMSE", {name: run[name]["rmse_deg"] for name in tilts if name in run}))
     said = []
     for what, by_method in figures:
-        best = min(by_method, key=by_method.get)
+        best = min(by_method, key=by_method.__getitem__)
         if not by_method[best] <= limit_deg:
             said.append(f"{what} is {by_method[best]:.4g} deg ({best})")
     return said

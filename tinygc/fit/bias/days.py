@@ -14,7 +14,7 @@ import numpy as np
 from tinygc import closure
 from tinygc.closure.floor import Floor
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.residual import Batch
+from tinygc.closure.residual import Batch, RateMap
 from tinygc.methods.network.distance_loss import distance_weights
 from tinygc.problem.problem import Problem
 
@@ -58,7 +58,7 @@ def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
     return replace(problem, batch=days.batch, floor=floor), days.sigma_rps
 
 
-def bias_by_log(problem: Problem, model, sigma: np.ndarray | None = None) -> np.ndarray:
+def bias_by_log(problem: Problem, model: RateMap, sigma: np.ndarray | None = None) -> np.ndarray:
     """(L, 3) rad/s: what must be added to a model's calibrated rate for each log's segments to close best, NaN where a log has but one."""
     sigma = problem.floor.sigma if sigma is None else sigma
     changes = np.full((len(problem.logs), 3), np.nan)

@@ -58,7 +58,7 @@ class BiasOfDay:
     def excess(self) -> float:
         """How much farther the bias walked than a bias does, as a factor of at least 1: what a wrong E leaves looks like it."""
         steps = np.diff(self.walk, axis=0) / (WALK * np.sqrt(np.diff(self.knots_s)))[:, None]
-        return float(np.sqrt(max(1.0, np.mean(steps**2)))) if steps.size else 1.0
+        return float(np.sqrt(max(1.0, float(np.mean(steps**2))))) if steps.size else 1.0
 
 
 def bias_from_gravity(
@@ -121,8 +121,9 @@ def _prior(knots: np.ndarray, sigma: np.ndarray, size: int, run: _Run) -> tuple[
 class _Run:
     """A run in blocks: what does not change from step to step."""
 
-    def __init__(self, samples: Samples, rate: np.ndarray, q_first: np.ndarray, earth_n, gravity_mps2: float):
-        self.earth_n, self.earth_b = earth_n, 0.0
+    def __init__(self, samples: Samples, rate: np.ndarray, q_first: np.ndarray, earth_n: np.ndarray | None, gravity_mps2: float):
+        self.earth_n = earth_n
+        self.earth_b: np.ndarray | float = 0.0
         self.rate, self.dt, self.q_first, self.gravity = rate, samples.dt_s, q_first, gravity_mps2
         self.force, self.t_s = samples.accel, samples.t_s
         self.size = max(1, round(BLOCK_S / samples.period_s))

@@ -44,7 +44,7 @@ def origin_of(path: Path, session: Session) -> Origin:
     return Origin(None, None, "what the stored model was fitted to is not known: its file does not say")
 
 
-def _hashes(entry) -> set[str]:
+def _hashes(entry: object) -> set[str]:
     return {value for value in entry.values() if isinstance(value, str)} if isinstance(entry, dict) else set()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,9 +26,14 @@ from tinygc.fit.bias.origin import Origin, origin_of
 from tinygc.fit.figures import closure_figures, run_figures
 from tinygc.fit.fit_json import SCHEMA
 from tinygc.models.denoiser import DenoisedNet
+from tinygc.models.model import Model
 from tinygc.problem.closure_run import ClosureRun, read_closure_runs
 from tinygc.problem.prepared import prepare
 from tinygc.problem.problem import Problem
+from tinygc.problem.still_set import StillSet
+
+if TYPE_CHECKING:
+    from rich.console import Group
 
 #: the first still and gravity that differ by so many sigmas do not speak of the same bias
 DISAGREE_SIGMAS = 5.0
@@ -41,7 +47,7 @@ class Rebiased:
 
     problem: Problem
     runs: list[ClosureRun]
-    stored: object
+    stored: Model
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]]
     source: str
     angles: dict[str, np.ndarray]
@@ -50,7 +56,7 @@ class Rebiased:
     origin: Origin
 
     @property
-    def model(self):
+    def model(self) -> Model:
         """The stored calibration with the bias that was asked for."""
         return self.stored.with_bias_moved(self.changes[self.source][0])
 
@@ -60,6 +66,8 @@ class Rebiased:
         if not {"start", "gravity"} <= set(self.changes):
             return 0.0
         (start, one), (gravity, other) = self.changes["start"], self.changes["gravity"]
+        assert one is not None
+        assert other is not None
         return float(np.max(np.abs(start - gravity) / np.hypot(one, other)))
 
 
@@ -99,7 +107,7 @@ def rebias_session(
     return Rebiased(problem, runs, stored, changes, source, angles, errors, path, origin_of(path, session))
 
 
-def _closure(problem: Problem, model) -> np.ndarray:
+def _closure(problem: Problem, model: Model) -> np.ndarray:
     """Error angles (S, d) rad, as ``fit`` judges the same model: a denoiser's delay is allowed for."""
     if isinstance(model, DenoisedNet):
         from tinygc.methods.denoising.material import of_problem
@@ -109,7 +117,7 @@ def _closure(problem: Problem, model) -> np.ndarray:
     return closure_angles(problem.batch, model)
 
 
-def from_start(problem: Problem, model) -> tuple[np.ndarray, np.ndarray] | None:
+def from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] | None:
     """The change that makes the first still's mean rate the Earth's, with its sigma; the first rest's, where nothing is still."""
     rates = problem.still_rates
     if len(rates.rate):
@@ -121,7 +129,7 @@ def from_start(problem: Problem, model) -> tuple[np.ndarray, np.ndarray] | None:
     return None
 
 
-def from_gravity(problem: Problem, model, prior: np.ndarray | float = DAY_SIGMA_RPS) -> BiasOfDay:
+def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY_SIGMA_RPS) -> BiasOfDay:
     """From all logs of a session, one after the other: what one has found is the next one's prior."""
     # A denoised rate comes late, and beside the accelerometer that passes for a bias; the denoiser itself has none.
     model = model.without_denoiser()
@@ -135,6 +143,7 @@ def from_gravity(problem: Problem, model, prior: np.ndarray | float = DAY_SIGMA_
             samples, rate, q_first, prior=sigma, rest=_rest_change(log, model, change), earth_n=earth_n, gravity_mps2=g
         )
         change, sigma, excess = change + found.change, found.sigma, max(excess, found.excess)
+    assert found is not None  # a session has a log
     # A wrong E turns each turn into a bias of its own: they scatter by far more than a bias walks, and so does their mean.
     return replace(found, change=change, sigma=found.sigma * excess, direction_sigma=found.direction_sigma * excess)
 
@@ -152,7 +161,7 @@ def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.
     return still.middle, log.q_tb[first], problem.earths[int(log.group[first])].rate_t
 
 
-def _rest_change(log, model, change: np.ndarray) -> np.ndarray | None:
+def _rest_change(log: StillSet, model: Model, change: np.ndarray) -> np.ndarray | None:
     """(3,): what a log's rests ask for; their median, since a hand that moves slowly may pass for a rest."""
     good = [(still, q) for still, q in zip(log.stills, log.q_tb, strict=True) if still.problem is None]
     rates = [still.gyro_mean for still, _ in good] or [rest.gyro_mean for rest in find_rests(log.samples)]
@@ -161,7 +170,7 @@ def _rest_change(log, model, change: np.ndarray) -> np.ndarray | None:
     return -np.median([_at_rest(model, rate) for rate in rates], axis=0) - change
 
 
-def _at_rest(model, rate: np.ndarray) -> np.ndarray:
+def _at_rest(model: Model, rate: np.ndarray) -> np.ndarray:
     """(3,): a constant rate, calibrated.  A model with a memory is given it for long enough."""
     model = model.without_denoiser()
     return np.asarray(model(np.asarray(rate, dtype=float)[None]))[0]
@@ -250,7 +259,7 @@ def remarks(result: Rebiased) -> list[str]:
     return said
 
 
-def rebias_report(result: Rebiased):
+def rebias_report(result: Rebiased) -> Group:
     """A table for the terminal."""
     from rich.console import Group
     from rich.table import Table

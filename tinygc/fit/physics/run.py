@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from tinygc.closure.residual import Batch, closure_angles
+from tinygc.effects.applied import Claim
 from tinygc.explain.twin.refit import refit
 from tinygc.explain.verdict.proof import FOLD_STEPS, fold_rows, folds_of
 from tinygc.fit.physics.fit_physics import PhysicsFit, fit_physics
@@ -63,7 +64,7 @@ def run_errors(run: ClosureRun, fit: MethodFit, found: PhysicsFit) -> np.ndarray
     return run.with_earth(found.fit.state.earth_t, rate).errors_at(rate)
 
 
-def _rate_claims(claims) -> tuple:
+def _rate_claims(claims: Iterable[Claim]) -> tuple[Claim, ...]:
     return tuple(claim for claim in claims if claim.effect.kind == "rate")
 
 
@@ -79,4 +80,6 @@ def _train(batch: Batch, sigma: np.ndarray) -> tuple[CalibrationNet, float]:
     from tinygc.methods.network.training import train_second_order
 
     began = time.perf_counter()
-    return train_second_order(batch, sigma).net, time.perf_counter() - began
+    net = train_second_order(batch, sigma).net
+    assert isinstance(net, CalibrationNet)  # the kind that training begins with
+    return net, time.perf_counter() - began

@@ -11,6 +11,7 @@ import numpy as np
 from tinygc import closure
 from tinygc.methods.denoising.material import Material, of_problem
 from tinygc.methods.denoising.training import train_denoiser
+from tinygc.methods.held_out import tell
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.registry import Progress
@@ -32,21 +33,17 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
         how = replace(how, loss="endpoint")
     steps = len(calibrated.fold_models) + 1
     began = time.perf_counter()
-    trained = train_denoiser(material, calibrated.model, how, partial(_tell, progress, 0, steps), options.checkpoint("denoiser_whole"))
+    trained = train_denoiser(material, calibrated.model, how, partial(tell, progress, 0, steps), options.checkpoint("denoiser_whole"))
     seconds = time.perf_counter() - began
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
     for k, calibration in enumerate(calibrated.fold_models):
-        tell = partial(_tell, progress, k + 1, steps)
-        part = train_denoiser(material.pick(fold != k), calibration, how, tell, options.checkpoint(f"denoiser_fold{k}"))
+        told = partial(tell, progress, k + 1, steps)
+        part = train_denoiser(material.pick(fold != k), calibration, how, told, options.checkpoint(f"denoiser_fold{k}"))
         held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
     notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": how.loss}}
     angles = denoised_angles(material, trained.model, options.integrator)
     return MethodFit("tinygc_denoised", trained.model, angles, held_out, calibrated.seconds + seconds, notes)
-
-
-def _tell(progress, before: int, steps: int, done: int, of: int) -> None:
-    progress(before * of + done, of * steps)
 
 
 def denoised_angles(material: Material, model: DenoisedNet, integrator: str = "exact") -> np.ndarray:

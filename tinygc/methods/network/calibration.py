@@ -6,7 +6,7 @@ from typing import Any
 
 from tinygc.methods.held_out import Seen, held_out
 from tinygc.methods.method_fit import MethodFit
-from tinygc.methods.network.training import train_second_order
+from tinygc.methods.network.training import Training, train_second_order
 from tinygc.methods.options import FitOptions
 from tinygc.methods.registry import Progress
 from tinygc.models.calibration_net import CalibrationNet
@@ -14,7 +14,7 @@ from tinygc.models.published_net import PublishedNet
 from tinygc.problem.problem import Problem
 from tinygc.problem.sequences import previous
 
-VARIANTS = {"paper": CalibrationNet, "published": PublishedNet}
+VARIANTS: dict[str, type[CalibrationNet] | type[PublishedNet]] = {"paper": CalibrationNet, "published": PublishedNet}
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
@@ -31,10 +31,11 @@ def _fit(seen: Seen) -> tuple[CalibrationNet | PublishedNet, dict]:
         "before": None if seen.order is None else previous(seen.order, options.parts),
     }
     trained = _by_adamw(seen, how) if options.optimizer == "adamw" else _by_second_order(seen, how)
+    assert isinstance(trained.net, CalibrationNet | PublishedNet)  # the kind that it began as
     return trained.net, {"optimizer": options.optimizer, "tie": trained.tie, "loss": list(trained.loss)}
 
 
-def _by_adamw(seen: Seen, how: dict[str, Any]):
+def _by_adamw(seen: Seen, how: dict[str, Any]) -> Training:
     from tinygc.methods.network.adamw_training import train_adamw
 
     options, checkpoint = seen.options, seen.options.checkpoint(f"tinygc_{seen.label}")
@@ -42,7 +43,7 @@ def _by_adamw(seen: Seen, how: dict[str, Any]):
     return train_adamw(seen.batch, seen.sigma, **how)
 
 
-def _by_second_order(seen: Seen, how: dict[str, Any]):
+def _by_second_order(seen: Seen, how: dict[str, Any]) -> Training:
     sigma = seen.sigma
     if seen.options.loss == "distance":
         from tinygc.methods.network.distance_loss import distance_sigma, train_distance

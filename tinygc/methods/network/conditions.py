@@ -11,7 +11,7 @@ from tinygc import closure
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
 from tinygc.methods.method_fit import MethodFit
-from tinygc.methods.network.training import train_second_order
+from tinygc.methods.network.training import Net, Training, train_second_order
 from tinygc.methods.options import FitOptions
 from tinygc.methods.registry import Progress
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet, inputs_of
@@ -32,7 +32,7 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
     sigma, start = problem.floor.sigma, ConditionsNet.identity(names)
     folds = min(options.folds, len(batch))
 
-    def train(which):
+    def train(which: np.ndarray) -> Training:
         return train_second_order(batch.pick(which), sigma[which], still_rates=rates, integrator=options.integrator, start=start)
 
     began = time.perf_counter()
@@ -43,11 +43,12 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
     for k in range(folds):
         held_out[fold == k] = _angles(batch.pick(fold == k), train(fold != k).net, options.integrator)
         progress(k + 2, folds + 1)
+    assert isinstance(trained.net, ConditionsNet)  # the kind that it began as
     model, notes = ConditionsModel(trained.net, known), {"tie": trained.tie, "loss": list(trained.loss)}
     return MethodFit("tinygc_conditions", model, _angles(batch, trained.net, options.integrator), held_out, seconds, notes)
 
 
-def _angles(batch: Batch, net: ConditionsNet, integrator: str) -> np.ndarray:
+def _angles(batch: Batch, net: Net, integrator: str) -> np.ndarray:
     return closure.error_angles(closure.segment_residuals(batch, net(batch.rate), integrator))
 
 

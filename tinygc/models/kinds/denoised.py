@@ -57,7 +57,7 @@ def from_table(table: dict, where: str, read: Callable[..., Any]) -> DenoisedNet
     return DenoisedNet(calibration, denoiser, rate_hz)
 
 
-def _whole(value) -> int:
+def _whole(value: object) -> int:
     """A dilation is a number of samples: 2.5 of them must not pass for 2."""
     if isinstance(value, bool) or not isinstance(value, int | float) or value != int(value):
         raise ValueError(f"dilations hold {value!r}, expected whole numbers of samples")

@@ -53,6 +53,7 @@ class Adopted:
 
     @property
     def linear(self) -> LinearModel:
+        """Its linear part."""
         return LinearModel.from_vector(self.vector[:12])
 
     @property
@@ -67,6 +68,7 @@ class Adopted:
 
     @property
     def title(self) -> str:
+        """In tables."""
         return "least squares" if self.name == LINEAR else "linear model with physics"
 
 
@@ -76,7 +78,9 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         before, after = (tilt_rms(x) for x in (explanation.proof.before, explanation.proof.after))
         if after < before:
             return _with_physics(fit, explanation)
-    vector, covariance = fit.linear.model.vector, fit.covariance
+    linear = fit.linear.model
+    assert isinstance(linear, LinearModel)
+    vector, covariance = linear.vector, fit.covariance
 
     def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
         return run.errors(LinearModel.from_vector(trial), fit.options.integrator)
@@ -84,7 +88,7 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
     unobserved = tuple(fit.linear.notes.get("unobserved", ()))
     return Adopted(
         name=LINEAR,
-        model=fit.linear.model,
+        model=linear,
         angles=fit.linear.held_out,
         numbers=[segment.number for segment in fit.problem.used],
         floor_rms=fit.problem.floor.tilt_rms,

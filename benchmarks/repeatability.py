@@ -20,7 +20,7 @@ from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.uncertainty import goodness, parameter_covariance
-from tinygc.fit.compare import DIFFERS_P, Calibrated, compare
+from tinygc.fitting.compare import DIFFERS_P, Calibrated, compare
 from tinygc.models.linear import bias_only
 from tinygc.problem.build import build_problem
 from tinygc.simulation import simulate

@@ -8,7 +8,7 @@ import pytest
 from tinygc.challenge.conceal import Case, conceal
 from tinygc.effects import Cost, EffectError, Parameter, StageC, catalogue, diagonal
 from tinygc.effects.testing import check
-from tinygc.explain.verdict.explain import explain_session
+from tinygc.explanation.verdict.explain import explain_session
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_files
 

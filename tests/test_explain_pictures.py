@@ -9,11 +9,11 @@ from test_explain import FALSE_ROWS, explained, session  # noqa: F401  (fixtures
 
 from session.common.units import DEG
 from tinygc.effects import Effect, Parameter, catalogue, diagonal
-from tinygc.explain.pictures.panels import PAIRS, draw_claim
-from tinygc.explain.pictures.panels.palette import BEFORE, PALE
-from tinygc.explain.twin.turn_gravity import turn_equations
-from tinygc.explain.twin.variable import READ, Regime, regime_of
-from tinygc.explain.verdict.explain import explain_session
+from tinygc.explanation.pictures.panels import PAIRS, draw_claim
+from tinygc.explanation.pictures.panels.palette import BEFORE, PALE
+from tinygc.explanation.twin.turn_gravity import turn_equations
+from tinygc.explanation.twin.variable import READ, Regime, regime_of
+from tinygc.explanation.verdict.explain import explain_session
 
 
 def drawn(explanation, number: int):

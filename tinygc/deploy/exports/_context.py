@@ -18,7 +18,7 @@ from session.log.hashes import sha256_of
 from session.log.logfile import read_log
 from tinygc import models
 from tinygc.deploy.exports import ExportError
-from tinygc.fit import bias
+from tinygc.fitting import bias
 
 #: the method that is taken unless another is asked for
 PREFERRED = "least_squares"

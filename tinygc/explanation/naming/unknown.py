@@ -21,10 +21,15 @@ from tinygc.explanation.twin.twin import Twin
 ORDERS = (2, 3, 4, 5)
 #: powers of the rate, each whether it changes sign with the rate
 RATE_POWERS = ((1.5, True), (2, False), (2, True), (5, True))
+#: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
 PLAUSIBLE_RPS = 5 * DEG
-#: a rate fixed in the world is the Earth's, at another latitude, if both together are as long as it within this
+#: degC: at a data sheet's 0.005 dps/degC that is 2.5 mdps, a still's own noise
+LEAST_CHANGE_C = 0.5
+#: a rate fixed in the world is the Earth's, at another latitude, if both together are as long as it within this: 15 deg/h, seen through a
+#: bias that wanders by 3
 LIKE_THE_EARTH = 0.25
-#: and the latitude is another if it is farther off than the stills of a usual session can tell
+#: and the latitude is another if it is farther off than the stills of a usual session can tell: directions of the Earth's rate are good
+#: to 7 degrees rms (benchmarks/closure_table.py)
 ANOTHER_DEG = 10.0
 
 
@@ -43,7 +48,7 @@ def slow_candidates(twin: Twin) -> list[Effect]:
     found += [_curve("time", "s", lambda m: 2 * m.t_s / m.duration_s - 1, order) for order in ORDERS]
     if np.isfinite(twin.movements[0].temp_c).all():
         low, high = (f([f(movement.temp_c) for movement in twin.movements]) for f in (np.min, np.max))
-        if high - low > 0.5:
+        if high - low > LEAST_CHANGE_C:
             found += [_curve("temperature", "°C", lambda m: 2 * (m.temp_c - low) / (high - low) - 1, order) for order in ORDERS]
     found += [_attitude(order) for order in (2, 3)]
     found += [_world(twin.problem.earth, twin.problem.session.config.site.latitude_deg), _products()]

@@ -60,6 +60,10 @@ KEPT_SIGMAS = 4.0
 IMPLAUSIBLE = 2.0
 #: errors of neighbouring segments that go together like this are of something slow
 SLOW = 0.3
+#: chi-square per freedom that an explanation may leave
+LEFT_EXCESS = 1.5
+#: what the frame's rotation must leave of the accelerometer's apparent bias, at most
+FRAME_LEAVES = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +130,7 @@ class TruthExplanation:
         if not self.claims:
             return "unexplained" if self.p_value <= FAMILY_WISE else "no_mismatch"
         slow = self.neighbours[1] > SLOW or any(claim.effect.id.startswith("unknown") for claim in self.claims)
-        return "partly_explained" if self.excess[1] > 1.5 or slow else "explained"
+        return "partly_explained" if self.excess[1] > LEFT_EXCESS or slow else "explained"
 
 
 def explain_truth(
@@ -292,6 +296,6 @@ def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> 
     sure = float(np.sum((turned / sigma) ** 2))
     if size < FRAME_RAD or sure < FRAME_SIGMAS**2 or force is None:
         return []
-    if np.linalg.norm(force.turned) > 0.7 * np.linalg.norm(force.bias):
+    if np.linalg.norm(force.turned) > FRAME_LEAVES * np.linalg.norm(force.bias):
         return []
     return [Claim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), None)]

@@ -183,7 +183,7 @@ def test_an_installed_effect_that_is_broken_is_named(installed):
         with pytest.raises(EffectError, match=says):
             catalogue()
     installed(_Point(effect), _Point(effect, "again"))
-    with pytest.raises(EffectError, match="'again'.*is already"):
+    with pytest.raises(EffectError, match=r"'again'.*is already"):
         catalogue()
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.stream import frames
+from session.stream.collector import Collector
 from session.stream.continuity import Accepted, Continuity, Readings
 from session.stream.events import Chunk, Comment, Event, Trouble
 from session.stream.steps import StepFilter
@@ -55,7 +56,7 @@ class StreamDecoder:
 
     def feed(self, data: bytes) -> list[Event]:
         """Events of these bytes and of what was kept from before; never raises, whatever the bytes."""
-        out = _Collector()
+        out = Collector()
         for start in range(0, len(data), PIECE):
             self._buffer += data[start : start + PIECE]
             going = True
@@ -65,7 +66,7 @@ class StreamDecoder:
 
     def finish(self) -> list[Event]:
         """The stream ends here, or the port was closed: what is incomplete is dropped, what follows begins anew."""
-        out = _Collector()
+        out = Collector()
         self._period_us = self._continuity.period_us or self._period_us
         self._garbage(len(self._buffer), out)
         self._pass_on(self._continuity.finish(), out)
@@ -75,7 +76,7 @@ class StreamDecoder:
 
     # Each of the three takes what it can from the buffer and returns True if another mode is to go on.
 
-    def _search(self, out: _Collector) -> bool:
+    def _search(self, out: Collector) -> bool:
         """No mode yet: look at every delimiter for a frame or a line that ends there."""
         data = self._buffer
         codes = np.frombuffer(data, np.uint8)
@@ -99,7 +100,7 @@ class StreamDecoder:
         self._buffer = data[keep:]
         return False
 
-    def _found(self, mode: str, begin: int, out: _Collector) -> bool:
+    def _found(self, mode: str, begin: int, out: Collector) -> bool:
         self._garbage(begin, out)
         self._buffer, self.mode = self._buffer[begin:], mode
         return True
@@ -107,7 +108,7 @@ class StreamDecoder:
     def _is_line(self, line: bytes) -> bool:
         return bool(parse_comment(line) is not None or parse_header(line) or parse_line(line))
 
-    def _frames(self, out: _Collector) -> bool:
+    def _frames(self, out: Collector) -> bool:
         data = self._buffer
         codes = np.frombuffer(data, np.uint8)
         ends = np.flatnonzero(codes == 0)
@@ -122,7 +123,7 @@ class StreamDecoder:
             self.mode = None
         return bool(len(too_long))
 
-    def _blocks(self, codes, data: bytes, starts, ends, lengths, out: _Collector) -> None:
+    def _blocks(self, codes, data: bytes, starts, ends, lengths, out: Collector) -> None:
         """What stands between zero bytes, many at a time.  A whole frame at the end of something longer counts: what was torn off or
         said before it took only its delimiter along."""
         sample, info, bad = frames.SAMPLE_BYTES, frames.INFO_BYTES, lengths > 0
@@ -167,7 +168,7 @@ class StreamDecoder:
         after_last = int(spoilt[-1]) - (int(spoilt_rows[-1]) if len(rows) else 0)
         self._damaged = after_last > 0 or (self._damaged and not len(rows))
 
-    def _numbered(self, table, damaged, begin: int, stop: int, out: _Collector) -> None:
+    def _numbered(self, table, damaged, begin: int, stop: int, out: Collector) -> None:
         if stop > begin:
             part = table[begin:stop]
             readings = Readings(
@@ -175,21 +176,21 @@ class StreamDecoder:
             )
             self._take(readings, out)
 
-    def _info_frame(self, body: np.ndarray, out: _Collector) -> None:
+    def _info_frame(self, body: np.ndarray, out: Collector) -> None:
         info = frames.decode_info(body.tobytes())
         self._continuity.info(int(body[1]) | int(body[2]) << 8)
         if info is not None:
             self.info = info
             out.add(info)
 
-    def _remark(self, block: bytes, out: _Collector) -> None:
+    def _remark(self, block: bytes, out: Collector) -> None:
         """A board that starts up may say something in text before its first frame."""
         for line in block.split(b"\n")[:-1]:
             comment = parse_comment(line.rstrip(b"\r"))
             if comment:
                 out.add(Comment(comment))
 
-    def _text(self, out: _Collector) -> bool:
+    def _text(self, out: Collector) -> bool:
         data = self._buffer
         zero = data.find(b"\0")
         whole = data.rfind(b"\n", 0, len(data) if zero < 0 else zero) + 1
@@ -208,7 +209,7 @@ class StreamDecoder:
             self.mode = None
         return lost
 
-    def _lines(self, block: bytes, out: _Collector) -> None:
+    def _lines(self, block: bytes, out: Collector) -> None:
         good = None
         if self._width:
             good, values = parse_lines(block, self._width, self._order)
@@ -257,12 +258,12 @@ class StreamDecoder:
             self._width, self._order = width, tuple(range(len(COLUMNS)))
         return False
 
-    def _stamped(self, values: np.ndarray, out: _Collector) -> None:
+    def _stamped(self, values: np.ndarray, out: Collector) -> None:
         damaged = np.zeros(len(values), bool)
         damaged[0], self._damaged = self._damaged, False
         self._take(Readings(None, values[:, 0], values[:, 1:].astype(np.int16), damaged), out)
 
-    def _take(self, readings: Readings, out: _Collector) -> None:
+    def _take(self, readings: Readings, out: Collector) -> None:
         numbered = readings.sequence is not None
         if self._numbered_before not in (None, numbered):
             # The board was told to speak otherwise: what was before has no sequence to go on from.
@@ -271,13 +272,13 @@ class StreamDecoder:
         self._numbered_before = numbered
         self._pass_on(self._continuity.take(readings), out)
 
-    def _garbage(self, count: int, out: _Collector, damages: bool = True) -> None:
+    def _garbage(self, count: int, out: Collector, damages: bool = True) -> None:
         if count:
             self.garbage += count
             self._damaged |= damages
             out.add(Trouble("garbage", count, self._last_us))
 
-    def _pass_on(self, items: list[Accepted | Trouble], out: _Collector) -> None:
+    def _pass_on(self, items: list[Accepted | Trouble], out: Collector) -> None:
         for item in items:
             if isinstance(item, Accepted):
                 self._add(self._steps.take(item), out)
@@ -286,7 +287,7 @@ class StreamDecoder:
                 self._add(self._steps.finish(), out)
             self._add([item], out)
 
-    def _add(self, events: list[Chunk | Trouble], out: _Collector) -> None:
+    def _add(self, events: list[Chunk | Trouble], out: Collector) -> None:
         for event in events:
             if isinstance(event, Chunk):
                 self.samples += len(event)
@@ -296,35 +297,3 @@ class StreamDecoder:
                 self.implausible += event.count * (event.kind == "implausible")
                 self.resets += event.kind == "reset"
             out.add(event)
-
-
-class _Collector:
-    """Events in order, with as few objects as possible: between two that have a place, one chunk, and one count of each trouble."""
-
-    _COUNTED = ("lost", "crc", "garbage")
-
-    def __init__(self):
-        self._done: list[Event] = []
-        self._chunks: list[Chunk] = []
-        self._counts: dict[str, Trouble] = {}
-
-    def add(self, event: Event) -> None:
-        if isinstance(event, Chunk):
-            self._chunks.append(event)
-        elif isinstance(event, Trouble) and event.kind in self._COUNTED:
-            before = self._counts.get(event.kind)
-            self._counts[event.kind] = event if before is None else Trouble(event.kind, before.count + event.count, before.t_us)
-        else:
-            self._close()
-            self._done.append(event)
-
-    def events(self) -> list[Event]:
-        self._close()
-        return self._done
-
-    def _close(self) -> None:
-        if len(self._chunks) > 1:
-            t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in self._chunks]) for name in ("t_us", "registers"))
-            self._chunks = [Chunk(t_us, registers)]
-        self._done += [*self._chunks, *self._counts.values()]
-        self._chunks, self._counts = [], {}

@@ -1,0 +1,41 @@
+"""Events in order, with as few objects as possible."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.stream.events import Chunk, Event, Trouble
+
+
+class Collector:
+    """``add`` events, take ``events`` out: between two that have a place, one chunk, and one count of each trouble."""
+
+    _COUNTED = ("lost", "crc", "garbage")
+
+    def __init__(self):
+        self._done: list[Event] = []
+        self._chunks: list[Chunk] = []
+        self._counts: dict[str, Trouble] = {}
+
+    def add(self, event: Event) -> None:
+        """The next event."""
+        if isinstance(event, Chunk):
+            self._chunks.append(event)
+        elif isinstance(event, Trouble) and event.kind in self._COUNTED:
+            before = self._counts.get(event.kind)
+            self._counts[event.kind] = event if before is None else Trouble(event.kind, before.count + event.count, before.t_us)
+        else:
+            self._close()
+            self._done.append(event)
+
+    def events(self) -> list[Event]:
+        """What was added, in order; the collector is of no use after it."""
+        self._close()
+        return self._done
+
+    def _close(self) -> None:
+        if len(self._chunks) > 1:
+            t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in self._chunks]) for name in ("t_us", "registers"))
+            self._chunks = [Chunk(t_us, registers)]
+        self._done += [*self._chunks, *self._counts.values()]
+        self._chunks, self._counts = [], {}

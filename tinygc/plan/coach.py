@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.guide.messages import Advice, Taken
+from session.guide.messages import AcceptedTurn, Advice
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.floor import Floor, gyro_variance, still_tilt_variance
@@ -33,7 +33,7 @@ class Coach:
         self._own: list[np.ndarray] = []
         self._middle_s: list[float] = []
 
-    def __call__(self, taken: list[Taken]) -> Advice:
+    def __call__(self, taken: list[AcceptedTurn]) -> Advice:
         """Advice on all segments so far, after further ones (at least one)."""
         for segment in taken:
             self.add(segment)
@@ -68,7 +68,7 @@ class Coach:
         left = np.diagonal(np.linalg.inv(after), axis1=-2, axis2=-1)
         return turns[int(np.argmin((left ** (SHARPNESS / 2)).sum(-1)))]
 
-    def add(self, taken: Taken) -> None:
+    def add(self, taken: AcceptedTurn) -> None:
         """Take a segment in: its two angles' columns and their noise."""
         segment, measured = taken.segment, taken.samples.gyro[None]
         bias = (segment.first.gyro_mean + segment.last.gyro_mean) / 2

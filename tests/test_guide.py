@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, config
 
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
 from session.guide.coverage import face_up
@@ -14,6 +13,7 @@ from session.guide.guide import Guide
 from session.guide.messages import Advice, Kind, Stage
 from session.guide.stream_check import stream_problem
 from session.log.samples import Samples, joined
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from session.checks.findings import Finding, xyz_text
-from session.common.registers import ACCEL_MG_PER_LSB
 from session.common.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.stills import Noise, Still
 from session.log.config import Config
+from session.sensor.registers import ACCEL_MG_PER_LSB
 
 #: of the ASM330LHH: noise densities in mdps/sqrt(Hz) and ug/sqrt(Hz), greatest zero-rate level in dps
 GYRO_NOISE_MDPS, ACCEL_NOISE_UG, ZERO_RATE_DPS = 5.0, 60.0, 3.0

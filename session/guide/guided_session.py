@@ -15,13 +15,13 @@ from typing import Protocol as Interface
 import numpy as np
 
 from session.common.errors import CalibrationError, DataError, StorageError
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.guide.guide import Guide
 from session.guide.messages import AcceptedTurn, Advice, Change, Kind, Stage
 from session.log.config import Config
 from session.log.samples import Samples
 from session.recording.logwriter import NEW_LOG
 from session.recording.recorder import Recorder
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.stream.events import Chunk, Event, Info, Trouble
 
 SILENT_S = 1.5

@@ -11,10 +11,10 @@ import numpy as np
 
 from session.checks.findings import Finding
 from session.common.errors import SegmentError
-from session.common.files import write_whole
 from session.common.units import DEG, G
 from session.common.version import VERSION
-from session.common.writing import result_folder
+from session.files.results import write_whole
+from session.files.writing import result_folder
 from session.log.folder import Session
 from session.log.hashes import input_hashes
 from tinygc import models

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FormatError
-from session.common.files import read_json
+from session.files.results import read_json
 from tinygc.models import network_files
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.linear import LinearModel

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.files import read_json
 from session.common.units import DEG, G
+from session.files.results import read_json
 from session.log.config import Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FitError, FormatError
-from session.common.files import read_json, write_whole
+from session.files.results import read_json, write_whole
 
 SCHEMA = "tinygc-checkpoint/1"
 NAME = "checkpoint_{}.json"

@@ -24,7 +24,7 @@ import numpy as np
 from scipy import stats
 
 from session.common.errors import DataError, FormatError
-from session.common.files import read_json
+from session.files.results import read_json
 from session.log.config import Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from session.common.errors import CalibrationError
-from session.common.files import write_whole
 from session.common.version import VERSION
-from session.common.writing import result_folder
+from session.files.results import write_whole
+from session.files.writing import result_folder
 from session.log.hashes import input_hashes
 from tinygc import models
 from tinygc.fitting import saved_fit

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import CalibrationError
-from session.common.files import read_json
 from session.common.version import VERSION
+from session.files.results import read_json
 from tinygc import models
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions

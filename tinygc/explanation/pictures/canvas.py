@@ -8,7 +8,7 @@ from pathlib import Path
 from textwrap import fill
 
 from session.common.errors import CalibrationError
-from session.common.files import whole
+from session.files.results import whole
 
 
 def can_draw() -> bool:

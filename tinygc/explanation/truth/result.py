@@ -9,10 +9,10 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from session.common.files import write_whole
 from session.common.units import DEG, MG
 from session.common.version import VERSION
-from session.common.writing import result_folder
+from session.files.results import write_whole
+from session.files.writing import result_folder
 from tinygc.effects import largest
 from tinygc.explanation.truth.explain import Claim, TruthExplanation
 from tinygc.explanation.verdict.measured import p_entry, p_words

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.files import write_whole
 from session.common.units import DEG, G
 from session.common.version import VERSION
-from session.common.writing import result_folder
+from session.files.results import write_whole
+from session.files.writing import result_folder
 from session.log.hashes import hash_of_log
 from tinygc.effects import catalogue
 from tinygc.explanation.verdict.claims import Claimed

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.common.errors import FormatError
-from session.common.files import read_json
+from session.files.results import read_json
 from session.log.folder import Session
 from session.log.hashes import hash_of_log
 from tinygc.fitting import saved_fit

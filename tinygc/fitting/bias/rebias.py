@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.common.errors import SegmentError
-from session.common.files import read_json, write_whole
 from session.common.units import DEG, G
 from session.common.version import VERSION
-from session.common.writing import result_folder
 from session.detect.rests import find_rests
 from session.detect.truth_segments import moments_inside
+from session.files.results import read_json, write_whole
+from session.files.writing import result_folder
 from session.log import hashes
 from session.log.folder import Session
 from tinygc import models

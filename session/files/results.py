@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from session.common.errors import FormatError
-from session.common.writing import naming
+from session.files.writing import naming
 
 #: an integer of more digits is read as a float, infinite where it must be: no reader of numbers then meets one that no float can hold
 LONGEST_INTEGER = 18

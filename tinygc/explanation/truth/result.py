@@ -18,7 +18,7 @@ from tinygc.explanation.truth.explain import Claim, TruthExplanation
 from tinygc.explanation.verdict.measured import p_entry, p_words
 
 SCHEMA = "tinygc-explain/1"
-#: of the gyro's own noise, which a truth that was made without this gyro cannot follow
+#: of the gyro's own noise, which a truth that was made without this gyro cannot follow: two sigmas of the rms of 100 angles
 OWN_NOISE_SHARE = 0.85
 CANNOT = (
     "cannot know: an error of the gyro's sensitivity from one of the truth's scale of angles; a common rotation of gyro and accelerometer "

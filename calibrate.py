@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import TextIO
 
 from session.common.errors import CalibrationError, printable
 from tinygc.cli.arguments import parser
@@ -21,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         args = parser().parse_args(arguments)
-        code = args.run(args)
+        code = _run(args)
         with standard_output():
             sys.stdout.flush()
         return code
@@ -44,6 +45,16 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
 
 
+def _run(args) -> int:
+    """With the effects of the folders that were named, and no others, in the catalogue."""
+    if not getattr(args, "effects", None):
+        return args.run(args)
+    from tinygc.effects import using
+
+    with using(args.effects):
+        return args.run(args)
+
+
 def _make_streams_safe() -> None:
     """Whoever started us may have closed a stream, or may read it in an encoding without our signs: neither is worth a traceback."""
     for name in ("stdout", "stderr"):
@@ -54,7 +65,7 @@ def _make_streams_safe() -> None:
             stream.reconfigure(errors="replace")
 
 
-def _silence(stream) -> None:
+def _silence(stream: TextIO) -> None:
     """Let what is still in the stream's buffer go nowhere."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 

@@ -28,7 +28,8 @@ from tinygc.deploy.embedded.program import Program, program
 from tinygc.deploy.embedded.register_input import Registers
 from tinygc.deploy.embedded.source import source_files
 from tinygc.deploy.embedded.stage import Inputs
-from tinygc.fit.session import fit_session, save_models
+from tinygc.fitting.save import save_models
+from tinygc.fitting.session import fit_session
 from tinygc.methods.options import FitOptions
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 
@@ -129,14 +130,14 @@ def _pytorch(model, chosen: Program, rate: np.ndarray) -> str:
 
 def _in_pytorch(model, rate: np.ndarray) -> np.ndarray | None:
     """Rates (N, 3) by PyTorch in float32; None for physics, which is not in PyTorch."""
-    if hasattr(model, "calibrate") or hasattr(getattr(model, "calibration", None), "calibrate"):
+    if not model.rates_only:
         return None
     return _single(model)(torch.tensor(rate)).numpy()
 
 
 def _from_double(model, rates: np.ndarray | None, measured: np.ndarray) -> str:
     """Largest difference in rad/s of rates from the model in float64."""
-    return "–" if rates is None or hasattr(model, "calibrate") else f"{np.abs(model(measured.astype(float)) - rates).max():.1e}"
+    return "–" if rates is None or not model.rates_only else f"{np.abs(model(measured.astype(float)) - rates).max():.1e}"
 
 
 def _single(model):

@@ -212,7 +212,7 @@ def _whole_job(folder: Path):
 
 
 def _alone(folder: Path, methods: str) -> None:
-    from tinygc.fit.session import fit_session
+    from tinygc.fitting.session import fit_session
 
     fit_session(folder, replace(FitOptions(), methods=tuple(methods.split(","))))
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)

@@ -18,7 +18,7 @@ from session.common.errors import CalibrationError
 from session.common.units import DEG
 from session.log.folder import read_session
 from tinygc.closure.uncertainty import goodness
-from tinygc.fit.session import closure_figures
+from tinygc.fitting.figures import closure_figures
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
 from tinygc.problem.build import build_problem
@@ -65,7 +65,7 @@ def one_recording(job: Job) -> dict[str, str]:
     except CalibrationError as error:
         return row | {"stills": f"refused: {error}"}
     linear = fits["least_squares"]
-    found = goodness(problem.batch, problem.floor, linear.model, problem.middle_s)
+    found = goodness(problem.batch, problem.floor, linear.model, problem.wander)
     floor = problem.floor.tilt_rms / DEG
     tilt = {method: [closure_figures(x)["tilt_rms_deg"] for x in (fit.angles, fit.held_out)] for method, fit in fits.items()}
     titles = dict(zip(METHODS, ("raw", "least squares", "PSO", "TinyGC-Net"), strict=True))

@@ -20,7 +20,7 @@ from session.log.samples import Samples
 from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.uncertainty import goodness, parameter_covariance
-from tinygc.fit.compare import DIFFERS_P, Calibrated, compare
+from tinygc.fitting.compare import DIFFERS_P, Calibrated, compare
 from tinygc.models.linear import bias_only
 from tinygc.problem.build import build_problem
 from tinygc.simulation import simulate
@@ -75,8 +75,8 @@ def calibrated(job: Job) -> Calibrated:
     session = recorded(options, job.scale_ppm)
     problem = build_problem(session)
     fit = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0]))
-    found = goodness(problem.batch, problem.floor, fit.model, problem.middle_s)
-    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth, None, problem.middle_s)
+    found = goodness(problem.batch, problem.floor, fit.model, problem.wander)
+    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth, None, problem.wander)
     return Calibrated(Path(f"day{job.seed}"), session.config, fit.model.vector, covariance, fit.unobserved, (str(job.seed),), ())
 
 

@@ -1,13 +1,32 @@
-"""What the README and its pages point to is there."""
+"""What the README and its pages point to is there, one list leads to every page, and what they tell a reader to run does run."""
 
+import json
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
+
+import calibrate
+import tinygc
+from tinygc.cli.commands import COMMANDS
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = sorted(path for path in (ROOT, ROOT / "docs", ROOT / "benchmarks") for path in path.glob("*.md"))
+DOCS = ROOT / "docs"
+PAGES = sorted(path for path in (ROOT, DOCS, ROOT / "benchmarks", ROOT / "data") for path in path.glob("*.md"))
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
+INDEX = DOCS / "index.md"
+README_LINES = 220
+#: the two commands with which everybody begins; nobody's notes on them may go stale
+SET_UP = """```
+python -m pip install -e . -c constraints.txt && python calibrate.py fit data/session1     # install, and the main job
+python -m pip install -e '.[test]' -c constraints.txt && python -m pytest                  # install, and the tests
+```
+"""
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 
 
 def without_code(text: str) -> str:
@@ -17,20 +36,150 @@ def without_code(text: str) -> str:
 def anchors(text: str) -> set[str]:
     """Of the headings, as Git hosts make them."""
     heads = re.findall(r"^#+ (.+)$", without_code(text), flags=re.M)
+    heads = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", head) for head in heads]
     return {re.sub(r"[^\w\- ]", "", head.strip().lower()).replace(" ", "-") for head in heads}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def linked_pages(text: str, folder: Path) -> list[Path]:
+    """Pages that a text links to, in order, each once."""
+    targets = [(folder / target).resolve() for target, _ in LINK.findall(without_code(text)) if target.endswith(".md")]
+    return list(dict.fromkeys(targets))
+
+
+def blocks(path: Path, language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", path.read_text(encoding="utf-8"), re.S)
+
+
+@each_page
 def test_every_link_inside_the_project_leads_somewhere(page):
     text = without_code(page.read_text(encoding="utf-8"))
     for target, anchor in LINK.findall(text):
         path = (page.parent / target).resolve() if target else page
         assert path.exists(), f"{page.name}: {target}"
+        assert path.is_relative_to(ROOT), f"{page.name}: {target} is outside the project"
         if anchor:
             assert anchor in anchors(path.read_text(encoding="utf-8")), f"{page.name}: {target}#{anchor}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+@each_page
 def test_nothing_was_left_to_be_filled_in(page):
     text = without_code(page.read_text(encoding="utf-8"))
-    assert not re.findall(r"^[A-Z0-9_]{4,}$|: [A-Z]{6,}[0-9]*$|\bTODO\b|\bTBD\b|\bFIXME\b", text, flags=re.M)
+    assert not re.findall(r"^[A-Z0-9_]{4,}$|: [A-Z]{6,}[0-9]*$|@@|\bTODO\b|\bTBD\b|\bFIXME\b", text, flags=re.M)
+
+
+@each_page
+def test_a_page_has_one_title_and_no_heading_twice(page):
+    heads = re.findall(r"^(#+) (.+)$", without_code(page.read_text(encoding="utf-8")), flags=re.M)
+    assert heads[0][0] == "#"
+    assert [level for level, _ in heads].count("#") == 1
+    if page.name != "CHANGELOG.md":  # whose groups have the same names in each version
+        assert len({text for _, text in heads}) == len(heads)
+
+
+def test_the_readme_is_short_and_begins_with_the_two_commands():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert text.count("\n") <= README_LINES
+    assert text.index(SET_UP) < 1000
+
+
+def test_one_list_leads_to_every_page():
+    listed = linked_pages(INDEX.read_text(encoding="utf-8"), DOCS)
+    pages = {path for path in DOCS.glob("*.md") if path != INDEX}
+    assert {path for path in listed if path.parent == DOCS} == pages
+    assert all(line.count("](") == 1 for line in INDEX.read_text(encoding="utf-8").splitlines() if line.startswith("- "))
+
+
+def test_the_readme_has_the_same_list():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    (section,) = re.findall(r"^## Pages\n(.*?)(?=^## |\Z)", text, flags=re.S | re.M)
+    groups = [line for line in section.splitlines() if line.startswith("- **")]
+    assert linked_pages("\n".join(groups), ROOT) == [
+        path for path in linked_pages(INDEX.read_text(encoding="utf-8"), DOCS) if path.parent == DOCS
+    ]
+    assert INDEX in linked_pages(section, ROOT)
+
+
+@pytest.mark.parametrize("picture", sorted(path.name for path in DOCS.glob("*.*") if path.suffix in (".png", ".svg")))
+def test_every_picture_is_on_a_page(picture):
+    assert any(picture in page.read_text(encoding="utf-8") for page in PAGES)
+
+
+def test_every_command_is_on_its_page():
+    text = (DOCS / "commands.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^calibrate\.py (\w+)", text, re.M)) == sorted(COMMANDS)
+
+
+@each_page
+def test_options_that_a_page_names_exist(page, capsys):
+    """Every ``--option`` after ``calibrate.py COMMAND`` (in a line, `COMMAND --option`) is one of that command."""
+    found = re.findall(r"(?:calibrate(?:\.py)? |`)(\w+)((?: [^\n`|;#]*)?)", page.read_text(encoding="utf-8"))
+    for command, words in ((command, words) for command, words in found if command in COMMANDS):
+        options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", words.split("calibrate")[0]))
+        if options:
+            with pytest.raises(SystemExit):
+                calibrate.main([command, "--help"])
+            known = set(re.findall(r"--[a-z][a-z0-9-]+", re.sub(r"-\n\s+", "-", capsys.readouterr().out)))
+            assert options <= known, f"{page.name}: calibrate.py {command}{words}"
+
+
+@pytest.fixture
+def in_a_fitted_checkout(tmp_path, monkeypatch):
+    """A working folder with data/session1/fit, as after the first command."""
+    session = ROOT / "data" / "session1"
+    assert calibrate.main(["fit", str(session), "--methods", "least_squares", "--quiet", "--out", str(tmp_path / "data/session1/fit")]) == 0
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "data/session1/fit/model_least_squares.json"
+
+
+def test_the_python_and_the_c_that_apply_a_model_agree(in_a_fitted_checkout, tmp_path):
+    """The examples of README and docs/apply.md, as they stand there."""
+    registers = np.random.default_rng(0).integers(-20000, 20000, (200, 3))
+    weights = json.loads(in_a_fitted_checkout.read_text(encoding="utf-8"))["weights"]
+    expected = registers * 17.5e-3 * np.pi / 180 @ np.array(weights["E"]).T + np.array(weights["B"])
+    for path in (ROOT / "README.md", DOCS / "apply.md"):
+        (python,) = (block for block in blocks(path, "python") if "tinygc.load" in block)
+        known = {"registers": registers}
+        exec(python, known)
+        np.testing.assert_allclose(known["omega"], expected, rtol=0, atol=1e-12)
+        (code,) = blocks(path, "c")
+        if shutil.which("gcc") is None:
+            continue
+        E, B = (str(weights[name]).replace("[", "{").replace("]", "}") for name in "EB")
+        rows = str(registers.tolist()).replace("[", "{").replace("]", "}")
+        program = (
+            "#include <stdio.h>\nint main(void)\n{\n"
+            f"const double E[3][3] = {E}, B[3] = {B};\nconst int rows[200][3] = {rows};\ndouble omega[3];\n"
+            f"for (int row = 0; row < 200; row++) {{\nconst int *g = rows[row];\n{code}\n"
+            'printf("%.9g %.9g %.9g\\n", omega[0], omega[1], omega[2]);\n}\n}\n'
+        )
+        (tmp_path / "apply.c").write_text(program)
+        subprocess.run(["gcc", "-std=c99", "-Wall", "-Werror", "-o", tmp_path / "apply", tmp_path / "apply.c"], check=True)
+        answered = np.loadtxt(subprocess.run([tmp_path / "apply"], capture_output=True, text=True, check=True).stdout.split("\n"))
+        np.testing.assert_allclose(answered, expected, rtol=0, atol=2e-6)
+
+
+def test_what_the_readme_shows_of_fit_is_what_fit_says(in_a_fitted_checkout):
+    """Its held-out closure and its parameters, to the digit."""
+    shown = (ROOT / "README.md").read_text(encoding="utf-8")
+    table = json.loads((in_a_fitted_checkout.parent / "fit.json").read_text(encoding="utf-8"))
+    train, held_out = (table["methods"]["least_squares"][which]["tilt_rms_deg"] for which in ("train", "holdout"))
+    assert re.search(rf"^least squares +12  {train:.4f}    {held_out:.4f} ", shown, re.M)
+    (run,) = table["closure_runs"]
+    figures = " +".join(f"{run['least_squares'][name]:.4f}" for name in ("roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"))
+    assert re.search(rf"^  least squares +{figures}$", shown, re.M)
+    B = np.array(json.loads(in_a_fitted_checkout.read_text(encoding="utf-8"))["weights"]["B"]) * 180 / np.pi
+    assert re.search("^B, dps +" + ".*".join(f"{value:.5f} ±" for value in B), shown, re.M)
+
+
+def test_the_citation_names_the_version_and_the_paper():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["title"] == "TinyGC"
+    assert citation["version"] == tinygc.__version__
+    (paper,) = (reference for reference in citation["references"] if "TinyGC-Net" in reference["title"])
+    assert paper["url"] in (DOCS / "references.md").read_text(encoding="utf-8")
+
+
+def test_the_changelog_has_the_version_and_a_place_for_what_comes():
+    heads = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
+    assert heads[0] == "[Unreleased]"
+    assert re.fullmatch(rf"\[{re.escape(tinygc.__version__)}\] - \d{{4}}-\d\d-\d\d", heads[1])

@@ -7,21 +7,20 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from session.common.units import DEG, EARTH_RATE_RPS, MG, G
+from session.common.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MG, G
 from session.log.folder import read_session
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.bias_wander import wander_covariance
-from tinygc.effects import catalogue
-from tinygc.effects.applied import Claim
-from tinygc.explain.naming.forward import candidates
-from tinygc.explain.naming.selection import Selection
-from tinygc.explain.naming.unknown import slow_candidates
-from tinygc.explain.twin.common_delay import in_gauge
-from tinygc.explain.twin.refit import refit
-from tinygc.explain.twin.turn_gravity import turn_gravity
-from tinygc.explain.twin.twin import Channels, State, Twin
-from tinygc.explain.twin.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, UNIT_INSTABILITY, Whitener
+from tinygc.effects import Claim, catalogue
+from tinygc.explanation.naming.forward import candidates
+from tinygc.explanation.naming.selection import Selection
+from tinygc.explanation.naming.unknown import slow_candidates
+from tinygc.explanation.twin.common_delay import in_gauge
+from tinygc.explanation.twin.refit import refit
+from tinygc.explanation.twin.turn_gravity import turn_gravity
+from tinygc.explanation.twin.twin import Channels, State, Twin
+from tinygc.explanation.twin.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, UNIT_INSTABILITY, Whitener
 from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
@@ -65,7 +64,7 @@ class Noise:
         (movement,) = twin.movements
         self.t_s = movement.t_s
         self.knots_s = np.arange(0, movement.t_s[-1] + 0.5, 0.5)
-        self.wander = UNIT_INSTABILITY * np.linalg.cholesky(wander_covariance(self.knots_s))
+        self.wander = np.linalg.cholesky(wander_covariance(self.knots_s, instability_rps=UNIT_INSTABILITY * 3 * DEG_PER_HOUR))
 
     def residuals(self, noisy: bool) -> np.ndarray:
         """Stacked (n,)."""
@@ -272,7 +271,7 @@ def test_columns_of_each_effect(twin_of, name):
     """At zero, where naming looks at them."""
     twin, _ = twin_of(warm_up_c=6.0)
     effect = catalogue()[name]
-    if effect.variants:
+    if effect.scan:
         effect = effect.variants(np.array([twin.movements[0].duration_s * 0.4]))[0]
     state = replace(twin.start(), claims=(Claim(effect, np.zeros(effect.parameter.size)),))
     rates = twin.rates(state)

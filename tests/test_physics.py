@@ -8,7 +8,7 @@ import pytest
 import calibrate
 from session.common.units import DEG, G
 from session.log.folder import read_session
-from tinygc.fit.physics.fit_physics import fit_physics
+from tinygc.fitting.physics.fit_physics import fit_physics
 from tinygc.models.files import load
 from tinygc.models.linear import NAMES
 from tinygc.problem.build import build_problem
@@ -65,7 +65,7 @@ def test_the_saved_model_undoes_the_effect(warm):
     session = read_session(folder)
     (log,) = session.logs
     model = load(folder / "fit" / "model_physics.json")
-    assert model.ids == ("gyro.thermal_bias",)
+    assert tuple(claim.effect.id for claim in model.undone) == ("gyro.thermal_bias",)
     samples = session.calibrated(log)
     linear = load(folder / "fit" / "model_least_squares.json")
     stills = [still for still in build_problem(session).stills if still.problem is None]
@@ -102,7 +102,7 @@ def test_what_explain_refuses_is_not_fitted(tmp_path, capsys):
     folder = simulated(tmp_path / "s", oscillating)
     found = fit_physics(build_problem(read_session(folder)), None)
     assert found.refused
-    assert found.model.ids == ()
+    assert tuple(claim.effect.id for claim in found.model.undone) == ()
     assert calibrate.main(["fit", str(folder), "--physics", "auto", "--methods", "least_squares"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "Physics: a mismatch that no effect in the catalogue fits" in out

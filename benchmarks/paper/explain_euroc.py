@@ -12,9 +12,9 @@ from paper.euroc import EUROC
 from session.common.units import DEG, MG
 from session.log.folder import read_session
 from session.public.euroc import write_sequences, write_training_windows
-from tinygc.explain.truth.explain import Claim, TruthExplanation, explain_truth
-from tinygc.explain.truth.result import independent
-from tinygc.fit.bias.days import level_days
+from tinygc.explanation.truth.explain import Claim, TruthExplanation, explain_truth
+from tinygc.explanation.truth.result import independent
+from tinygc.fitting.bias.days import level_days
 from tinygc.problem.build import build_problem
 
 SEQUENCES = ("MH_01", "MH_02", "MH_03", "MH_04", "MH_05", "V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03")
@@ -76,7 +76,7 @@ def _row(name: str, e: TruthExplanation) -> tuple[str, ...]:
 
 
 def _claims(e: TruthExplanation) -> str:
-    claims = ", ".join(f"{claim.effect.id} ({_size(claim)}, {100 * claim.share:.0f} %)" for claim in e.claims)
+    claims = ", ".join(f"{claim.effect.id} ({_size(claim)}{_share(claim)})" for claim in e.claims)
     refused = ", ".join(f"{claim.effect.id} ({_size(claim)})" for claim in e.refused)
     return (
         e.verdict.replace("_", " ")
@@ -85,7 +85,13 @@ def _claims(e: TruthExplanation) -> str:
     )
 
 
+def _share(claim: Claim) -> str:
+    return "" if claim.share is None else f", {100 * claim.share:.0f} %"
+
+
 def _size(claim: Claim) -> str:
+    if claim.sigma is None:
+        return f"{len(claim.theta)} moments"
     return f"{np.abs(claim.theta).max() / claim.effect.parameter.si:.2g} {claim.effect.parameter.unit}"
 
 

@@ -54,7 +54,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
     force = config.accelerometer.correct(log.samples.accel * factor)
     return [
         *findings,
-        *check_noise(where, noise, config.sensor.model),
+        *check_noise(where, noise, config.sensor),
         *check_zero_rate(where, good, config.sensor.model),
         *check_gravity(where, good, config, noise),
         *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),

@@ -19,7 +19,7 @@ class Log:
     """One file's samples, and what else it said.
 
     samples with the specific force as measured; comments: ``key=value`` pairs of its # lines; notes: what was mended
-    or left out while reading; raw: whether it held registers.
+    or left out while reading; raw: whether it held registers; in_memory: arrays that were never a file, path being but a name.
     """
 
     path: Path
@@ -27,6 +27,7 @@ class Log:
     comments: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     raw: bool = True
+    in_memory: bool = False
 
 
 def read_log(path: Path, sensor: Sensor) -> Log:

@@ -119,7 +119,7 @@ def _write_config(folder: Path, segment_s: float, truth_sigma_deg: float) -> Pat
     return folder
 
 
-def _write_log(folder: Path, name: str, t_ns, gyro, accel) -> None:
+def _write_log(folder: Path, name: str, t_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / f"log_{name}.csv").open("w", encoding="utf-8") as file:
         file.write(LOG_HEADER + "\n")
@@ -127,7 +127,7 @@ def _write_log(folder: Path, name: str, t_ns, gyro, accel) -> None:
             file.write(f"{t},{','.join(map(repr, rate))},{','.join(map(repr, force))}\n")
 
 
-def _write_truth(folder: Path, name: str, t_ns, q_nb, window=None) -> None:
+def _write_truth(folder: Path, name: str, t_ns: np.ndarray, q_nb: np.ndarray, window: np.ndarray | None = None) -> None:
     with (folder / f"truth_{name}.csv").open("w", encoding="utf-8") as file:
         file.write("t_ns,qw,qx,qy,qz" + (",window" if window is not None else "") + "\n")
         for k, (t, q) in enumerate(zip(t_ns.tolist(), q_nb.tolist(), strict=True)):

@@ -17,7 +17,7 @@ FEWEST = 6  #: stretches, 3 s, before anything is said
 class ComparisonOfClocks:
     """``add`` arrivals, ``restart`` where device time begins anew."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.restart()
 
     def restart(self) -> None:

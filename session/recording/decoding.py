@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from session.common.errors import FormatError
 from session.recording.logwriter import LogWriter
@@ -38,7 +39,7 @@ def new_connection(decoder: StreamDecoder) -> list[Event]:
     return [*events, Trouble("reconnect")] if decoder.samples else events
 
 
-def _until(raw, offset: int | None, decoder: StreamDecoder, logs: LogWriter) -> Iterator[tuple[int | None, list[Event]]]:
+def _until(raw: BinaryIO, offset: int | None, decoder: StreamDecoder, logs: LogWriter) -> Iterator[tuple[int | None, list[Event]]]:
     while (size := BLOCK if offset is None else min(BLOCK, offset - raw.tell())) > 0 and (data := raw.read(size)):
         events = decoder.feed(data)
         logs.write(events)

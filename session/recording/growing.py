@@ -15,12 +15,14 @@ class GrowingFile:
     """Write to it as to a new file.  aside: where a file went whose beginning was another one, or None.  Raises OSError."""
 
     def __init__(self, path: Path):
-        self.path, self.aside = path, None
+        self.path = path
+        self.aside: Path | None = None
         self._same = 0  # bytes of the old file that were found again
         self._left = path.stat().st_size if path.is_file() else 0
         self._file = path.open("r+b" if self._left else "wb")
 
     def write(self, text: str) -> None:
+        """Add text, or find it there already."""
         data = text.encode()
         if self._left:
             there = self._file.read(min(len(data), self._left))
@@ -32,9 +34,11 @@ class GrowingFile:
             self._file.write(data)
 
     def flush(self) -> None:
+        """Hand what is buffered to the operating system."""
         self._file.flush()
 
     def close(self) -> None:
+        """End it."""
         self._file.close()
 
     def _put_aside(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +23,10 @@ class LogWriter:
     """
 
     def __init__(self, folder: Path, stem: str = "log"):
-        self.folder, self.stem, self.paths, self.put_aside = folder, stem, [], []
-        self._file = None
+        self.folder, self.stem = folder, stem
+        self.paths: list[Path] = []
+        self.put_aside: list[Path] = []
+        self._file: GrowingFile | None = None
         self._info: Info | None = None
         self._waiting: list[str] = []  # comments before the first sample
 
@@ -58,7 +60,7 @@ class LogWriter:
             file.close()
 
     @contextlib.contextmanager
-    def _storage(self):
+    def _storage(self) -> Iterator[None]:
         try:
             yield
         except OSError as error:
@@ -82,10 +84,9 @@ class LogWriter:
             self._comment(f"left out as implausible: {event.count} (t_us {'?' if event.t_us is None else event.t_us})")
 
     def _samples(self, chunk: Chunk) -> None:
-        if self._file is None:
-            self._open()
+        file = self._file or self._open()
         table = np.column_stack([chunk.t_us, chunk.registers])
-        self._file.write("%d,%d,%d,%d,%d,%d,%d,%d\n" * len(table) % tuple(table.ravel().tolist()))
+        file.write("%d,%d,%d,%d,%d,%d,%d,%d\n" * len(table) % tuple(table.ravel().tolist()))
 
     def _comment(self, text: str) -> None:
         if self._file is None:
@@ -93,14 +94,15 @@ class LogWriter:
         else:
             self._file.write(f"# {text}\n")
 
-    def _open(self) -> None:
+    def _open(self) -> GrowingFile:
         number = 1 + sum(path.name.startswith(self.stem) for path in self.paths)
         path = self.folder / f"{self.stem}{number:04d}.csv"
         if (packed := path.with_name(path.name + ".gz")).exists():
             raise FormatError(f"{packed}: a recording goes on in plain logs only; unpack it first (gunzip)")
-        self._file = GrowingFile(path)
+        self._file = file = GrowingFile(path)
         self.paths.append(path)
         for text in self._waiting:
-            self._file.write(f"# {text}\n")
-        self._file.write(HEADER + "\n")
+            file.write(f"# {text}\n")
+        file.write(HEADER + "\n")
         self._waiting = []
+        return file

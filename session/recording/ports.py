@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from session.common.errors import DeviceError
 
@@ -86,7 +87,7 @@ def name_of(identity: tuple | None) -> str | None:
     return next((port.device for port in list_ports.comports() if (port.vid, port.pid, port.serial_number) == identity), None)
 
 
-def _known(port) -> KnownPort:
+def _known(port: ListPortInfo) -> KnownPort:
     if port.vid is None:
         what = port.description if port.description not in (None, "n/a") else "no USB device"
         return KnownPort(port.device, what, False)

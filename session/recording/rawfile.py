@@ -38,7 +38,8 @@ class RawFile:
     """Append bytes and marks.  StorageError says what is safe when no more can be written; later calls raise it again."""
 
     def __init__(self, folder: Path):
-        self.path, self._failed = folder / RAW, None
+        self.path = folder / RAW
+        self._failed: StorageError | None = None
         self._last_ns = -TIME_STEP_NS
         self._made = [path for path in (self.path, folder / TIMES, folder, *folder.parents) if not path.exists()]
         try:

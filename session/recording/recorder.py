@@ -111,7 +111,7 @@ class Recorder:
         if isinstance(item, Exception):
             raise item
         self.connected = isinstance(item, Opened)
-        self.why = "" if self.connected else item.why
+        self.why = item.why if isinstance(item, Closed) else ""
         if not self.connected:
             return []
         self.clock.restart()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,6 +41,7 @@ class SessionFile:
 
     @property
     def protocol(self) -> Protocol:
+        """Of the folder's own file, else of the one that it is to be like, else the default."""
         known = self._own or self._like
         return known.protocol if known else Protocol()
 
@@ -49,7 +51,7 @@ class SessionFile:
         CalibrationError where the board contradicts the file or the command line; StorageError where it cannot be written.
         """
         if info is not None:
-            said = {"gyro_fs_dps": info.gyro_fs_dps, "accel_fs_g": info.accel_fs_g}
+            said: dict[str, float] = {"gyro_fs_dps": info.gyro_fs_dps, "accel_fs_g": info.accel_fs_g}
             if self._own is not None:
                 self._require_agreement(self._own.sensor, said, "the board")
             for name, value in said.items():
@@ -70,12 +72,15 @@ class SessionFile:
             said = {name: value if value is not None else getattr(info, name) for name, value in said.items()}
         elif self._like is not None and waited_s >= PATIENCE_S:
             said = {name: value if value is not None else getattr(self._like.sensor, name) for name, value in said.items()}
-        if None in said.values():
+        odr_hz, gyro_fs_dps, accel_fs_g = said["odr_hz"], said["gyro_fs_dps"], said["accel_fs_g"]
+        if odr_hz is None or gyro_fs_dps is None or accel_fs_g is None:
             return None
-        model = self._like.sensor.model if self._like else "ASM330LHH"
-        return Sensor(model, info.serial if info else "", nominal_hz(said["odr_hz"]), said["gyro_fs_dps"], said["accel_fs_g"])
+        serial = info.serial if info else ""
+        if self._like is not None:
+            return replace(self._like.sensor, serial=serial, odr_hz=nominal_hz(odr_hz), gyro_fs_dps=gyro_fs_dps, accel_fs_g=accel_fs_g)
+        return Sensor("ASM330LHH", serial, nominal_hz(odr_hz), gyro_fs_dps, accel_fs_g)
 
-    def _require_agreement(self, sensor: Sensor, said: dict[str, float | None], who: str) -> None:
+    def _require_agreement(self, sensor: Sensor, said: Mapping[str, float | None], who: str) -> None:
         for name, value in said.items():
             mine = getattr(sensor, name)
             if value is not None and (abs(value / mine - 1) > NOMINAL_WITHIN if name == "odr_hz" else value != mine):
@@ -105,6 +110,8 @@ def toml_text(config: Config) -> str:
     remark = "  # none: give the accelerometer's pre-calibration here, or its errors become the gyroscope's" if identity else ""
     here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
     lines = [f"{name} = {value!r}" for name, value in here.items() if value is not None]
+    known = {name: getattr(sensor, name) for name in ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz")}
+    noise = "".join(f"{name} = {value!r}\n" for name, value in known.items() if value is not None)
     lines = lines or ["# latitude_deg = …  # without it the Earth's rotation stays in the rates"]
     return f"""\
 schema = "{SCHEMA}"
@@ -115,7 +122,7 @@ serial = {_quoted(sensor.serial)}
 odr_hz = {sensor.odr_hz!r}
 gyro_fs_dps = {sensor.gyro_fs_dps:g}
 accel_fs_g = {sensor.accel_fs_g:g}
-
+{noise}
 [accelerometer]{remark}
 matrix = [{matrix}]
 bias_mps2 = [{bias}]

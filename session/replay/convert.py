@@ -209,6 +209,8 @@ serial = {quoted(serial or readers[0].comments.get("serial", ""))}
 odr_hz = {odr_hz!r}
 gyro_fs_dps = {answers.gyro_fs_dps:g}
 accel_fs_g = {answers.accel_fs_g:g}
+# gyro_bias_instability_dph =  # deg/h, data sheet; without it, it is estimated from the recording
+# gyro_noise_mdps_rthz =       # one-sided, data sheet; what `check` holds the noise against
 
 # Fill in what is known: what is missing here is error in the calibration.
 # [accelerometer]  # pre-calibration: a = matrix @ (measured_mps2 - bias_mps2)

@@ -1,4 +1,4 @@
-"""Events in order, with as few objects as possible."""
+"""What one call of the decoder gives: its events, gathered."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from session.stream.events import Chunk, Event, Trouble
 
 
 class Collector:
-    """``add`` events, take ``events`` out: between two that have a place, one chunk, and one count of each trouble."""
+    """Events in order, with as few objects as possible: between two that have a place, one chunk, and one count of each trouble."""
 
     _COUNTED = ("lost", "crc", "garbage")
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._done: list[Event] = []
         self._chunks: list[Chunk] = []
         self._counts: dict[str, Trouble] = {}
 
     def add(self, event: Event) -> None:
-        """The next event."""
+        """One more."""
         if isinstance(event, Chunk):
             self._chunks.append(event)
         elif isinstance(event, Trouble) and event.kind in self._COUNTED:
@@ -29,7 +29,7 @@ class Collector:
             self._done.append(event)
 
     def events(self) -> list[Event]:
-        """What was added, in order; the collector is of no use after it."""
+        """All so far."""
         self._close()
         return self._done
 

@@ -41,6 +41,7 @@ class Readings:
         return len(self.t_us)
 
     def part(self, start: int, stop: int) -> Readings:
+        """Those from start up to stop."""
         sequence = None if self.sequence is None else self.sequence[start:stop]
         return Readings(sequence, self.t_us[start:stop], self.registers[start:stop], self.damaged[start:stop])
 
@@ -59,7 +60,10 @@ class Accepted:
 class Continuity:
     """For one connection.  ``take`` readings, tell it of the numbers that info frames used up (``info``), ``finish``."""
 
-    def __init__(self):
+    def __init__(self) -> None:
+        self._begin()
+
+    def _begin(self) -> None:
         self.period_us: float | None = None
         self._last: Readings | None = None  # the last that counted
         self._t_us = 0  # its unrolled time
@@ -92,21 +96,22 @@ class Continuity:
         self._leave_out(len(self._chain), out)
         if self._held is not None:
             out.append(self._held)
-        self.__init__()
+        self._begin()
         return out
 
     def _take_smooth(self, readings: Readings, out: list) -> int:
         """Accept the readings at the beginning of these of which each follows the one before; returns how many."""
-        last = self._last
+        last, period_us = self._last, self._period
+        assert last is not None
         step_us = np.diff(readings.t_us, prepend=last.t_us[-1])
-        if readings.sequence is None:
+        if readings.sequence is None or last.sequence is None:
             periods = np.ones(len(readings), np.int64)
-            smooth = np.abs(step_us - self.period_us) <= TEXT_TOLERANCE * self.period_us
+            smooth = np.abs(step_us - period_us) <= TEXT_TOLERANCE * period_us
         else:
             step_us %= TIME_WRAP
             periods = np.diff(readings.sequence, prepend=last.sequence[-1]) % SEQUENCE_WRAP
-            bar = (NUMBERED_TOLERANCE + GAP_TOLERANCE * periods) * self.period_us
-            smooth = (np.abs(step_us - periods * self.period_us) <= bar) & (periods >= 1) & (periods <= LONGEST_SKIP)
+            bar = (NUMBERED_TOLERANCE + GAP_TOLERANCE * periods) * period_us
+            smooth = (np.abs(step_us - periods * period_us) <= bar) & (periods >= 1) & (periods <= LONGEST_SKIP)
         count = len(readings) if smooth.all() else int(np.argmin(smooth))
         if count:
             # Stop where the period is measured anew, so that it is measured at the same reading however they are cut.
@@ -130,6 +135,12 @@ class Continuity:
         if len(self._chain) >= (TEXT_RESET_CHAIN if self._looks_like_text_reset() else CHAIN):
             self._lock(out)
 
+    @property
+    def _period(self) -> float:
+        """us; known as soon as a reading has counted."""
+        assert self.period_us is not None
+        return self.period_us
+
     def _looks_like_text_reset(self) -> bool:
         return self._chain[0].sequence is None and self._last is not None and self._gap(self._chain[0]) is None
 
@@ -138,12 +149,12 @@ class Continuity:
         step_us = int(one.t_us[0] - last.t_us[-1])
         if one.sequence is None:
             step_us += TIME_WRAP if -TIME_WRAP < step_us < -TIME_WRAP // 2 else 0
-            return (step_us, 1) if abs(step_us - self.period_us) <= TEXT_TOLERANCE * self.period_us else None
+            return (step_us, 1) if abs(step_us - self._period) <= TEXT_TOLERANCE * self._period else None
         step_us %= TIME_WRAP
         if step_us > LONGEST_GAP_US:
             return None
         numbers = _numbers(last, one, self._infos)
-        periods = step_us / self.period_us
+        periods = step_us / self._period
         numbers += SEQUENCE_WRAP * max(0, round((periods - numbers) / SEQUENCE_WRAP))
         # Once a second a number belongs to an info frame, which may be lost like any other.
         for lost_infos in range(2 + step_us // 1_000_000):
@@ -158,6 +169,7 @@ class Continuity:
         if rate is None or len(self._chain) < 2:
             return rate is not None
         before = _rate(self._chain[-2], self._chain[-1], self._infos)
+        assert before is not None  # or the last had not been chained to the one before
         tolerance = TEXT_TOLERANCE if one.sequence is None else NUMBERED_TOLERANCE
         return abs(rate - before) <= tolerance * min(rate, before)
 
@@ -189,24 +201,25 @@ class Continuity:
 
     def _gap(self, one: Readings) -> tuple[int, int] | None:
         """Time and sample periods from the last that counted to a stretch that begins with this one; None: it began anew."""
+        assert self._last is not None
         step_us = int(one.t_us[0] - self._last.t_us[-1])
         if one.sequence is None:
             step_us += TIME_WRAP if -TIME_WRAP < step_us < -TIME_WRAP // 2 else 0
-            return (step_us, max(1, round(step_us / self.period_us))) if 0 < step_us <= LONGEST_GAP_US else None
+            return (step_us, max(1, round(step_us / self._period))) if 0 < step_us <= LONGEST_GAP_US else None
         step_us %= TIME_WRAP
         numbers = _numbers(self._last, one, self._infos)
         return (step_us, numbers) if 0 < step_us <= RATE_CHANGE_US and 1 <= numbers <= LONGEST_SKIP else None
 
     def _accept(self, readings: Readings, t_us: np.ndarray, periods: np.ndarray, out: list) -> None:
         lost = int(periods.sum()) - len(periods)
-        accepted = Accepted(t_us, readings.registers, readings.damaged, periods)
+        accepted: Accepted | None = Accepted(t_us, readings.registers, readings.damaged, periods)
         if readings.sequence is None:
             # Bytes lost in the middle of one line up to the middle of another make one line of two.  It looks whole, and a gap
             # follows: so the line before a gap does not count.
             if self._held is not None and (periods[0] > 1 or lost):
                 self._held = None
                 lost += 1
-            accepted = self._hold(accepted)
+            accepted = self._hold(Accepted(t_us, readings.registers, readings.damaged, periods))
         if lost:
             out.append(Trouble("lost", lost, self._t_us if self._last is not None else None))
         if accepted is not None:
@@ -218,10 +231,10 @@ class Continuity:
             self._next_period = self._count + min(max(self._count, 16), 1024)
 
     def _hold(self, accepted: Accepted) -> Accepted | None:
-        arrays = (accepted.t_us, accepted.registers, accepted.damaged, accepted.periods)
+        arrays = [accepted.t_us, accepted.registers, accepted.damaged, accepted.periods]
         if self._held is not None:
             held = (self._held.t_us, self._held.registers, self._held.damaged, self._held.periods)
-            arrays = tuple(np.concatenate(pair) for pair in zip(held, arrays, strict=True))
+            arrays = [np.concatenate(pair) for pair in zip(held, arrays, strict=True)]
         self._held = Accepted(*(array[-1:] for array in arrays))
         return Accepted(*(array[:-1] for array in arrays)) if len(arrays[0]) > 1 else None
 
@@ -232,6 +245,8 @@ class Continuity:
 
 def _numbers(a: Readings, b: Readings, infos: list[int]) -> int:
     """By how much b's number is higher than a's, those of the info frames between them taken off."""
+    assert a.sequence is not None
+    assert b.sequence is not None
     first = int(a.sequence[-1])
     numbers = (int(b.sequence[0]) - first) % SEQUENCE_WRAP
     return numbers - len({info for info in infos if 0 < (info - first) % SEQUENCE_WRAP < numbers})

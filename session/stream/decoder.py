@@ -13,7 +13,7 @@ import numpy as np
 from session.stream import frames
 from session.stream.collector import Collector
 from session.stream.continuity import Accepted, Continuity, Readings
-from session.stream.events import Chunk, Comment, Event, Trouble
+from session.stream.events import Chunk, Comment, Event, Info, Trouble
 from session.stream.steps import StepFilter
 from session.stream.text import COLUMNS, LONGEST_LINE, parse_comment, parse_header, parse_info, parse_line, parse_lines
 
@@ -32,9 +32,9 @@ class StreamDecoder:
     info: the last ``Info``, or None.  mode: "text" or "frames", or None while it is not known.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.samples = self.lost = self.crc_errors = self.garbage = self.implausible = self.resets = 0
-        self.info = None
+        self.info: Info | None = None
         self._period_us: float | None = None
         self._begin()
 
@@ -123,7 +123,7 @@ class StreamDecoder:
             self.mode = None
         return bool(len(too_long))
 
-    def _blocks(self, codes, data: bytes, starts, ends, lengths, out: Collector) -> None:
+    def _blocks(self, codes: np.ndarray, data: bytes, starts: np.ndarray, ends: np.ndarray, lengths: np.ndarray, out: Collector) -> None:
         """What stands between zero bytes, many at a time.  A whole frame at the end of something longer counts: what was torn off or
         said before it took only its delimiter along."""
         sample, info, bad = frames.SAMPLE_BYTES, frames.INFO_BYTES, lengths > 0
@@ -156,7 +156,7 @@ class StreamDecoder:
         remarks = [row for row in np.flatnonzero(left_over) if b"#" in data[starts[row] : ends[row]]] if left_over.any() else []
         self._garbage(int(left_over.sum()), out, damages=False)
         begin = 0
-        for row in sorted({*infos, *remarks}):
+        for row in sorted({*infos, *map(int, remarks)}):
             stop = int(np.searchsorted(rows, row))
             self._numbered(readings, damaged, begin, stop, out)
             begin = stop
@@ -168,8 +168,8 @@ class StreamDecoder:
         after_last = int(spoilt[-1]) - (int(spoilt_rows[-1]) if len(rows) else 0)
         self._damaged = after_last > 0 or (self._damaged and not len(rows))
 
-    def _numbered(self, table, damaged, begin: int, stop: int, out: Collector) -> None:
-        if stop > begin:
+    def _numbered(self, table: np.ndarray | None, damaged: np.ndarray, begin: int, stop: int, out: Collector) -> None:
+        if table is not None and stop > begin:
             part = table[begin:stop]
             readings = Readings(
                 part["sequence"].astype(np.int64), part["t_us"].astype(np.int64), part["registers"].astype(np.int16), damaged[begin:stop]

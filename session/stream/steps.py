@@ -21,7 +21,7 @@ DOUBT = 1000
 class StepFilter:
     """Passes samples on; holds a doubtful one until the next has come."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._doubt = 0  # samples still to be doubted
         self._before: np.ndarray | None = None  # (7,) the last sample passed on
         self._held: tuple[int, np.ndarray, int] | None = None  # t_us, registers, periods
@@ -40,7 +40,8 @@ class StepFilter:
         jumps = (np.abs(np.diff(values, axis=0, prepend=before)) > BAR * accepted.periods[:, None]).any(axis=1) & doubted
         out: list[Chunk | Trouble] = []
         if self._held is not None:
-            self._judge_held(values[0], int(accepted.periods[0]), out)
+            held, self._held = self._held, None
+            self._judge(held, values[0], int(accepted.periods[0]), out)
             jumps[0] = doubted[0] and self._jumps(values[0], int(accepted.periods[0]))
         start = 0  # of what is not yet passed on
         while start < count:
@@ -52,6 +53,7 @@ class StepFilter:
             if k == count - 1:
                 self._held = int(accepted.t_us[k]), values[k], int(accepted.periods[k])
                 break
+            assert self._before is not None  # what is doubted first is measured against itself, and passed on
             if _alone(self._before, values[k], values[k + 1], int(accepted.periods[k] + accepted.periods[k + 1])):
                 out.append(Trouble("implausible", 1, int(accepted.t_us[k])))
             else:
@@ -72,9 +74,8 @@ class StepFilter:
     def _jumps(self, value: np.ndarray, periods: int) -> bool:
         return self._before is not None and bool((np.abs(value - self._before) > BAR * periods).any())
 
-    def _judge_held(self, following: np.ndarray, periods: int, out: list) -> None:
-        t_us, value, own = self._held
-        self._held = None
+    def _judge(self, held: tuple[int, np.ndarray, int], following: np.ndarray, periods: int, out: list) -> None:
+        t_us, value, own = held
         if self._before is not None and _alone(self._before, value, following, own + periods):
             out.append(Trouble("implausible", 1, t_us))
         else:

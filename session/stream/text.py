@@ -85,7 +85,7 @@ def parse_info(comment: str) -> Info | None:
     """What a comment says of the board, or None where it is about something else."""
     said = dict(_PAIR.findall(comment))
     try:
-        numbers = [float(said[name]) for name in ("gyro_fs_dps", "accel_fs_g", "odr_hz")]
+        gyro, accel, odr = numbers = [float(said[name]) for name in ("gyro_fs_dps", "accel_fs_g", "odr_hz")]
     except (KeyError, ValueError):
         return None
-    return Info(*numbers, said.get("serial", "")) if all(0 < number < 1e6 for number in numbers) else None
+    return Info(gyro, accel, odr, said.get("serial", "")) if all(0 < number < 1e6 for number in numbers) else None

@@ -42,6 +42,7 @@ def no_earth() -> EarthRate:
 
 
 def vertical_only(latitude_deg: float) -> EarthRate:
+    """What gravity's direction alone tells: the part (0, 0, -Omega sin lat) rad/s in table axes; the heading stays unknown."""
     return EarthRate(np.array([0, 0, _down(latitude_deg)]), None, np.inf, "unknown")
 
 

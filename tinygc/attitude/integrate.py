@@ -13,12 +13,13 @@ from __future__ import annotations
 import numpy as np
 
 from tinygc.attitude import rotation
+from tinygc.attitude.rotation import Array
 
 CONING = 1 / 6
 INTEGRATORS = ("exact", "first-order")
 
 
-def steps(rate, dt, integrator: str = "exact"):
+def steps(rate: Array, dt: Array, integrator: str = "exact") -> Array:
     """Quaternions (..., T-1, 4) that turn the body from each sample to the next; rate (..., T, 3) rad/s, dt (..., T-1) s."""
     if integrator == "exact":
         return rotation.exp(step_vectors(rate, dt))
@@ -30,14 +31,14 @@ def steps(rate, dt, integrator: str = "exact"):
     raise ValueError(f"integrator is {integrator!r}, expected one of {', '.join(INTEGRATORS)}")
 
 
-def step_vectors(rate, dt):
+def step_vectors(rate: Array, dt: Array) -> Array:
     """Rotation vectors (..., T-1, 3) rad of the exact integrator."""
     before, after = rate[..., :-1, :], rate[..., 1:, :]
     h = dt[..., None]
     return (before + after) * (h / 2) + cross(before, after) * (h**2 * CONING)
 
 
-def cross(a, b):
+def cross(a: Array, b: Array) -> Array:
     """Vector product (..., 3), for arrays and tensors alike."""
     ax, ay, az = rotation.split(a)
     bx, by, bz = rotation.split(b)

@@ -7,31 +7,40 @@ length each time.  Every function here is smooth at zero and, for tensors, diffe
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+#: a NumPy array or a torch tensor, of one library throughout a call
+Array = TypeVar("Array", np.ndarray, "Tensor")
 
 #: below this squared half-angle the series is exact to double precision (its next term is below 1e-18)
 _SERIES_BELOW = 1e-2
 
 
-def namespace(array):
+def namespace(array: object) -> ModuleType:
     """The library an array belongs to, numpy or torch, without importing torch for those who have none."""
     torch = sys.modules.get("torch")
     return torch if torch is not None and isinstance(array, torch.Tensor) else np
 
 
-def join(parts):
+def join(parts: Sequence[Array]) -> Array:
     """Components (...) as one array (..., n), each contiguous in memory: twice as fast to compute with as interleaved ones."""
     xp = namespace(parts[0])
     return xp.moveaxis(xp.stack(parts, 0), 0, -1)
 
 
-def split(q):
+def split(q: Array) -> tuple[Array, ...]:
     """The components of (..., n), each (...).  For tensors in one step, whose derivative is one step as well."""
-    return q.unbind(-1) if namespace(q) is not np else tuple(q[..., i] for i in range(q.shape[-1]))
+    return tuple(q[..., i] for i in range(q.shape[-1])) if isinstance(q, np.ndarray) else q.unbind(-1)
 
 
-def multiply(p, q):
+def multiply(p: Array, q: Array) -> Array:
     """Hamilton product (..., 4): first q, then p."""
     pw, px, py, pz = split(p)
     qw, qx, qy, qz = split(q)
@@ -45,13 +54,13 @@ def multiply(p, q):
     )
 
 
-def conjugate(q):
+def conjugate(q: Array) -> Array:
     """The inverse of a unit quaternion (..., 4)."""
     w, x, y, z = split(q)
     return join([w, -x, -y, -z])
 
 
-def exp(vector):
+def exp(vector: Array) -> Array:
     """Quaternion (..., 4) of a rotation vector (..., 3) rad, exact at any angle."""
     xp = namespace(vector)
     x, y, z = split(vector)
@@ -67,7 +76,7 @@ def exp(vector):
     return join([cos, half_sinc * x, half_sinc * y, half_sinc * z])
 
 
-def log(q):
+def log(q: np.ndarray) -> np.ndarray:
     """Rotation vector (..., 3) rad of the shorter way, |vector| <= pi, of unit quaternions (NumPy only)."""
     q = np.where(q[..., :1] < 0, -q, q)
     sine = np.linalg.norm(q[..., 1:], axis=-1)
@@ -76,7 +85,7 @@ def log(q):
     return ratio[..., None] * q[..., 1:]
 
 
-def matrix(q):
+def matrix(q: Array) -> Array:
     """Rotation matrix (..., 3, 3) of unit quaternions (..., 4)."""
     xp = namespace(q)
     w, x, y, z = split(q)
@@ -88,20 +97,20 @@ def matrix(q):
     return xp.stack(rows, -2)
 
 
-def from_euler(roll, pitch, yaw):
+def from_euler(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
     """Quaternion (..., 4) of R = Rz(yaw) Ry(pitch) Rx(roll), angles in rad (NumPy only)."""
     zero = np.zeros(np.broadcast_shapes(np.shape(roll), np.shape(pitch), np.shape(yaw)))
     about = [exp(np.stack([*(zero,) * axis, zero + angle, *(zero,) * (2 - axis)], -1)) for axis, angle in enumerate((roll, pitch, yaw))]
     return multiply(about[2], multiply(about[1], about[0]))
 
 
-def from_gravity(accel):
+def from_gravity(accel: np.ndarray) -> np.ndarray:
     """Attitude q_nb (..., 4) with yaw 0 of a still body whose specific force is accel (..., 3): FORMATS, frames and signs."""
     x, y, z = (accel[..., i] for i in range(3))
     return from_euler(np.arctan2(-y, -z), np.arctan2(x, np.hypot(y, z)), 0.0)
 
 
-def compose(steps):
+def compose(steps: Array) -> Array:
     """Product q_0 q_1 … q_T-1 (..., 4) of body-frame steps (..., T, 4), in log2(T) vectorised multiplications."""
     tail = None
     while steps.shape[-2] > 1:
@@ -114,14 +123,15 @@ def compose(steps):
     return first if tail is None else multiply(first, tail)
 
 
-def _neighbours(steps, even: int):
+def _neighbours(steps: Array, even: int) -> tuple[Array, Array]:
     """Every second of the first ``even`` steps, and the ones after them."""
-    if namespace(steps) is np:
+    if isinstance(steps, np.ndarray):
         return steps[..., 0:even:2, :], steps[..., 1:even:2, :]
-    return steps[..., :even, :].unflatten(-2, (even // 2, 2)).unbind(-2)
+    first, second = steps[..., :even, :].unflatten(-2, (even // 2, 2)).unbind(-2)
+    return first, second
 
 
-def accumulate(steps):
+def accumulate(steps: Array) -> Array:
     """All partial products q_0 … q_k (..., T, 4) of steps (..., T, 4): a scan of neighbours' products (Ladner and Fischer 1980).
 
     Twice as many multiplications as there are steps, in 2 log2(T) vectorised calls.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -47,18 +48,18 @@ def draw_cases(count: int, seed: int, segments: int | None = None) -> list[Case]
     two = min(two, count - nothing - one)
     singles = _taking_turns([*RATE_EFFECTS, *OTHER_EFFECTS], one, rng)
     outside = _taking_turns(list(OUTSIDERS), count - nothing - one - two, rng)
-    hidden = [()] * nothing + [(name,) for name in singles + outside] + [_pair(rng) for _ in range(two)]
+    hidden: list[tuple[str, ...]] = [*[()] * nothing, *((name,) for name in singles + outside), *(_pair(rng) for _ in range(two))]
     # Side by side, each effect goes through all strengths before it repeats one, and so do all together.
     hidden.sort(key=lambda ids: (len(ids), ids))
     strengths = [STRENGTHS[i] for i in rng.permutation(len(STRENGTHS))]
-    drawn = []
+    drawn: list[tuple[tuple[str, ...], float | None]] = []
     for i, ids in enumerate(hidden):
         drawn.append((ids, None if not ids else 1.0 if ids == ("earth.rotation",) else strengths[i % len(strengths)]))
     order = rng.permutation(len(drawn))
-    return [_case(number, *drawn[i], rng, segments) for number, i in enumerate(order)]
+    return [_case(number, *drawn[int(i)], rng, segments) for number, i in enumerate(order)]
 
 
-def _taking_turns(items, count: int, rng: np.random.Generator) -> list:
+def _taking_turns(items: list[str], count: int, rng: np.random.Generator) -> list[str]:
     rounds = -(-count // len(items))
     return [items[i] for _ in range(rounds) for i in rng.permutation(len(items))][:count]
 
@@ -72,7 +73,7 @@ def _pair(rng: np.random.Generator) -> tuple[str, ...]:
 
 def _case(number: int, ids: tuple[str, ...], strength: float | None, rng: np.random.Generator, segments: int | None) -> Case:
     needs = {name: value for effect in ids for name, value in NEEDS.get(effect, {}).items()}
-    drawn = {
+    drawn: dict[str, Any] = {
         "segments": int(rng.integers(30, 51)),
         "seed": int(rng.integers(2**31)),
         "vigour": float(rng.uniform(0.8, 1.2)),
@@ -86,7 +87,9 @@ def _case(number: int, ids: tuple[str, ...], strength: float | None, rng: np.ran
 def conceal(case: Case) -> tuple[Simulation, str, dict[str, dict]]:
     """The session of a case, its session.toml, and the truth: id -> parameters."""
     rng, plan = np.random.default_rng(case.seed), plan_of(case.options)
-    hidden = [MAKERS[name](Scene(rng, case.strength, case.options, plan)) for name in case.ids]
+    # Without a strength nothing is hidden, and no scene is asked for one.
+    strength = 0.0 if case.strength is None else case.strength
+    hidden = [MAKERS[name](Scene(rng, strength, case.options, plan)) for name in case.ids]
     for one in hidden:
         plan = one.movement(plan) if one.movement else plan
     simulation = simulate_session(case.options, _distort(hidden), plan=plan, disturb=_disturb(hidden))
@@ -102,7 +105,7 @@ def conceal(case: Case) -> tuple[Simulation, str, dict[str, dict]]:
 def _distort(hidden: list[Concealment]) -> Distort | None:
     functions = [one.distort for one in hidden if one.distort]
 
-    def distort(t, rate, force, temp):
+    def distort(t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
         for function in functions:
             rate = function(t, rate, force, temp)
         return rate
@@ -113,7 +116,7 @@ def _distort(hidden: list[Concealment]) -> Distort | None:
 def _disturb(hidden: list[Concealment]) -> Disturb | None:
     functions = [one.disturb for one in hidden if one.disturb]
 
-    def disturb(t, force):
+    def disturb(t: np.ndarray, force: np.ndarray) -> np.ndarray:
         for function in functions:
             force = function(t, force)
         return force

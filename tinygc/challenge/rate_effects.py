@@ -10,6 +10,7 @@ from scipy.signal import bilinear, butter, lfilter, sosfiltfilt
 
 from session.common.units import DEG, G
 from tinygc.challenge.concealment import Concealment, Maker, Scene
+from tinygc.simulation.simulate import Distort
 
 # Strong sizes, SI
 G_SENSITIVITY = 0.06 * DEG  #: rad/s per g, rms of the nine
@@ -47,7 +48,7 @@ def g2_sensitivity(scene: Scene) -> Concealment:
 def angular_acceleration(scene: Scene) -> Concealment:
     cross = scene.strength * CROSS * scene.rng.standard_normal((3, 3))
 
-    def distort(t, rate, force, temp):
+    def distort(t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
         half = (t[1] - t[0]) / 2
         edges = np.stack([np.interp(t + shift, t, axis) for shift in (half, -half) for axis in rate.T], axis=-1)
         return rate + (edges[:, :3] - edges[:, 3:]) / (2 * half) @ cross.T
@@ -138,7 +139,7 @@ def vibration_rectification(scene: Scene) -> Concealment:
 def bandwidth(scene: Scene) -> Concealment:
     tau_s = scene.strength * scene.rng.uniform(*TAU_S, 3)
 
-    def distort(t, rate, force, temp):
+    def distort(t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
         slow = np.empty_like(rate)
         for axis, tau in enumerate(tau_s):
             b, a = bilinear([1.0], [tau, 1.0], fs=1 / (t[1] - t[0]))
@@ -159,7 +160,7 @@ def gyro_accel_offset(scene: Scene) -> Concealment:
     return Concealment("timing.gyro_accel_offset", {"seconds": seconds}, distort=_late(np.full(3, seconds)))
 
 
-def _late(seconds: np.ndarray):
+def _late(seconds: np.ndarray) -> Distort:
     """The rate of so many seconds (3,) ago."""
     return lambda t, rate, force, temp: np.stack([np.interp(t - s, t, rate[:, axis]) for axis, s in enumerate(seconds)], axis=-1)
 

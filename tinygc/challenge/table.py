@@ -29,7 +29,7 @@ def markdown(result: Examination) -> str:
 
 def _markdown(table: Table) -> str:
     columns = [list(column.cells) for column in table.columns]
-    lines = [[column.header for column in table.columns], ["---"] * len(columns), *zip(*columns, strict=True)]
+    lines: list[Sequence[object]] = [[column.header for column in table.columns], ["---"] * len(columns), *zip(*columns, strict=True)]
     return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
 
 

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import argparse
 import importlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 from session.common.errors import printable
 from tinygc.cli.commands import COMMANDS
+from tinygc.methods.registry import CHOSEN
 
-METHODS = "raw,raw_bias_removed,least_squares,pso,tinygc,tinygc_denoised"  # as in tinygc.methods.run, which imports too much for --help
+METHODS = ",".join(CHOSEN)
 
 LONGEST_S = 1e9
+EFFECTS_HELP = "folder with further effects, a Python file each, which is run; may be given several times"
 
 
 class _Parser(argparse.ArgumentParser):
     """Bad usage is said in one line, like every other error."""
 
-    def error(self, message: str):
+    def error(self, message: str) -> NoReturn:
         self.exit(2, f"calibrate: {printable(message)}; see --help\n")
 
 
@@ -34,11 +38,14 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON (- for standard output)")
         command.add_argument("--seed", type=count(0), default=0, help="of every random draw (%(default)s)")
         command.add_argument("--quiet", action="store_true", help="print nothing but errors")
+        if getattr(module, "USES_EFFECTS", False):
+            command.add_argument("--effects", type=Path, action="append", default=[], metavar="DIR", help=EFFECTS_HELP)
         module.add_arguments(command)
     return whole
 
 
 def methods(text: str) -> list[str]:
+    """Names of methods, with commas."""
     known, chosen = METHODS.split(","), [name.strip() for name in text.split(",") if name.strip()]
     for name in chosen:
         if name not in known:
@@ -56,7 +63,9 @@ def conditions(text: str) -> tuple[str, ...]:
     return chosen
 
 
-def count(least: int):
+def count(least: int) -> Callable[[str], int]:
+    """A parser of whole numbers of at least so many."""
+
     def parse(text: str) -> int:
         value = int(text)
         if value < least:
@@ -76,6 +85,7 @@ def segment_numbers(text: str) -> list[int]:
 
 
 def positive(text: str) -> float:
+    """A number above zero."""
     value = float(text)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{text} is no positive number")

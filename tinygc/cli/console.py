@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -19,7 +20,7 @@ class _Output(Console):
     def on_broken_pipe(self) -> None:
         raise BrokenPipeError
 
-    def print(self, *objects, **settings) -> None:
+    def print(self, *objects: Any, **settings: Any) -> None:
         try:
             super().print(*objects, **settings)
         except OSError as error:

@@ -59,11 +59,14 @@ def preintegrate(batch: Batch) -> Windows:
     window = np.floor(np.minimum(progress, progress[:, -1:] - 1e-9)).astype(int)
     count = int(window.max()) + 1
     sums = [_sums(window[s], a[s], h[s], within[s], batch.earth[s], count) for s in range(len(batch))]
-    return Windows(*(np.stack(column) for column in zip(*sums, strict=True)), batch=batch)
+    alpha, tau, beta, gamma, earth = (np.stack(column) for column in zip(*sums, strict=True))
+    return Windows(alpha, tau, beta, gamma, earth, batch)
 
 
-def _sums(window, a, h, within, earth, count):
-    def add(values):
+def _sums(window: np.ndarray, a: np.ndarray, h: np.ndarray, within: np.ndarray, earth: np.ndarray, count: int) -> tuple[np.ndarray, ...]:
+    """alpha, tau, beta, gamma and the mean Earth's rate (count, …) of one segment's windows, from its T-1 steps."""
+
+    def add(values: np.ndarray) -> np.ndarray:
         total = np.zeros((count, *values.shape[1:]))
         np.add.at(total, window, values)
         return total

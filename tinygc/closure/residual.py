@@ -13,12 +13,18 @@ sqrt(2 / (1 + c)), |r| = D; for small errors r is half the error's rotation vect
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from tinygc.attitude import rotation
 from tinygc.attitude.integrate import sample_weights, steps
+from tinygc.attitude.rotation import Array
+
+#: calibrated rates (..., 3) rad/s of measured ones, in one's library or the other's
+RateMap = Callable[[Any], Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +55,12 @@ class Batch:
         """Residual components per segment: 2 where only gravity is known, else 3."""
         return 3 if self.yaw_known else 2
 
-    def pick(self, which) -> Batch:
+    def pick(self, which: np.ndarray | slice) -> Batch:
         """Some of the segments, by index or mask."""
         return replace(self, **{name: getattr(self, name)[which] for name in ("rate", "dt", "earth", "start", "end")})
 
 
-def end_attitude(batch: Batch, rate, integrator: str = "exact"):
+def end_attitude(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
     """Predicted q_tb (S, 4) at the end from calibrated rates (S, T, 3), which still hold the Earth's rate.
 
     NumPy or torch, as ``rate`` is.
@@ -63,7 +69,7 @@ def end_attitude(batch: Batch, rate, integrator: str = "exact"):
     return rotation.multiply(start, rotation.compose(steps(rate - earth, dt, integrator)))
 
 
-def residual(q_pred, q_end, yaw_known: bool):
+def residual(q_pred: Array, q_end: np.ndarray | Array, yaw_known: bool) -> Array:
     """Residual (S, 2) or (S, 3), |r|^2 the squared quaternion distance; components about the table's x, y (and z)."""
     xp = rotation.namespace(q_pred)
     d = rotation.multiply(q_pred, rotation.conjugate(like(q_pred, q_end)))
@@ -78,7 +84,7 @@ def residual(q_pred, q_end, yaw_known: bool):
     return vector * xp.sqrt(2 / (1 + c))[..., None]
 
 
-def segment_residuals(batch: Batch, rate, integrator: str = "exact"):
+def segment_residuals(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
     """``residual`` of each segment for calibrated rates (S, T, 3)."""
     return residual(end_attitude(batch, rate, integrator), batch.end, batch.yaw_known)
 
@@ -114,14 +120,14 @@ def nearest_yaw(q_tb: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
     return rotation.multiply(turn / length, q_tilt) if length > 1e-9 else q_tilt
 
 
-def like(model, array):
+def like(model: Array, array: np.ndarray | Array) -> Array:
     """``array`` in the library, and on the device, of ``model``."""
     xp = rotation.namespace(model)
-    if xp is np or not isinstance(array, np.ndarray):
+    if isinstance(model, np.ndarray) or not isinstance(array, np.ndarray):
         return array
     return xp.as_tensor(array, dtype=model.dtype, device=model.device)
 
 
-def closure_angles(batch: Batch, model, integrator: str = "exact") -> np.ndarray:
+def closure_angles(batch: Batch, model: RateMap, integrator: str = "exact") -> np.ndarray:
     """Error angles (S, d) rad that a model leaves."""
     return error_angles(segment_residuals(batch, model(batch.rate), integrator))

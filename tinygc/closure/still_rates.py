@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tinygc.models.linear import LinearModel
+from tinygc.closure.residual import RateMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +23,8 @@ class StillRates:
     q_tb: np.ndarray | None = None
     middle_s: np.ndarray | None = None
 
-    def residuals(self, model: LinearModel) -> np.ndarray:
-        """(3 Q,) in sigmas; ``model`` may be any map of rates."""
+    def residuals(self, model: RateMap) -> np.ndarray:
+        """(3 Q,) in sigmas."""
         return ((model(self.rate) - self.earth) / self.sigma).ravel()
 
     def columns(self) -> np.ndarray:

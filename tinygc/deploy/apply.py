@@ -71,13 +71,13 @@ def apply_model(
     )
     source = _Source(reader, answers, known.accelerometer)
     pieces, rate_hz, notes = source.pieces(), None, []
-    if getattr(model, "rate_hz", None) or Calibration(model, 1.0).uses_rate:
+    if model.made_for_hz or Calibration(model, 1.0).uses_rate:
         first = next(pieces, None)
         if first is None:
             raise _no_samples(log)
         rate_hz = answers.odr_hz or _rate(first)
         pieces = itertools.chain([first], pieces)
-        made_for = getattr(model, "rate_hz", None)
+        made_for = model.made_for_hz
         if made_for and abs(rate_hz / made_for - 1) > RATE_WITHIN:
             notes.append(f"the denoiser was made for {made_for:g} samples a second, the log has {rate_hz:.4g}: it smooths otherwise here")
     calibration = Calibration(model, rate_hz)
@@ -86,7 +86,7 @@ def apply_model(
         notes.append("no session.toml beside the log: the accelerometer is taken as it is, without pre-calibration")
     count = _write(out, log, source, pieces, calibration.stream(), unit, progress)
     notes += reader.notes
-    return Applied(out, count, _kind(model), float(getattr(model, "delay_s", 0.0)), tuple(notes))
+    return Applied(out, count, _kind(model), model.delay_s, tuple(notes))
 
 
 def _refuse_missing(calibration: Calibration, reader: Reader) -> None:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tinygc.methods.denoising.options import DenoiseOptions
-from tinygc.methods.names import METHODS
+from tinygc.methods.registry import CHOSEN
+
+if TYPE_CHECKING:
+    from tinygc.methods.network.adamw_checkpoint import Checkpoint
 
 
 @dataclass(frozen=True)
@@ -18,7 +22,7 @@ class FitOptions:
     through; conditions that a further net is told; checkpoints: folder where AdamW leaves what it can go on from, and resume: whether
     it does; bias_per_log: each log has a bias of its own, and the median is kept."""
 
-    methods: tuple[str, ...] = METHODS
+    methods: tuple[str, ...] = CHOSEN
     folds: int = 5
     seed: int = 0
     still_rates: bool = False
@@ -37,7 +41,7 @@ class FitOptions:
     resume: bool = False
     bias_per_log: bool = False
 
-    def checkpoint(self, name: str):
+    def checkpoint(self, name: str) -> Checkpoint | None:
         """Of one training, or None."""
         if self.checkpoints is None or self.optimizer != "adamw":
             return None

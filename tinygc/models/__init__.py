@@ -3,6 +3,6 @@
 May import: session, attitude, effects.
 """
 
-from tinygc.models.files import from_dict, load, to_dict
+from tinygc.models.files import from_dict, load, load_with_table, to_dict
 
-__all__ = ["from_dict", "load", "to_dict"]
+__all__ = ["from_dict", "load", "load_with_table", "to_dict"]

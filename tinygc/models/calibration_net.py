@@ -9,12 +9,14 @@ bend it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tinygc.attitude import rotation
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
+from tinygc.models.model import BaseModel
 
 PARAMETERS = 27
 #: how far the slopes may leave 1, where the net is linear: sigma of their prior, from "not at all" to "freely"
@@ -24,8 +26,11 @@ INNER_TIE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationNet:
+class CalibrationNet(BaseModel):
     """The subnet's weights, NumPy or torch: W1 (3, 3), b1 (3,) rad/s, slope (3,), W2 (3, 3), b2 (3,) rad/s."""
+
+    kind: ClassVar[str] = "tinygc"
+    SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {"W1": (3, 3), "b1": (3,), "slope": (3,), "W2": (3, 3), "b2": (3,)}
 
     W1: np.ndarray
     b1: np.ndarray
@@ -44,16 +49,16 @@ class CalibrationNet:
         return cls(np.eye(3), np.zeros(3), np.ones(3), model.E - np.eye(3), model.B)
 
     @classmethod
-    def from_vector(cls, vector) -> CalibrationNet:
+    def from_vector(cls, vector: Any) -> CalibrationNet:
         """From 27 numbers in the order of the fields, matrices row by row."""
         parts, at = [], 0
-        for shape in ((3, 3), (3,), (3,), (3, 3), (3,)):
+        for shape in cls.SHAPES.values():
             size = int(np.prod(shape))
             parts.append(vector[at : at + size].reshape(shape))
             at += size
         return cls(*parts)
 
-    def with_vector(self, vector) -> CalibrationNet:
+    def with_vector(self, vector: Any) -> CalibrationNet:
         """The same kind of net with other weights: what training asks of every kind."""
         return self.from_vector(vector)
 
@@ -67,12 +72,21 @@ class CalibrationNet:
         return [(tie, np.concatenate([bent * max(tie, 1e-9), PRIOR_SIGMA])) for tie in ties]
 
     @property
-    def vector(self):
+    def parameters(self) -> int:
+        """27."""
+        return PARAMETERS
+
+    def with_bias_moved(self, change: np.ndarray) -> CalibrationNet:
+        """b2 greater by ``change`` (3,) rad/s."""
+        return replace(self, b2=self.b2 + change)
+
+    @property
+    def vector(self) -> Any:
         """(27,)."""
         xp = rotation.namespace(self.W1)
         return xp.concatenate([getattr(self, field.name).reshape(-1) for field in fields(self)], 0)
 
-    def __call__(self, rate):
+    def __call__(self, rate: Any) -> Any:
         """Calibrated rate (..., 3) rad/s from the measured one."""
         h = rate @ self.W1.T + self.b1
         xp = rotation.namespace(h)

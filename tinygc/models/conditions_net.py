@@ -5,13 +5,14 @@
 ``bias`` (3, K) and ``gain`` (3, K) beside the 27: 33 parameters with temperature, 45 with force, 51 with both.  It starts at the exact
 identity.  Conditions are learnt only where left-out segments ask for them, as the kinks are.
 
-What `explain` names has an equation and a place in front of the net (tinygc/fit/physics).  This is for what has no name yet: the net finds
-by itself how its conditions matter, linearly, and no more.
+What `explain` names has an equation and a place in front of the net (``tinygc/fitting/physics``).  This is for what has no name yet: the
+net finds by itself how its conditions matter, linearly, and no more.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,8 +20,9 @@ from session.common.errors import FitError
 from session.common.units import DEG
 from session.log.samples import Samples
 from tinygc.attitude import rotation
-from tinygc.effects.conditions import Conditions, movement_of
+from tinygc.effects import Conditions, movement_of
 from tinygc.models.calibration_net import TIES, CalibrationNet
+from tinygc.models.model import BaseModel
 
 #: condition -> how many inputs it is, prior sigma of its bias (rad/s per unit) and of its gain (per unit): 0.1 dps/degC and 0.2 dps/g
 CONDITIONS = {"temperature": (1, 0.1 * DEG, 1e-3), "force": (3, 0.2 * DEG, 1e-2)}
@@ -41,14 +43,14 @@ class ConditionsNet:
         count = sum(CONDITIONS[name][0] for name in names)
         return cls(CalibrationNet.identity(), np.zeros((3, count)), np.zeros((3, count)), names)
 
-    def with_vector(self, vector) -> ConditionsNet:
+    def with_vector(self, vector: Any) -> ConditionsNet:
         """From 27 + 6 K numbers: the net's, bias and gain row by row."""
         count = self.bias.shape[1]
         bias, gain = (vector[27 + 3 * count * i : 27 + 3 * count * (i + 1)].reshape(3, count) for i in range(2))
         return ConditionsNet(CalibrationNet.from_vector(vector[:27]), bias, gain, self.names)
 
     @property
-    def vector(self):
+    def vector(self) -> Any:
         """(27 + 6 K,)."""
         xp = rotation.namespace(self.bias)
         return xp.concatenate([self.net.vector, self.bias.reshape(-1), self.gain.reshape(-1)], 0)
@@ -61,7 +63,7 @@ class ConditionsNet:
         closed = (of_net[0][0], np.concatenate([of_net[0][1], own * 1e-9]))
         return [closed, *((tie, np.concatenate([prior, own])) for tie, prior in of_net)]
 
-    def __call__(self, inputs):
+    def __call__(self, inputs: Any) -> Any:
         """Calibrated rate (..., 3) rad/s."""
         rate, known = inputs[..., :3], inputs[..., 3:]
         return self.net(rate) + known @ self.bias.T + rate * (known @ self.gain.T)
@@ -76,24 +78,34 @@ class ConditionsNet:
 
 
 @dataclass(frozen=True, eq=False)
-class ConditionsModel:
+class ConditionsModel(BaseModel):
     """A trained net and what its conditions refer to."""
+
+    kind: ClassVar[str] = "tinygc_conditions"
+    pointwise: ClassVar[bool] = False
+    rates_only: ClassVar[bool] = False
 
     net: ConditionsNet
     known: Conditions
 
     @property
     def parameters(self) -> int:
+        """27 and six for each condition."""
         return len(self.net.vector)
 
-    def calibrate(self, samples: Samples, began_s: float = 0.0) -> np.ndarray:
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """What the net is told."""
+        return self.net.names
+
+    def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force."""
-        return self.net(inputs_of(samples, self.net.names, self.known))
+        return self.net(inputs_of(samples, self.net.names, self.known, live))
 
 
-def inputs_of(samples: Samples, names: tuple[str, ...], known: Conditions) -> np.ndarray:
+def inputs_of(samples: Samples, names: tuple[str, ...], known: Conditions, live: bool = False) -> np.ndarray:
     """(N, 3 + K): the measured rate, and the conditions.  Raises FitError where the log has no temperature, or the first had none."""
-    movement = movement_of(samples, samples.gyro, known)
+    movement = movement_of(samples, samples.gyro, known, live=live)
     values = {"temperature": (movement.temp_c - known.first_temp_c)[:, None], "force": movement.force_g}
     inputs = np.concatenate([samples.gyro, *(values[name] for name in names)], axis=1)
     if not np.isfinite(inputs).all():

@@ -20,11 +20,14 @@ Before the first sample the input is taken to have stood at its value: a log tha
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
 from tinygc.attitude import rotation
+from tinygc.models.model import BaseModel, Model
 
 WINDOW = 50
 KERNEL = 7
@@ -37,6 +40,8 @@ PARAMETERS = 168
 @dataclass(frozen=True, eq=False)
 class Denoiser:
     """The subnet's weights, NumPy or torch, (axis, channel out, channel in, tap), the last tap on the newest sample.
+
+    It is called on what is of the library that its weights are of: the types say ``Any`` where either may stand.
 
     conv1 (3, 2, 1, 7), conv2 (3, 2, 2, 7), conv3 (3, 1, 2, 7); slope of the three leaky ReLUs, fixed; dilations of the three layers.
     """
@@ -53,20 +58,21 @@ class Denoiser:
         weights = {name: np.zeros(shape) for name, shape in SHAPES.items()}
         for weight in weights.values():
             weight[:, 0, 0, -1] = 1.0
-        return cls(**weights, slope=slope).normalised()
+        return cls(weights["conv1"], weights["conv2"], weights["conv3"], slope).normalised()
 
     @classmethod
-    def from_vector(cls, vector, slope: float = 1.0, dilations: tuple[int, int, int] = DILATIONS) -> Denoiser:
+    def from_vector(cls, vector: Any, slope: float = 1.0, dilations: tuple[int, int, int] = DILATIONS) -> Denoiser:
         """From (3, 56): each axis's conv1, conv2, conv3."""
         parts, at = [], 0
         for shape in SHAPES.values():
             size = int(np.prod(shape[1:]))
             parts.append(vector[:, at : at + size].reshape(shape))
             at += size
-        return cls(*parts, slope=slope, dilations=dilations)
+        conv1, conv2, conv3 = parts
+        return cls(conv1, conv2, conv3, slope, dilations)
 
     @property
-    def vector(self):
+    def vector(self) -> Any:
         """(3, 56)."""
         xp = rotation.namespace(self.conv1)
         return xp.concatenate([getattr(self, name).reshape(3, -1) for name in SHAPES], -1)
@@ -77,7 +83,7 @@ class Denoiser:
         return (KERNEL - 1) * sum(self.dilations)
 
     @property
-    def gain(self):
+    def gain(self) -> Any:
         """(3,) of a constant rate; 1 once normalised."""
         xp = rotation.namespace(self.conv1)
         one = xp.ones_like(self.conv1[:, 0, :, :1])
@@ -90,13 +96,13 @@ class Denoiser:
             raise ValueError("the denoiser passes no constant rate on some axis")
         return replace(self, conv3=self.conv3 / gain[:, None, None, None])
 
-    def __call__(self, rate):
+    def __call__(self, rate: Any) -> Any:
         """Denoised rate (..., N, 3) rad/s at every sample, each from its own window; the input stands before its first sample."""
         xp = rotation.namespace(rate)
         held = xp.concatenate([rate[..., :1, :]] * self.reach + [rate], -2)
         return self.windowed(held)
 
-    def windowed(self, rate):
+    def windowed(self, rate: Any) -> Any:
         """The same (..., N - reach, 3) where the first ``reach`` samples are only history: a window of 50 gives its newest two."""
         xp = rotation.namespace(rate)
         x = xp.moveaxis(rate, -1, -2)[..., None, :]
@@ -118,22 +124,22 @@ class Denoiser:
         ramp = np.arange(-self.reach, 1.0)[:, None] + np.full(3, 1e3)
         return 1e3 - self.windowed(ramp)[-1]
 
-    def _layers(self):
+    def _layers(self) -> Iterator[tuple[np.ndarray, int]]:
         return zip((self.conv1, self.conv2, self.conv3), self.dilations, strict=True)
 
-    def _odd(self, x):
+    def _odd(self, x: Any) -> Any:
         if self.slope == 1:
             return self._net(x)
         return (self._net(x) - self._net(-x)) / 2
 
-    def _net(self, x):
+    def _net(self, x: Any) -> Any:
         """g of x (..., 3, 1, N): (..., 3, 1, N - reach)."""
         for weight, dilation in self._layers():
             length = x.shape[-1] - (KERNEL - 1) * dilation
             x = self._leaky(sum(weight[..., i] @ x[..., i * dilation : i * dilation + length] for i in range(KERNEL)))
         return x
 
-    def _leaky(self, h):
+    def _leaky(self, h: Any) -> Any:
         if self.slope == 1:
             return h
         return rotation.namespace(h).where(h >= 0, h, self.slope * h)
@@ -172,20 +178,22 @@ class Stream:
 
 
 @dataclass(frozen=True, eq=False)
-class DenoisedNet:
+class DenoisedNet(BaseModel):
     """TinyGC-Net whole: first ``calibration``, any map of rates (27 parameters), then ``denoiser`` (168), made for rate_hz.
 
     Called on rates (..., N, 3) in the order of time it gives what the microcontroller would: causal, late by the denoiser's delay.
     """
 
-    calibration: object
+    kind: ClassVar[str] = "tinygc_denoised"
+    pointwise: ClassVar[bool] = False
+    calibration: Model
     denoiser: Denoiser
     rate_hz: float
 
     @property
     def parameters(self) -> int:
-        own = getattr(self.calibration, "parameters", None)
-        return PARAMETERS + (len(self.calibration.vector) if own is None else own)
+        """Of both subnets."""
+        return PARAMETERS + self.calibration.parameters
 
     @property
     def delay_samples(self) -> int:
@@ -193,14 +201,28 @@ class DenoisedNet:
         return round(float(self.denoiser.delay_samples.mean()))
 
     @property
+    def made_for_hz(self) -> float:
+        """The sampling rate of the session that it was trained on."""
+        return self.rate_hz
+
+    def without_denoiser(self) -> Model:
+        """The calibration alone."""
+        return self.calibration
+
+    def with_bias_moved(self, change: np.ndarray) -> DenoisedNet:
+        """The calibration's bias greater by ``change`` (3,) rad/s; the denoiser has none."""
+        return replace(self, calibration=self.calibration.with_bias_moved(change))
+
+    @property
     def delay_s(self) -> float:
+        """Mean over the axes."""
         return float(self.denoiser.delay_samples.mean()) / self.rate_hz
 
-    def __call__(self, rate):
+    def __call__(self, rate: Any) -> Any:
         """Calibrated and denoised rate (..., N, 3) rad/s."""
         return self.denoiser(self.calibration(rate))
 
-    def undelayed(self, rate):
+    def undelayed(self, rate: Any) -> Any:
         """The same, each answer at the sample that it belongs to; the last ones stand (for attitudes after the event)."""
         xp = rotation.namespace(rate)
         late, lag = self(rate), max(self.delay_samples, 0)

@@ -1,92 +1,63 @@
-"""Calibrations as files: JSON that says what it means, and whose loading executes nothing."""
+"""Calibrations as files: JSON that says what it means, and whose loading executes nothing.
+
+A kind is a line in ``KINDS`` and a module of ``tinygc/models/kinds`` with two functions: ``to_table(model, write)`` gives the kind's own
+keys, ``from_table(table, where, read)`` the model; ``write`` and ``read`` are for a model within the model.
+"""
 
 from __future__ import annotations
 
-from dataclasses import fields
+import importlib
 from pathlib import Path
-
-import numpy as np
+from types import ModuleType
+from typing import Any
 
 from session.common.errors import FormatError
 from session.files.results import read_json
-from tinygc.models import network_files
-from tinygc.models.calibration_net import CalibrationNet
-from tinygc.models.linear import LinearModel
-from tinygc.models.published_net import PublishedNet
+from tinygc.models.model import Model
 
 SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"
-EQUATIONS = {
-    "linear": "omega = E @ m + B, m the measured rate in rad/s",
-    "tinygc": "h = W1 @ m + b1; omega = m + W2 @ (h if h >= 0 else slope * h) + b2, m the measured rate in rad/s",
+#: kind in the file -> module of tinygc.models.kinds, imported when the first model of it is met
+KINDS = {
+    "linear": "weights",
+    "tinygc": "weights",
+    "tinygc_published": "weights",
+    "tinygc_conditions": "conditions",
+    "tinygc_denoised": "denoised",
+    "physics": "physics",
+    "tinygc_physics": "physics",
 }
 
 
-def to_dict(model: LinearModel | CalibrationNet, **more) -> dict:
-    """JSON-ready, with schema, equation and units; ``more`` is added as it is."""
-    writer = _writer(model)
-    if writer is not None:
-        return {"schema": SCHEMA, "units": UNITS, **writer(model), **more}
-    kind = "tinygc" if isinstance(model, CalibrationNet) else "linear"
-    weights = {field.name: np.asarray(getattr(model, field.name)).tolist() for field in fields(model)}
-    return {"schema": SCHEMA, "kind": kind, "equation": EQUATIONS[kind], "units": UNITS, "weights": weights, **more}
+def to_dict(model: Model, **more: Any) -> dict:
+    """JSON-ready, with schema, kind, equation and units; ``more`` is added as it is."""
+    return {"schema": SCHEMA, "kind": model.kind, "units": UNITS, **_module(model.kind).to_table(model, to_dict), **more}
 
 
-def _writer(model):
-    """What makes the table of a kind that is not plain weights."""
-    if hasattr(model, "denoiser"):
-        from tinygc.models.denoiser_files import denoised_to_dict
-
-        return denoised_to_dict
-    if isinstance(model, PublishedNet):
-        return network_files.published_to_dict
-    if hasattr(model, "known") and not hasattr(model, "claims"):
-        return network_files.conditions_to_dict
-    if hasattr(model, "calibrate"):
-        from tinygc.models.physics_files import physics_to_dict
-
-        return physics_to_dict
-    return None
-
-
-def from_dict(table: dict, where: str = "model") -> LinearModel | CalibrationNet:
+def from_dict(table: Any, where: str = "model") -> Model:
     """The model; FormatError says what is wrong with the table."""
     if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         raise FormatError(f'{where}: no model of this tool, expected "schema": "{SCHEMA}"')
     if (units := table.get("units", UNITS)) != UNITS:
         raise FormatError(f'{where}: units are {units!r}, expected "{UNITS}"; convert the numbers, or fit again')
     kind = table.get("kind")
-    if kind in ("physics", "tinygc_physics"):
-        from tinygc.models.physics_files import physics_from_dict
-
-        return physics_from_dict(table, where, from_dict)
-    if kind == "tinygc_denoised":
-        from tinygc.models.denoiser_files import denoised_from_dict
-
-        return denoised_from_dict(table, where, from_dict)
-    if kind == "tinygc_published":
-        return network_files.published_from_dict(table, where)
-    if kind == "tinygc_conditions":
-        return network_files.conditions_from_dict(table, where, from_dict)
-    cls = {"linear": LinearModel, "tinygc": CalibrationNet}.get(kind) if isinstance(kind, str) else None
-    if cls is None:
-        raise FormatError(f"{where}: kind is {kind!r}, expected linear or tinygc")
-    shapes = {"E": (3, 3), "W1": (3, 3), "W2": (3, 3)}
-    weights = {}
-    for field in fields(cls):
-        try:
-            array = np.asarray(table["weights"][field.name], dtype=float)
-        except (KeyError, TypeError, ValueError):
-            raise FormatError(f"{where}: weights.{field.name} is missing or not made of numbers") from None
-        if array.shape != shapes.get(field.name, (3,)) or not np.isfinite(array).all():
-            raise FormatError(f"{where}: weights.{field.name} has shape {array.shape} or is not finite")
-        weights[field.name] = array
-    return cls(**weights)
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise FormatError(f"{where}: kind is {kind!r}, expected one of {', '.join(KINDS)}")
+    return _module(kind).from_table(table, where, from_dict)
 
 
-def load(path: Path | str) -> LinearModel | CalibrationNet:
-    """Read a model file."""
+def load(path: Path | str) -> Model:
+    """Read a model file.  Raises FormatError for what is no model, in one line."""
+    return load_with_table(path)[0]
+
+
+def load_with_table(path: Path | str) -> tuple[Model, dict]:
+    """The model, and all that stands in its file (covariance, hashes of what it was made from, …)."""
     table = read_json(Path(path))
     try:
-        return from_dict(table, str(path))
+        return from_dict(table, str(path)), table
     except RecursionError:
         raise FormatError(f"{path}: models nested too deeply, expected at most a model within a model") from None
+
+
+def _module(kind: str) -> ModuleType:
+    return importlib.import_module(f"tinygc.models.kinds.{KINDS[kind]}")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from session.common.units import DEG
+from tinygc.models.model import BaseModel
 
 PARAMETERS = 12
 #: sigma of the prior around "no correction": 20 % for each element of E, 20 dps for the bias
@@ -15,8 +17,11 @@ NAMES = (*(f"E_{i}{j}" for i in "xyz" for j in "xyz"), "B_x", "B_y", "B_z")
 
 
 @dataclass(frozen=True, eq=False)
-class LinearModel:
+class LinearModel(BaseModel):
     """omega = E m + B with m the measured rate (register x sensitivity): E (3, 3), B (3,) rad/s."""
+
+    kind: ClassVar[str] = "linear"
+    SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {"E": (3, 3), "B": (3,)}
 
     E: np.ndarray
     B: np.ndarray
@@ -27,12 +32,22 @@ class LinearModel:
         return cls(np.asarray(vector[:9], dtype=float).reshape(3, 3), np.asarray(vector[9:12], dtype=float))
 
     @property
+    def parameters(self) -> int:
+        """12."""
+        return PARAMETERS
+
+    @property
     def vector(self) -> np.ndarray:
+        """(12,): E row by row, then B."""
         return np.concatenate([self.E.ravel(), self.B])
 
     def __call__(self, rate: np.ndarray) -> np.ndarray:
         """Calibrated rate (..., 3) rad/s from the measured one."""
         return rate @ self.E.T + self.B
+
+    def with_bias_moved(self, change: np.ndarray) -> LinearModel:
+        """B greater by ``change`` (3,) rad/s."""
+        return replace(self, B=self.B + change)
 
 
 def bias_only(still_rate: np.ndarray | None = None) -> LinearModel:

@@ -8,21 +8,26 @@ it starts at the exact identity (both slopes 1), is tied to the linear model, an
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
+from session.common.errors import CalibrationError
 from tinygc.attitude import rotation
 from tinygc.models.calibration_net import INNER_TIE, TIES
 from tinygc.models.linear import PRIOR_SIGMA
+from tinygc.models.model import BaseModel
 
 PARAMETERS = 26
-SHAPES = {"W1": (3, 3), "b1": (3,), "slope1": (1,), "W2": (3, 3), "b2": (3,), "slope2": (1,)}
 
 
 @dataclass(frozen=True, eq=False)
-class PublishedNet:
+class PublishedNet(BaseModel):
     """The weights, NumPy or torch: W1 (3, 3), b1 (3,) rad/s, slope1 (1,), W2 (3, 3), b2 (3,) rad/s, slope2 (1,)."""
+
+    kind: ClassVar[str] = "tinygc_published"
+    SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {"W1": (3, 3), "b1": (3,), "slope1": (1,), "W2": (3, 3), "b2": (3,), "slope2": (1,)}
 
     W1: np.ndarray
     b1: np.ndarray
@@ -36,17 +41,28 @@ class PublishedNet:
         """No correction, exactly."""
         return cls(np.eye(3), np.zeros(3), np.ones(1), np.zeros((3, 3)), np.zeros(3), np.ones(1))
 
-    def with_vector(self, vector) -> PublishedNet:
+    def with_vector(self, vector: Any) -> PublishedNet:
         """From 26 numbers in the order of the fields, matrices row by row."""
         parts, at = [], 0
-        for shape in SHAPES.values():
+        for shape in self.SHAPES.values():
             size = int(np.prod(shape))
             parts.append(vector[at : at + size].reshape(shape))
             at += size
         return type(self)(*parts)
 
     @property
-    def vector(self):
+    def parameters(self) -> int:
+        """26."""
+        return PARAMETERS
+
+    def with_bias_moved(self, change: np.ndarray) -> PublishedNet:
+        """b2 greater by ``change`` (3,) rad/s.  CalibrationError where the net bends behind it."""
+        if not np.allclose(self.slope2, 1):
+            raise CalibrationError("the stored net bends behind its bias (published variant): its bias cannot be moved; give another model")
+        return replace(self, b2=self.b2 + change)
+
+    @property
+    def vector(self) -> Any:
         """(26,)."""
         xp = rotation.namespace(self.W1)
         return xp.concatenate([getattr(self, field.name).reshape(-1) for field in fields(self)], 0)
@@ -57,7 +73,7 @@ class PublishedNet:
         bent = np.concatenate([inner, np.ones(1)])
         return [(tie, np.concatenate([bent * max(tie, 1e-9), PRIOR_SIGMA, [max(tie, 1e-9)]])) for tie in ties]
 
-    def __call__(self, rate):
+    def __call__(self, rate: Any) -> Any:
         """Calibrated rate (..., 3) rad/s from the measured one."""
         xp = rotation.namespace(rate)
         h = rate @ self.W1.T + self.b1
@@ -73,7 +89,7 @@ class PublishedNet:
         outer = sensitivity * np.where(u >= 0, 1.0, self.slope2)[:, :, None]
         inner = (outer @ self.W2) * np.where(h >= 0, 1.0, self.slope1)[:, :, None]
 
-        def by(turn, values):
+        def by(turn: np.ndarray, values: np.ndarray) -> np.ndarray:
             return np.einsum("stdi,stj->sdij", turn, values, optimize=True).reshape(segments, d, -1)
 
         parts = [

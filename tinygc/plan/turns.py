@@ -21,7 +21,7 @@ from tinygc.models import linear
 SINGLE_S, DOUBLE_S = 3.0, 2.0  #: of one turn alone; of each of two
 STILL_S, RATE_HZ = 1.0, 20.0
 VERTICAL = 0.90  #: cosine above which an axis is called vertical
-TOWARDS = ("yz", "zx", "xy")  #: a positive turn about x takes y towards z, …
+TOWARDS = (("y", "z"), ("z", "x"), ("x", "y"))  #: a positive turn about x takes y towards z, …
 
 
 @dataclass(frozen=True, eq=False)

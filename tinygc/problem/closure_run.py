@@ -45,11 +45,10 @@ class ClosureRun:
 
     def errors(self, model, integrator: str = "exact") -> np.ndarray:
         """Roll, pitch, yaw error (3,) rad: the error rotation about the table's x, y and the vertical."""
-        if hasattr(model, "undelayed"):  # a net with a memory begins at the log's beginning
-            return self.errors_at(model.undelayed(self.samples.gyro)[self.rows], integrator)
-        if hasattr(model, "calibrate"):
-            return self.errors_at(model.calibrate(self.samples, self.began_s)[self.rows], integrator)
-        return self.errors_at(model(self.batch.rate[0]), integrator)
+        if model.pointwise:
+            return self.errors_at(model(self.batch.rate[0]), integrator)
+        # A net with a memory begins at the log's beginning; physics may look at what lies around the run.
+        return self.errors_at(model.calibrate(self.samples, self.began_s)[self.rows], integrator)
 
     def with_earth(self, more_t: np.ndarray, rate: np.ndarray) -> ClosureRun:
         """The run with a correction (3,) rad/s of the Earth's rate in table axes, at the attitudes of calibrated rates (N, 3)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from session.common.units import DEG
-from tinygc.effects.conditions import Conditions
+from tinygc.effects import Conditions
 from tinygc.problem.problem import Problem
 
 

@@ -32,13 +32,14 @@ class Prepared:
 
 
 def prepare(
-    folder: Path, *, use_earth: bool = True, exclude: tuple[int, ...] = (), progress: Callable[[str], None] = lambda what: None
+    session: Session | Path, *, use_earth: bool = True, exclude: tuple[int, ...] = (), progress: Callable[[str], None] = lambda what: None
 ) -> Prepared:
-    """From a session folder to its problem.
+    """From a session, or a session folder, to its problem.
 
     Raises DataError for the first error of the first look, and the errors of ``read_session`` and ``build_problem``.
     """
-    session = read_session(folder, lambda name: progress(f"reading {name}"))
+    if not isinstance(session, Session):
+        session = read_session(session, lambda name: progress(f"reading {name}"))
     progress("first look")
     found = SessionStills(session)
     findings = check_session(session, found)

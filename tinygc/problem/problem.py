@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -12,10 +13,12 @@ from session.detect.stills import Noise, Still
 from session.log.folder import Session
 from session.log.samples import start_times
 from tinygc.attitude.earth import EarthRate
+from tinygc.closure.bias_wander import BiasInstability, BiasWander
 from tinygc.closure.floor import Floor
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
 from tinygc.models.linear import LinearModel
+from tinygc.problem.bias_instability import bias_instability_of
 from tinygc.problem.still_set import StillSet
 
 
@@ -58,6 +61,16 @@ class Problem:
         """(S,) s of the session at the middle of each used segment, logs one after the other."""
         began = self.began_s
         return np.array([began[segment.log] + segment.start_s + segment.duration_s / 2 for segment in self.used])
+
+    @cached_property
+    def instability(self) -> BiasInstability:
+        """Of the gyro's bias: given, typical of the model, or estimated from the stills."""
+        return bias_instability_of(self.session.config.sensor, self.logs, self.earths)
+
+    @property
+    def wander(self) -> BiasWander:
+        """Of the bias between the used segments."""
+        return BiasWander(self.middle_s, self.instability.rps)
 
     @property
     def stills(self) -> list[Still]:

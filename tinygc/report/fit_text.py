@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from session.checks.first_look import Finding
 from session.common.units import DEG
-from tinygc.fit.session import FitResult, closure_figures, run_figures
+from tinygc.fitting.figures import closure_figures, run_figures
+from tinygc.fitting.result import FitResult
+from tinygc.methods.method_fit import MethodFit
+from tinygc.methods.registry import METHODS
 from tinygc.models.linear import NAMES, LinearModel
+from tinygc.problem.closure_run import ClosureRun
 
-TITLES = {
-    "raw": "raw",
-    "raw_bias_removed": "raw, first still's bias off",
-    "least_squares": "least squares",
-    "pso": "PSO",
-    "tinygc": "TinyGC-Net",
-    "tinygc_denoised": "TinyGC-Net, denoised",
-    "tinygc_conditions": "TinyGC-Net with conditions",
-    "physics": "linear model with physics",
-    "tinygc_physics": "TinyGC-Net with physics",
-}
+if TYPE_CHECKING:
+    from tinygc.fitting.physics.fit_physics import PhysicsFit
+
+TITLES = {name: method.title for name, method in METHODS.items()}
 NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
 SAME_FLOOR = 0.01  #: two floors that differ by less are one
 LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
@@ -30,7 +29,7 @@ LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bo
 
 def fit_report(result: FitResult) -> Group:
     """Closure by method, closure runs, parameters, and what to know about them."""
-    parts = [_headline(result), _methods(result)]
+    parts: list[RenderableType] = [_headline(result), _methods(result)]
     if result.runs:
         parts.append(_closure_runs(result))
     parts += [_parameters(result), *_remarks(result)]
@@ -73,6 +72,7 @@ def _headline(result: FitResult) -> Text:
 
 
 def earth_words(result: FitResult) -> str:
+    """How the Earth's rotation was allowed for."""
     groups, asked = len(result.problem.earths), result.session.config.site.heading_deg
     words = _heading_words(result)
     if asked is not None and result.problem.earth.source == "estimated":
@@ -82,9 +82,9 @@ def earth_words(result: FitResult) -> str:
 
 def _heading_words(result: FitResult) -> str:
     earth = result.problem.earth
-    if earth.source == "given":
+    if earth.source == "given" and earth.heading_rad is not None:
         return f"Earth's rotation with the heading given ({earth.heading_rad / DEG:.0f}°)"
-    if earth.source == "estimated":
+    if earth.source == "estimated" and earth.heading_rad is not None:
         heading = f"{earth.heading_rad / DEG:.0f}° ± {earth.heading_sigma_rad / DEG:.0f}°"
         return f"Earth's rotation, heading estimated from the stills: {heading}"
     if earth.source == "unknown":
@@ -141,12 +141,12 @@ def _closure_runs(result: FitResult) -> Table:
 
 def _parameters(result: FitResult) -> Table:
     """Least squares in the field's words: omega = E m + B, scale factor error in ppm, misalignment in mrad, bias in dps."""
-    model: LinearModel = result.linear.model
+    model = _linear(result.linear)
     sigma = np.sqrt(np.diag(result.covariance))
     unobserved = set(result.linear.notes.get("unobserved", ()))
     table = _table("Parameters (least squares): value ± one sigma", "", "x", "y", "z", right=True)
 
-    def cells(values, sigmas, names, unit, digits):
+    def cells(values: np.ndarray, sigmas: np.ndarray, names: list[str], unit: float, digits: int) -> list[str]:
         shown = zip(values, sigmas, names, strict=True)
         return ["not observed" if n in unobserved else f"{v / unit:.{digits}f} ± {s / unit:.{digits}f}" for v, s, n in shown]
 
@@ -174,9 +174,10 @@ def _remarks(result: FitResult) -> list[Text]:
                 "yellow",
             )
         )
+    remarks.append(Text(f"Bias instability, which the sigmas reckon with: {result.problem.instability.words}."))
     remarks += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
-        remarks.append(Text(_physics_words(result), "cyan"))
+        remarks.append(Text(_physics_words(result.physics), "cyan"))
         remarks += [Text(f"{run.file}: {words}.", "yellow") for run, words in _losses(result) if words]
     unobserved = result.linear.notes.get("unobserved")
     if unobserved:
@@ -186,7 +187,7 @@ def _remarks(result: FitResult) -> list[Text]:
         remarks.append(Text("Correlated above 0.5: " + ", ".join(pairs)))
     now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
     words = ("without", "with") if result.options.still_rates else ("with", "without")
-    moved = np.abs(result.other_choice.model.B - result.linear.model.B) / np.sqrt(np.diag(result.covariance)[9:])
+    moved = np.abs(_linear(result.other_choice).B - _linear(result.linear).B) / np.sqrt(np.diag(result.covariance)[9:])
     remarks.append(
         Text(
             f"{words[0].capitalize()} --still-rates: held out {other:.4f} instead of {now:.4f}; "
@@ -197,9 +198,15 @@ def _remarks(result: FitResult) -> list[Text]:
     return remarks
 
 
-def _losses(result: FitResult):
+def _linear(fit: MethodFit) -> LinearModel:
+    """Of least squares, the model."""
+    assert isinstance(fit.model, LinearModel)
+    return fit.model
+
+
+def _losses(result: FitResult) -> list[tuple[ClosureRun, str]]:
     """Each closure run, with what is to be said of samples lost in it."""
-    from tinygc.fit.physics.lost_in_runs import loss_words
+    from tinygc.fitting.physics.lost_in_runs import loss_words
 
     return [(run, loss_words(lost)) for run, lost in zip(result.runs, result.lost_s, strict=True)]
 
@@ -212,8 +219,7 @@ def _denoiser_words(figures: dict) -> str:
     return f"Denoised: noise at rest {words}; {figures['delay_samples']} samples ({figures['delay_s'] * 1e3:.0f} ms) late."
 
 
-def _physics_words(result: FitResult) -> str:
-    physics = result.physics
+def _physics_words(physics: PhysicsFit) -> str:
     fitted = [claim.effect.says(claim.theta) for claim in physics.fit.state.claims]
     mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
     if physics.refused:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from math import isfinite
+from typing import Any
 
 from session.common.errors import CalibrationError
 
@@ -17,7 +18,7 @@ MOST_SEGMENTS = 2000
 MOST_SAMPLES = 20_000_000
 
 
-def _choice(default, meaning: str):
+def _choice(default: Any, meaning: str) -> Any:
     """A field whose meaning, with its unit, the command line shows."""
     return field(default=default, metadata={"help": meaning})
 
@@ -69,7 +70,7 @@ class SimulationOptions:
         """The seed that decides the unit."""
         return self.seed if self.unit_seed < 0 else self.unit_seed
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for option in fields(self):
             value = getattr(self, option.name)
             numbers = value if isinstance(value, tuple) else (value,)

@@ -22,7 +22,7 @@ def oversampling(odr_hz: float) -> int:
     return max(LOWEST_OVERSAMPLING, int(np.ceil(LOWEST_FINE_HZ / odr_hz)))
 
 
-def low_pass(signal: np.ndarray, bandwidth_hz: float, density: float, odr_hz: float, factor: int, rng: np.random.Generator):
+def low_pass(signal: np.ndarray, bandwidth_hz: float, density: float, odr_hz: float, factor: int, rng: np.random.Generator) -> np.ndarray:
     """Noise, low-pass and decimation of one element.
 
     signal (N, 3) on the fine grid of factor * odr_hz; bandwidth_hz (-3 dB) of a second-order Butterworth; density of the white

@@ -80,7 +80,15 @@ def _streams(options: SimulationOptions) -> list[np.random.Generator]:
     return [np.random.default_rng(options.unit_drawn_from).spawn(1)[0], *streams[1:]]
 
 
-def _record(options: SimulationOptions, unit: Unit, plan: Plan, count: int, distort, disturb, rngs) -> Recording:
+def _record(
+    options: SimulationOptions,
+    unit: Unit,
+    plan: Plan,
+    count: int,
+    distort: Distort | None,
+    disturb: Disturb | None,
+    rngs: list[np.random.Generator],
+) -> Recording:
     """The first ``count`` samples of the chip, log and closure run without a break."""
     gyro_rng, accel_rng, flicker_rng, temperature_rng = rngs
     odr_hz = unit.odr_hz
@@ -94,7 +102,7 @@ def _record(options: SimulationOptions, unit: Unit, plan: Plan, count: int, dist
         force = _checked("disturb", disturb(t_fine, force), force.shape)
 
     gyro_noise, accel_noise = options.gyro_noise_dps_rthz * DEG, options.accel_noise_ug_rthz * 1e-6 * G
-    gyro_hz, accel_hz = GYRO_LPF2_HZ[options.odr_hz], sensor.ACCEL_BANDWIDTH_ODR * odr_hz
+    gyro_hz, accel_hz = GYRO_LPF2_HZ[int(options.odr_hz)], sensor.ACCEL_BANDWIDTH_ODR * odr_hz
     gyro = sensor.low_pass(unit.measured_rate(rate), gyro_hz, gyro_noise, odr_hz, factor, gyro_rng)[run_up:]
     accel = sensor.low_pass(unit.measured_force(force), accel_hz, accel_noise, odr_hz, factor, accel_rng)[run_up:]
     gyro += bias_instability(options.bias_instability_dph * DEG_PER_HOUR, odr_hz, count, flicker_rng)

@@ -8,7 +8,9 @@ angular acceleration begin and end at zero, and all derivatives are exact.  Long
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -31,6 +33,7 @@ class Stroke:
 
     @property
     def stop_s(self) -> float:
+        """When it ends, s since the session's first sample."""
         return self.start_s + self.duration_s
 
     def scaled(self, factor: float) -> Stroke:
@@ -61,7 +64,25 @@ class Stroke:
         )
 
 
-def gimbal_angles(start_rad: np.ndarray, strokes: tuple[Stroke, ...], t_s: np.ndarray) -> np.ndarray:
+class GimbalTurn(Protocol):
+    """What one gimbal does between two moments: a ``Stroke``, or what stands for one."""
+
+    @property
+    def gimbal(self) -> int: ...
+
+    @property
+    def start_s(self) -> float: ...
+
+    @property
+    def stop_s(self) -> float: ...
+
+    @property
+    def change_rad(self) -> float: ...
+
+    def angle(self, t_s: np.ndarray) -> np.ndarray: ...
+
+
+def gimbal_angles(start_rad: np.ndarray, strokes: Sequence[GimbalTurn], t_s: np.ndarray) -> np.ndarray:
     """Gimbals moved by strokes.
 
     start_rad (3,) rad, outer middle inner, before the first stroke; t_s (N,) s, increasing.

@@ -8,7 +8,7 @@ import numpy as np
 
 from session.common.units import DEG
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.stroke import Stroke, gimbal_angles
+from tinygc.simulation.stroke import GimbalTurn, Stroke, gimbal_angles
 
 # The hand: estimates from turning a small three-axis table; peak rates of 60 to 350 dps come out of them.
 TURN_SPREAD = 0.13  #: a turn lasts its usual time, give or take this fraction
@@ -39,7 +39,7 @@ class Plan:
     """
 
     start_rad: np.ndarray
-    strokes: tuple[Stroke, ...]
+    strokes: tuple[GimbalTurn, ...]
     turns: tuple[tuple[float, float], ...]
     log_s: float
     closure: tuple[float, float] | None
@@ -77,9 +77,9 @@ def rest_s(options: SimulationOptions, rng: np.random.Generator) -> float:
     return options.still_s * (2 + rng.uniform(0, DEAD_TIME))
 
 
-def _turn(angles_rad, start_s: float, duration_s: float, vigour: float, rng: np.random.Generator) -> list[Stroke]:
+def _turn(angles_rad: np.ndarray, start_s: float, duration_s: float, vigour: float, rng: np.random.Generator) -> list[Stroke]:
     count = 1 + rng.choice(3, p=GIMBALS_AT_ONCE)
-    strokes = []
+    strokes: list[Stroke] = []
     for gimbal in rng.permutation(3)[:count]:
         change = vigour * rng.uniform(*TURN_CHANGE_RAD) * rng.choice((-1, 1))
         if abs(angles_rad[gimbal] + change) > TRAVEL_RAD:

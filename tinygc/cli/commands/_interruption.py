@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import signal
+from types import FrameType
+from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE = 3  #: who asks so often is obeyed at once
@@ -12,9 +14,9 @@ PATIENCE = 3  #: who asks so often is obeyed at once
 class Interruption:
     """A context.  Call it: whether somebody wants to end."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._asked = 0
-        self._before = {}
+        self._before: dict[signal.Signals, Any] = {}  # what a signal did before: a function, or the system's own number for it
 
     def __call__(self) -> bool:
         return self._asked > 0
@@ -25,11 +27,11 @@ class Interruption:
                 self._before[number] = signal.signal(number, self._ask)
         return self
 
-    def __exit__(self, *error) -> None:
+    def __exit__(self, *error: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    def _ask(self, number, frame) -> None:
+    def _ask(self, number: int, frame: FrameType | None) -> None:
         self._asked += 1
         if self._asked >= PATIENCE:
             raise KeyboardInterrupt

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from tinygc.cli.arguments import positive
+
+if TYPE_CHECKING:
+    from session.dialects.layout import Answers
 
 
 def add_log_options(command: argparse.ArgumentParser) -> None:
@@ -23,7 +27,7 @@ def add_log_options(command: argparse.ArgumentParser) -> None:
     )
 
 
-def answers_of(args: argparse.Namespace):
+def answers_of(args: argparse.Namespace) -> Answers:
     """``session.dialects.layout.Answers`` of the options."""
     from session.dialects.layout import Answers
 

@@ -7,12 +7,17 @@ import contextlib
 import json
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from session.common.errors import CalibrationError
 
+if TYPE_CHECKING:
+    from rich.console import Console
 
-def output(args: argparse.Namespace):
+
+def output(args: argparse.Namespace) -> Console:
     """Standard output for people; silent when quiet, and where the JSON has standard output to itself."""
     from tinygc.cli import console
 
@@ -81,7 +86,7 @@ def _no_json(path: Path, error: OSError) -> CalibrationError:
 
 
 @contextlib.contextmanager
-def standard_output():
+def standard_output() -> Iterator[None]:
     """Give a failure to write its name, which a stream's errors lack."""
     try:
         yield

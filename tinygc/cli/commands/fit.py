@@ -11,10 +11,12 @@ from session.common.errors import CalibrationError
 from tinygc.cli.arguments import positive, three
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
 from tinygc.cli.commands._results import output, try_destinations, write_json
+from tinygc.methods.registry import METHODS
 
 #: what a bias of the day heeds of a fit's arguments
 HONOURED = ("exclude", "no_earth")
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -41,20 +43,20 @@ def run(args: argparse.Namespace) -> int:
             "(tinygc or tinygc_denoised), or leave --resume out"
         )
     from tinygc.cli.console import progress_bar
-    from tinygc.fit.session import fit_session, save_models, to_json
+    from tinygc.library.fit import fit
     from tinygc.methods.network.adamw_checkpoint import forget
-    from tinygc.report.fit_text import fit_report
 
     physics = None if args.physics is None else _physics(args.physics)
-    options = replace(fit_options(args), physics=physics, checkpoints=args.out or args.folder / "fit", resume=args.resume)
+    checkpoints = args.out or args.folder / "fit"
+    options = replace(fit_options(args), physics=physics, checkpoints=checkpoints, resume=args.resume)
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
-        result = fit_session(args.folder, options, progress)
-    table = to_json(result)
+        result = fit(args.folder, options, progress=progress)
+    table = result.to_json()
     # The results first: a terminal that fails must not cost them.
-    folder = save_models(result, args.out)
-    forget(options.checkpoints)
-    output(args).print(fit_report(result))
+    folder = result.save(args.out)
+    forget(checkpoints)
+    output(args).print(result.page)
     output(args).print(f"models: {folder}", soft_wrap=True)
     write_json(args.json, table)
     above = [] if args.limit is None else _above(table, args.limit)
@@ -70,13 +72,15 @@ def _physics(words: str) -> tuple[str, ...]:
 
     ids = tuple(dict.fromkeys(name.strip() for name in words.split(",")))
     if unknown := [name for name in ids if name not in catalogue() and ids != ("auto",)]:
-        raise FitError(f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}")
+        raise FitError(
+            f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}, or its folder with --effects DIR"
+        )
     return ids
 
 
 def _resumable(args: argparse.Namespace) -> bool:
     """Whether anything of the fit is trained by adamw."""
-    return args.optimizer == "adamw" and bool({"tinygc", "tinygc_denoised"} & set(args.methods))
+    return args.optimizer == "adamw" and any(METHODS[name].trained for name in args.methods)
 
 
 def _rebias(args: argparse.Namespace) -> int:
@@ -92,13 +96,15 @@ def _rebias(args: argparse.Namespace) -> int:
             f"leave {'it' if len(idle) == 1 else 'them'} out"
         )
     from tinygc.cli.console import progress_bar
-    from tinygc.fit.bias import MODEL
-    from tinygc.fit.bias.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
+    from tinygc.fitting.bias import MODEL
+    from tinygc.fitting.bias.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
 
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
-        how = {"use_earth": not args.no_earth, "exclude": tuple(dict.fromkeys(args.exclude)), "progress": progress}
-        result = rebias_session(args.folder, args.model, args.bias, args.bias_dps, **how)
+        exclude = tuple(dict.fromkeys(args.exclude))
+        result = rebias_session(
+            args.folder, args.model, args.bias, args.bias_dps, use_earth=not args.no_earth, exclude=exclude, progress=progress
+        )
     table = rebias_to_json(result)
     folder = save_rebiased(result, args.out)
     output(args).print(rebias_report(result))
@@ -123,7 +129,7 @@ def _above(table: dict, limit_deg: float) -> list[str]:
         figures.append((f"{run['file']}'s best RMSE", {name: run[name]["rmse_deg"] for name in tilts if name in run}))
     said = []
     for what, by_method in figures:
-        best = min(by_method, key=by_method.get)
+        best = min(by_method, key=by_method.__getitem__)
         if not by_method[best] <= limit_deg:
             said.append(f"{what} is {by_method[best]:.4g} deg ({best})")
     return said

@@ -5,11 +5,20 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tinygc.cli.arguments import count, positive
 from tinygc.cli.commands._interruption import Interruption
 from tinygc.cli.commands._results import output, write_json
+
+if TYPE_CHECKING:
+    from session.guide.guide import Guide
+    from session.guide.messages import Advice, Taken
+    from session.guide.screen import LiveScreen, PlainLines
+    from session.recording.recorder import Recorder
+    from tinygc.plan.coach import Coach
 
 SUMMARY = "record a guided session from a serial port"
 
@@ -105,7 +114,7 @@ def _say_what_was_asked(args: argparse.Namespace, folder: Path) -> None:
             return
 
 
-def _view(args: argparse.Namespace, title: str):
+def _view(args: argparse.Namespace, title: str) -> LiveScreen | PlainLines:
     """The live screen in a terminal, lines elsewhere, nothing where quiet."""
     from rich.console import Console
 
@@ -115,11 +124,11 @@ def _view(args: argparse.Namespace, title: str):
     return LiveScreen(title, args.mute, console) if console.is_terminal and not args.quiet else PlainLines(console)
 
 
-def _coach():
+def _coach() -> Callable[[list[Taken]], Advice]:
     """The coach; its modules are loaded in its own thread, not before the recording starts."""
-    coach = None
+    coach: Coach | None = None
 
-    def advise(taken):
+    def advise(taken: list[Taken]) -> Advice:
         nonlocal coach
         if coach is None:
             from tinygc.plan.coach import Coach
@@ -130,20 +139,20 @@ def _coach():
     return advise
 
 
-def _so_far(guide, recorder) -> str:
+def _so_far(guide: Guide, recorder: Recorder) -> str:
     """What there is: segments and files."""
     logs = ", ".join(path.name for path in recorder.logs.paths) or "no log yet"
     return f"{guide.accepted} of {guide.segments} segments, {recorder.decoder.samples} samples ({recorder.raw.path.name}, {logs})"
 
 
-def _missing(guide) -> str:
+def _missing(guide: Guide) -> str:
     """What the coach would still ask for."""
     if guide.advice is None or not guide.advice.missing:
         return ""
     return f"not yet at their target sigma: {'; '.join(guide.advice.missing[:4])}{'; …' if len(guide.advice.missing) > 4 else ''}"
 
 
-def _table(guide, folder: Path, recorder) -> dict:
+def _table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
     """The result as JSON."""
     health = guide.health
     troubles = health.troubles  # before the port was closed, which tears the last frame

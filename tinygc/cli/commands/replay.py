@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tinygc.cli.commands._log_options import add_log_options, answers_of
 from tinygc.cli.commands._results import output, write_json
+
+if TYPE_CHECKING:
+    from session.replay.convert import Converted
 
 SUMMARY = "make a session folder of what a logger wrote to its card, or of a recording's raw bytes"
 
@@ -46,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _table(made) -> dict:
+def _table(made: Converted) -> dict:
     return {
         "folder": str(made.folder),
         "log": made.log.name,

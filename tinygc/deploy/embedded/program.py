@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +17,9 @@ from tinygc.deploy.embedded.stage import Cost, Inputs, Stage
 from tinygc.deploy.exports import ExportError
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel
+from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.linear import LinearModel
+from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.models.published_net import PublishedNet
 
 
@@ -50,26 +54,44 @@ class Program:
 def program(model) -> Program:
     """Of any model that ``tinygc.models`` reads.  ExportError says what cannot be carried."""
     stages = tuple(_stages(model))
-    own = getattr(model, "parameters", None)
-    return Program(stages, len(model.vector) if own is None else own)
+    names = [name for stage in stages for name in stage.constants]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ExportError(f"two parts of the model call a constant {twice[0]} in C; json carries it, or give one of them another name")
+    return Program(stages, model.parameters)
 
 
 def _stages(model) -> list[Stage]:
-    if isinstance(model, LinearModel):
-        return [Linear(model, "LINEAR", "r = E r + B")]
-    if isinstance(model, CalibrationNet):
-        return [Net(model)]
-    if isinstance(model, PublishedNet):
-        return [Published(model)]
-    if isinstance(model, ConditionsModel):
-        return [Conditioned(model)]
-    if hasattr(model, "denoiser"):
-        return [*_stages(model.calibration), Denoise(model.denoiser)]
-    if hasattr(model, "claims"):
-        return [Linear(model.linear, "LINEAR", "r = E r + B"), *(effect_stage(claim, model.known) for claim in model.claims)]
-    if hasattr(model, "physics"):
-        linear = model.physics.linear
-        inverse = np.linalg.inv(linear.E)
-        back = Linear(LinearModel(inverse, -inverse @ linear.B), "BACK", "r = E^-1 (r - B)")
-        return [*_stages(model.physics), back, *_stages(model.net)]
-    raise ExportError(f"a model of type {type(model).__name__} cannot be exported to C: there is no C for it; json carries it")
+    if type(model) not in STAGES:
+        raise ExportError(f"a model of type {type(model).__name__} cannot be exported to C: there is no C for it; json carries it")
+    return STAGES[type(model)](model)
+
+
+def _linear(model: LinearModel) -> list[Stage]:
+    return [Linear(model, "LINEAR", "r = E r + B")]
+
+
+def _denoised(model: DenoisedNet) -> list[Stage]:
+    return [*_stages(model.calibration), Denoise(model.denoiser)]
+
+
+def _physics(model: PhysicsModel) -> list[Stage]:
+    return [*_linear(model.linear), *(effect_stage(claim, model.known) for claim in model.claims)]
+
+
+def _net_behind_physics(model: CarriedNet) -> list[Stage]:
+    linear = model.physics.linear
+    inverse = np.linalg.inv(linear.E)
+    back = Linear(LinearModel(inverse, -inverse @ linear.B), "BACK", "r = E^-1 (r - B)")
+    return [*_stages(model.physics), back, *_stages(model.net)]
+
+
+#: kind of model -> its stages; a kind that is not here has no C
+STAGES: dict[type, Callable[[Any], list[Stage]]] = {
+    LinearModel: _linear,
+    CalibrationNet: lambda model: [Net(model)],
+    PublishedNet: lambda model: [Published(model)],
+    ConditionsModel: lambda model: [Conditioned(model)],
+    DenoisedNet: _denoised,
+    PhysicsModel: _physics,
+    CarriedNet: _net_behind_physics,
+}

@@ -9,12 +9,17 @@ import numpy as np
 from session.common.units import G
 from tinygc.deploy.exports import ExportError
 from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.conditions_net import ConditionsModel
+from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.linear import LinearModel
+from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.models.published_net import PublishedNet
 
 #: slopes this near to 1 are 1 but for the rounding of a fit
 UNBENT = 1e-9
 ELSEWHERE = "export --to json carries every model, or choose another with --model"
+#: nets that no linear format carries, in words
+NETS_BESIDE = {CarriedNet.kind: "a net behind physics", ConditionsModel.kind: "a net that is told temperature or force"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,27 +51,26 @@ class LinearPart:
 
 
 def linear_part(model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
-    """Of a model that is linear, up to the effects that the format ``carries``.  Raises ExportError for what it cannot."""
-    if hasattr(model, "denoiser"):
+    """Of a model that is linear, up to effects that are ``linear_in`` what the format ``carries``.  Raises ExportError for the rest."""
+    if isinstance(model, DenoisedNet):
         raise ExportError(f"{name} has no memory, and this model denoises; {ELSEWHERE}")
     if isinstance(model, CalibrationNet | PublishedNet):
-        slopes = np.concatenate([np.ravel(getattr(model, name)) for name in ("slope", "slope1", "slope2") if hasattr(model, name)])
+        slopes = np.concatenate([np.ravel(getattr(model, name)) for name in model.SHAPES if name.startswith("slope")])
         if np.abs(slopes - 1).max() > UNBENT:
             raise ExportError(f"{name} is linear, and this TinyGC-Net bends (slopes {slopes.tolist()}); {ELSEWHERE}")
         model = LinearModel(np.eye(3) + model.W2 @ model.W1, model.W2 @ model.b1 + model.b2)
     K, k, first_c = np.zeros((3, 3)), np.zeros(3), 25.0
-    if hasattr(model, "net"):
-        what = "a net behind physics" if hasattr(model, "physics") else "a net that is told temperature or force"
-        raise ExportError(f"{name} cannot carry {what}; {ELSEWHERE}")
-    if hasattr(model, "claims"):
-        unable = [claim.effect.id for claim in model.claims if claim.effect.id not in carries]
+    if model.kind in NETS_BESIDE:
+        raise ExportError(f"{name} cannot carry {NETS_BESIDE[model.kind]}; {ELSEWHERE}")
+    if isinstance(model, PhysicsModel):
+        unable = [claim.effect.id for claim in model.claims if claim.effect.linear_in not in carries]
         if unable:
             raise ExportError(f"{name} cannot carry {', '.join(unable)}; {ELSEWHERE}")
         for claim in model.claims:
-            if claim.effect.id == "gyro.g_sensitivity":
-                K = claim.theta.reshape(3, 3) / G
+            if claim.effect.linear_in == "force":
+                K = K + claim.theta.reshape(3, 3) / G
             else:
-                k, first_c = claim.theta, model.known.first_temp_c
+                k, first_c = k + claim.theta, model.known.first_temp_c
         model = model.linear
     return LinearPart(np.asarray(model.E, dtype=float), np.asarray(model.B, dtype=float), K, k, float(first_c))
 

@@ -21,7 +21,7 @@ def export(model, context: Context) -> dict[str, str]:
         "method": f"{context.method}, {chosen.parameters} parameters",
         "sensor": f"{sensor.model} {sensor.serial}, {sensor.odr_hz:g} Hz",
     }
-    if hasattr(model, "rate_hz"):
+    if model.made_for_hz:
         facts["denoiser"] = f"made for {model.rate_hz:g} Hz, {1e3 * model.delay_s:.2f} ms late"
     for name in [*context.hashes][:1]:  # the model's own file
         facts["sha256"] = f"{context.hashes[name]} {name}"

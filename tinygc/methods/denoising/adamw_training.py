@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tinygc import closure
 from tinygc.methods.denoising import risk as denoise_risk
 from tinygc.methods.denoising.material import REACH, Material
+from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.denoising.second_order import train_second_order
 from tinygc.methods.denoising.start import DenoiserTraining, start
-from tinygc.methods.network.adamw_checkpoint import device, minimise
+from tinygc.methods.network.adamw_checkpoint import Checkpoint, device, minimise
+from tinygc.methods.registry import Progress
 from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.model import Model
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 #: a third of the calibration's: the subnet's taps are products of three weights
 LEARNING_RATE = 0.003
@@ -20,7 +27,9 @@ LEARNING_RATE = 0.003
 DOSE = 0.1
 
 
-def train_adamw(material: Material, calibration, options, progress, checkpoint=None):
+def train_adamw(
+    material: Material, calibration: Model, options: DenoiseOptions, progress: Progress, checkpoint: Checkpoint | None = None
+) -> DenoiserTraining:
     """As ``training.train_denoiser``.  For a bent net the shared noise is measured by a second dose of it (Ramani 2008)."""
     import torch
 
@@ -30,11 +39,10 @@ def train_adamw(material: Material, calibration, options, progress, checkpoint=N
     x, weight = (torch.as_tensor(array, device=where) for array in (context, 2 / material.sigma.reshape(len(batch), -1)))
     if smoothing:
         quiet = _noise(material, calibration)
-        scale, rest = _scales(material, calibration, options)
-        parts = (quiet, _tiled(quiet, context.shape, options.seed), scale, rest)
+        parts = (quiet, _tiled(quiet, context.shape, options.seed), *_scales(material, calibration, options))
         noise, dose, scale, rest = (torch.as_tensor(array, device=where) for array in parts)
 
-    def loss_of(vector):
+    def loss_of(vector: Tensor) -> Tensor:
         net = Denoiser.from_vector(vector, options.slope).normalised()
         y = net.windowed(x)
         r = closure.segment_residuals(batch, y[:, delay : delay + batch.rate.shape[1]]) * weight
@@ -65,18 +73,18 @@ def train_adamw(material: Material, calibration, options, progress, checkpoint=N
     return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), tuple(losses))
 
 
-def _noise(material: Material, calibration) -> np.ndarray:
+def _noise(material: Material, calibration: Model) -> np.ndarray:
     """(M, 3) rad/s: the stills one after the other, each about its mean."""
     return np.concatenate([calibration(still) - calibration(still).mean(axis=0) for still in material.stills])
 
 
-def _tiled(noise: np.ndarray, shape, seed: int) -> np.ndarray:
+def _tiled(noise: np.ndarray, shape: tuple[int, ...], seed: int) -> np.ndarray:
     """Real noise in another order, (S, T, 3)."""
     starts = np.random.default_rng(seed).integers(len(noise), size=(shape[0], 1))
     return noise[(starts + np.arange(shape[1])) % len(noise)]
 
 
-def _scales(material: Material, calibration, options):
+def _scales(material: Material, calibration: Model, options: DenoiseOptions) -> tuple[np.ndarray, np.ndarray]:
     """What a squared error of each axis counts (3,), one over the noise's variance, and rest's weight against motion (3,)."""
     rates = [calibration(x) for x in material.stretches]
     risk = denoise_risk.measure(rates, [calibration(x) for x in material.stills], REACH + 1, options.delay)

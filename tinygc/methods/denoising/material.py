@@ -34,11 +34,11 @@ class Material:
             return [rate[:count] for rate, count in zip(self.batch.rate, self.counts, strict=True)]
         return [rate[: 2 * REACH + count] for rate, count in zip(self.context, self.counts, strict=True)]
 
-    def pick(self, which) -> Material:
+    def pick(self, which: np.ndarray) -> Material:
         """Some of the segments, by index or mask; the stills, which only show noise, stay."""
         return replace(self, batch=self.batch.pick(which), sigma=self.sigma[which], context=self.context[which], counts=self.counts[which])
 
-    def rate(self, model: DenoisedNet):
+    def rate(self, model: DenoisedNet) -> np.ndarray:
         """What the whole net makes of the segments, (S, T, 3) rad/s, each answer at the sample that it belongs to."""
         return model.undelayed(self.context)[:, REACH : REACH + self.batch.rate.shape[1]]
 

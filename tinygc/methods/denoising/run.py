@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -12,36 +11,39 @@ import numpy as np
 from tinygc import closure
 from tinygc.methods.denoising.material import Material, of_problem
 from tinygc.methods.denoising.training import train_denoiser
+from tinygc.methods.held_out import tell
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
+from tinygc.methods.registry import Progress
+from tinygc.methods.run import run_method
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.problem.problem import Problem
 
 
-def run_denoised(problem: Problem, options: FitOptions, calibrated: MethodFit, progress: Callable[[int, int], None]) -> MethodFit:
-    """Train on all segments, then on all but each fold with that fold's calibration, which saw none of it either."""
+def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
+    """The calibration of ``tinygc``, fitted first where it is not among ``before``, and the denoiser behind it.
+
+    Trained on all segments, then on all but each fold with that fold's calibration, which saw none of it either.
+    """
+    calibrated = before.get("tinygc") or run_method("tinygc", problem, options, progress)
     material = of_problem(problem)
     how = replace(options.denoise, optimizer=options.optimizer, seed=options.seed)
     if not material.stills or problem.session.truths is not None:
         # A session that never rests shows no noise to learn from, and a vehicle's few stills not the noise of its flight.
         how = replace(how, loss="endpoint")
-    steps = len(calibrated.parts) + 1
+    steps = len(calibrated.fold_models) + 1
     began = time.perf_counter()
-    trained = train_denoiser(material, calibrated.model, how, partial(_tell, progress, 0, steps), options.checkpoint("denoiser_whole"))
+    trained = train_denoiser(material, calibrated.model, how, partial(tell, progress, 0, steps), options.checkpoint("denoiser_whole"))
     seconds = time.perf_counter() - began
     held_out = np.zeros_like(calibrated.held_out)
-    fold = np.arange(len(problem.batch)) % len(calibrated.parts)
-    for k, calibration in enumerate(calibrated.parts):
-        tell = partial(_tell, progress, k + 1, steps)
-        part = train_denoiser(material.pick(fold != k), calibration, how, tell, options.checkpoint(f"denoiser_fold{k}"))
+    fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
+    for k, calibration in enumerate(calibrated.fold_models):
+        told = partial(tell, progress, k + 1, steps)
+        part = train_denoiser(material.pick(fold != k), calibration, how, told, options.checkpoint(f"denoiser_fold{k}"))
         held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
     notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": how.loss}}
     angles = denoised_angles(material, trained.model, options.integrator)
     return MethodFit("tinygc_denoised", trained.model, angles, held_out, calibrated.seconds + seconds, notes)
-
-
-def _tell(progress, before: int, steps: int, done: int, of: int) -> None:
-    progress(before * of + done, of * steps)
 
 
 def denoised_angles(material: Material, model: DenoisedNet, integrator: str = "exact") -> np.ndarray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from session.common.errors import FitError
@@ -10,7 +12,12 @@ from tinygc.methods.denoising import risk as denoise_risk
 from tinygc.methods.denoising.material import REACH, Material
 from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.denoising.start import DenoiserTraining, start
+from tinygc.methods.registry import Progress
 from tinygc.models.denoiser import DILATIONS, KERNEL, PARAMETERS, DenoisedNet, Denoiser
+from tinygc.models.model import Model
+
+#: rows (R,), their design (R, 3, K), and the taps (3, K) at which the rows hold
+Term = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 #: sigma of the prior around the weights at the start.  It settles what no loss sees, such as one layer's scale against another's;
 #: the endpoint alone sees so little that it needs a close one, or it buys closure with noise (by as much as thirty times more of it)
@@ -32,7 +39,7 @@ PIN = 1e4
 ROUNDS = 2
 
 
-def taps_and_jacobian(vector: np.ndarray, dilations=DILATIONS) -> tuple[np.ndarray, np.ndarray]:
+def taps_and_jacobian(vector: np.ndarray, dilations: tuple[int, int, int] = DILATIONS) -> tuple[np.ndarray, np.ndarray]:
     """Taps (3, K) of the linear subnet with unit gain, newest first, and their derivatives (3, K, 56) by its weights.
 
     In the frequency domain, where convolutions are products: linear in each of the three layers.
@@ -60,7 +67,10 @@ def taps_and_jacobian(vector: np.ndarray, dilations=DILATIONS) -> tuple[np.ndarr
     return h, (jacobian - h[..., None] * jacobian.sum(axis=1)[:, None]) / gain[..., None]
 
 
-def train_second_order(material: Material, calibration, options: DenoiseOptions, progress=lambda step, steps: None) -> DenoiserTraining:
+def train_second_order(
+    material: Material, calibration: Model, options: DenoiseOptions, progress: Progress = lambda step, steps: None
+) -> DenoiserTraining:
+    """The taps of the linear subnet that are best for the loss, behind this calibration; as ``training.train_denoiser``."""
     terms = [] if options.loss == "endpoint" else [_smoothing(material, calibration, options)]
     delay = options.delay if options.loss == "neighbours" else 0
     vector, losses = start(options.seed).vector, []
@@ -73,7 +83,7 @@ def train_second_order(material: Material, calibration, options: DenoiseOptions,
     return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), tuple(losses))
 
 
-def _smoothing(material: Material, calibration, options: DenoiseOptions):
+def _smoothing(material: Material, calibration: Model, options: DenoiseOptions) -> Term:
     """Rows and their design (rows, 3, K): the square root of the quadratic loss, less its minimum, in units of that minimum."""
     rates = [calibration(x) for x in material.stretches]
     stills = [calibration(x) for x in material.stills]
@@ -97,7 +107,7 @@ def _smoothing(material: Material, calibration, options: DenoiseOptions):
     return np.zeros(len(design)), design, best
 
 
-def _closing(material: Material, calibration, taps: np.ndarray, delay: int):
+def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: int) -> Term:
     """Rows (S d,) of the closure in sigmas at these taps, and their design (S d, 3, K): linear in the taps, to first order."""
     batch = material.batch
     x = calibration(material.context)
@@ -112,11 +122,11 @@ def _closing(material: Material, calibration, taps: np.ndarray, delay: int):
     return rows, (design * weight[..., None, None]).reshape(len(rows), 3, REACH + 1), taps
 
 
-def _settle(vector: np.ndarray, terms, prior: float) -> tuple[np.ndarray, list[float]]:
+def _settle(vector: np.ndarray, terms: list[Term], prior: float) -> tuple[np.ndarray, list[float]]:
     """Levenberg-Marquardt on the sum of squares of all terms (rows, design, taps at which the rows hold) and a weak prior."""
     began, damping, losses = vector, 1e-3, []
 
-    def residuals(v):
+    def residuals(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         h, jacobian = taps_and_jacobian(v)
         return np.concatenate([rows + np.einsum("raj,aj->r", design, h - at) for rows, design, at in terms]), jacobian
 
@@ -129,13 +139,13 @@ def _settle(vector: np.ndarray, terms, prior: float) -> tuple[np.ndarray, list[f
         gradient = J.T @ r + (vector - began).ravel() / prior**2
         while True:
             trial = vector - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient).reshape(3, -1)
-            trial_r, trial_jacobian = _or_none(residuals, trial)
+            trial_r, trial_jacobian = _or_none(residuals, trial) or (None, None)
             trial_cost = np.inf if trial_r is None else trial_r @ trial_r
             if trial_cost <= cost or damping > 1e6:
                 break
             damping *= 8
         gain = cost - trial_cost
-        if gain > 0:
+        if gain > 0 and trial_r is not None and trial_jacobian is not None:
             vector, r, jacobian, cost, damping = trial, trial_r, trial_jacobian, trial_cost, max(damping / 8, 1e-9)
         if not np.isfinite(cost):
             raise FitError("training the denoiser left the finite numbers; are the rates in the log in the unit that its header says?")
@@ -145,8 +155,8 @@ def _settle(vector: np.ndarray, terms, prior: float) -> tuple[np.ndarray, list[f
     return vector, losses
 
 
-def _or_none(residuals, vector):
+def _or_none(residuals: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], vector: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     try:
         return residuals(vector)
     except FitError:
-        return None, None
+        return None

@@ -10,21 +10,26 @@ to say is therefore a matrix of 49 x 49 an axis, and training is Levenberg-Marqu
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from session.common.errors import FitError
 from tinygc.methods.denoising.material import REACH, Material
 from tinygc.methods.denoising.options import LOSSES, DenoiseOptions
 from tinygc.methods.denoising.second_order import train_second_order
 from tinygc.methods.denoising.start import DenoiserTraining
+from tinygc.methods.registry import Progress
+from tinygc.models.model import Model
+
+if TYPE_CHECKING:
+    from tinygc.methods.network.adamw_checkpoint import Checkpoint
 
 
 def train_denoiser(
     material: Material,
-    calibration,
+    calibration: Model,
     options: DenoiseOptions,
-    progress: Callable[[int, int], None] = lambda step, steps: None,
-    checkpoint=None,
+    progress: Progress = lambda step, steps: None,
+    checkpoint: Checkpoint | None = None,
 ) -> DenoiserTraining:
     """The whole net with this calibration, frozen; checkpoint (``adamw.Checkpoint``) where AdamW trains it.
 

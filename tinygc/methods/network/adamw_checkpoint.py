@@ -13,11 +13,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from session.common.errors import FitError, FormatError
 from session.files.results import read_json, write_whole
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 SCHEMA = "tinygc-checkpoint/1"
 NAME = "checkpoint_{}.json"
@@ -41,7 +45,7 @@ def device() -> str:
 
 
 def minimise(
-    loss_of: Callable,
+    loss_of: Callable[[Tensor], Tensor],
     start: np.ndarray,
     *,
     epochs: int,
@@ -67,7 +71,8 @@ def minimise(
         optimizer.state[weights] = {"step": torch.tensor(float(len(losses))), **moments}
         with torch.no_grad():
             weights.copy_(torch.as_tensor(state["weights"]))
-    whole, written = None, time.monotonic()
+    whole: dict | None = None
+    written = time.monotonic()
     try:
         for epoch in range(len(losses), epochs):
             optimizer.param_groups[0]["lr"] = learning_rate * (1 + math.cos(math.pi * epoch / epochs)) / 2
@@ -88,10 +93,10 @@ def minimise(
                     written = time.monotonic()
             progress(epoch + 1, epochs)
     except KeyboardInterrupt:
-        if whole is not None:
+        if checkpoint is not None and whole is not None:
             _write(checkpoint.path, whole)
         raise
-    if whole is not None:
+    if checkpoint is not None and whole is not None:
         _write(checkpoint.path, whole)
     return _array(weights), best, losses
 
@@ -102,11 +107,11 @@ def forget(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _array(tensor) -> np.ndarray:
+def _array(tensor: Tensor) -> np.ndarray:
     return tensor.detach().cpu().numpy().copy()
 
 
-def _state(mark: str, weights, best: np.ndarray, losses: list[float], adam: dict) -> dict:
+def _state(mark: str, weights: Tensor, best: np.ndarray, losses: list[float], adam: dict) -> dict:
     """After a whole epoch; lists are made of it only when it is written."""
     moments = {name: _array(adam[name]) for name in ("exp_avg", "exp_avg_sq")}
     return {"schema": SCHEMA, "of": mark, "losses": list(losses), "weights": _array(weights), "best": best, **moments}

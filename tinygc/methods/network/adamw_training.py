@@ -7,6 +7,7 @@ sigmas over sigma_i, which is what the reweighting of ``distance.fit_distance`` 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from tinygc.methods.network.adamw_checkpoint import Checkpoint, device, minimise
 from tinygc.methods.network.training import Net, Training
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.problem import sequences
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 #: in sigmas: below it a distance is as good as zero, and its gradient exists there
 SHORTEST = 1e-3
@@ -55,7 +59,7 @@ def train_adamw(
         still, earth, spread = (torch.as_tensor(array, device=where) for array in (still_rates.rate, still_rates.earth, still_rates.sigma))
         identity += [still_rates.rate, still_rates.earth, still_rates.sigma]
 
-    def loss_of(weights):
+    def loss_of(weights: Tensor) -> Tensor:
         net = start.with_vector(weights)
         r = sequences.residuals(batch, net(rate), before, integrator) * weight
         total = (r**2).sum() if loss == "squared" else ((r**2).sum(-1) + SHORTEST**2).sqrt() @ trust * batch.angles

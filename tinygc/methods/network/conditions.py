@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,19 +11,20 @@ from tinygc import closure
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
 from tinygc.methods.method_fit import MethodFit
-from tinygc.methods.network.training import train_second_order
+from tinygc.methods.network.training import Net, Training, train_second_order
 from tinygc.methods.options import FitOptions
+from tinygc.methods.registry import Progress
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet, inputs_of
 from tinygc.problem.conditions import conditions
 from tinygc.problem.problem import Problem
 
-METHOD = "tinygc_conditions"
 
+def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
+    """Fit to all segments, then to all but each fold in turn, told ``options.conditions``.
 
-def run_conditions(
-    problem: Problem, options: FitOptions, names: tuple[str, ...], progress: Callable[[int, int], None] = lambda done, of: None
-) -> MethodFit:
-    """Fit to all segments, then to all but each fold in turn.  Raises FitError where the log lacks what the net is to be told."""
+    Raises FitError where the log lacks what the net is to be told.
+    """
+    names = options.conditions
     known = conditions(problem)
     inputs = [inputs_of(log.samples, names, known) for log in problem.logs]
     batch = _padded(problem, inputs)
@@ -32,7 +32,7 @@ def run_conditions(
     sigma, start = problem.floor.sigma, ConditionsNet.identity(names)
     folds = min(options.folds, len(batch))
 
-    def train(which):
+    def train(which: np.ndarray) -> Training:
         return train_second_order(batch.pick(which), sigma[which], still_rates=rates, integrator=options.integrator, start=start)
 
     began = time.perf_counter()
@@ -43,11 +43,12 @@ def run_conditions(
     for k in range(folds):
         held_out[fold == k] = _angles(batch.pick(fold == k), train(fold != k).net, options.integrator)
         progress(k + 2, folds + 1)
+    assert isinstance(trained.net, ConditionsNet)  # the kind that it began as
     model, notes = ConditionsModel(trained.net, known), {"tie": trained.tie, "loss": list(trained.loss)}
-    return MethodFit(METHOD, model, _angles(batch, trained.net, options.integrator), held_out, seconds, notes)
+    return MethodFit("tinygc_conditions", model, _angles(batch, trained.net, options.integrator), held_out, seconds, notes)
 
 
-def _angles(batch: Batch, net: ConditionsNet, integrator: str) -> np.ndarray:
+def _angles(batch: Batch, net: Net, integrator: str) -> np.ndarray:
     return closure.error_angles(closure.segment_residuals(batch, net(batch.rate), integrator))
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -35,15 +35,15 @@ class Net(Protocol):
     """What training asks of a kind of net."""
 
     @property
-    def vector(self): ...
+    def vector(self) -> Any: ...
 
-    def with_vector(self, vector) -> Net: ...
+    def with_vector(self, vector: Any) -> Net: ...
 
     def rungs(self, typical_rps: float, ties: tuple[float, ...]) -> list[tuple[float, np.ndarray]]: ...
 
-    def __call__(self, rate): ...
+    def __call__(self, rate: Any, /) -> Any: ...
 
-    def columns(self, sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray: ...
+    def columns(self, sensitivity: np.ndarray, rate: np.ndarray, /) -> np.ndarray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,8 @@ def train_second_order(
     """
     problem = _Problem(batch, sigma, still_rates, integrator, start or CalibrationNet.identity(), before)
     vector, losses = problem.identity if begin is None else begin.vector, []
-    chosen, lowest = None, None
+    chosen: tuple[np.ndarray, float] | None = None
+    lowest = np.empty(0)
     rungs = problem.start.rungs(problem.typical_rps, ties)
     for number, (tie, prior) in enumerate(rungs):
         vector, left_out, trace = problem.settle(vector, prior, steps)
@@ -85,6 +86,7 @@ def train_second_order(
         # The first is the linear solution; each looser tie must earn its freedom.
         if chosen is None or _clearly_less(left_out, lowest):
             chosen, lowest = (vector, tie), left_out
+    assert chosen is not None  # there is a rung at least: the linear one
     return Training(problem.net(chosen[0]), chosen[1], tuple(losses))
 
 
@@ -97,7 +99,9 @@ def _clearly_less(trial: np.ndarray, best: np.ndarray) -> bool:
 class _Problem:
     """The residuals of the net as rows in sigmas, with their Jacobian."""
 
-    def __init__(self, batch: Batch, sigma: np.ndarray, still_rates: StillRates | None, integrator: str, start: Net, before):
+    def __init__(
+        self, batch: Batch, sigma: np.ndarray, still_rates: StillRates | None, integrator: str, start: Net, before: np.ndarray | None
+    ):
         self.integrator, self.start = integrator, start
         self.before = np.full(len(batch), -1) if before is None else before
         self.batch, self.still_rates = batch, still_rates

@@ -11,11 +11,11 @@ from session.log.hashes import input_hashes
 from tinygc import models
 from tinygc.closure.bias_wander import wander_covariance
 from tinygc.closure.uncertainty import MISMATCH_P
-from tinygc.effects.applied import Claim
-from tinygc.explain.verdict.explain import Explanation
-from tinygc.fit.physics.covariance import covariance_table, rate_covariance, rows_of_rates
-from tinygc.fit.physics.lost_in_runs import loss_words, lost_in
-from tinygc.fit.session import FitResult
+from tinygc.effects import Claim
+from tinygc.explanation.verdict.explain import Explanation
+from tinygc.fitting.physics.covariance import covariance_table, rate_covariance, rows_of_rates
+from tinygc.fitting.physics.lost_in_runs import loss_words, lost_in
+from tinygc.fitting.result import FitResult
 from tinygc.models.field_parameters import Quantity, field_quantities
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
@@ -53,6 +53,7 @@ class Adopted:
 
     @property
     def linear(self) -> LinearModel:
+        """Its linear part."""
         return LinearModel.from_vector(self.vector[:12])
 
     @property
@@ -67,6 +68,7 @@ class Adopted:
 
     @property
     def title(self) -> str:
+        """In tables."""
         return "least squares" if self.name == LINEAR else "linear model with physics"
 
 
@@ -76,7 +78,9 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         before, after = (tilt_rms(x) for x in (explanation.proof.before, explanation.proof.after))
         if after < before:
             return _with_physics(fit, explanation)
-    vector, covariance = fit.linear.model.vector, fit.covariance
+    linear = fit.linear.model
+    assert isinstance(linear, LinearModel)
+    vector, covariance = linear.vector, fit.covariance
 
     def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
         return run.errors(LinearModel.from_vector(trial), fit.options.integrator)
@@ -84,7 +88,7 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
     unobserved = tuple(fit.linear.notes.get("unobserved", ()))
     return Adopted(
         name=LINEAR,
-        model=fit.linear.model,
+        model=linear,
         angles=fit.linear.held_out,
         numbers=[segment.number for segment in fit.problem.used],
         floor_rms=fit.problem.floor.tilt_rms,
@@ -151,7 +155,8 @@ def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Ca
 def _wander_since(fit: FitResult, run: ClosureRun) -> float:
     """(rad/s)^2: variance of the bias in the run less its mean in the session."""
     moments = np.r_[run.began_s + run.duration_s / 2, fit.problem.middle_s]
-    wander = wander_covariance(moments, np.r_[run.duration_s, fit.problem.batch.duration_s])
+    spans = np.r_[run.duration_s, fit.problem.batch.duration_s]
+    wander = wander_covariance(moments, spans, instability_rps=fit.problem.instability.rps)
     contrast = np.r_[1.0, np.full(len(moments) - 1, -1 / (len(moments) - 1))]
     return float(contrast @ wander @ contrast)
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 from math import ceil, floor, log10
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tinygc.report.html.markup import escape
 from tinygc.report.html.numbers import fixed
@@ -29,7 +30,7 @@ class Axis:
     log: bool = False
     ticks: Sequence[tuple[float, str]] | None = None
 
-    def place(self, value) -> np.ndarray:
+    def place(self, value: ArrayLike) -> np.ndarray:
         """0 to 1 along the axis; beyond it what lies beyond."""
         if not self.log:
             return (np.asarray(value, float) - self.lo) / (self.hi - self.lo)
@@ -43,19 +44,19 @@ class Axis:
         return _log_marks(self, room_px) if self.log else _round_marks(self.lo, self.hi, max(2, int(room_px / 62)))
 
 
-def log_axis(values, label: str = "", margin: float = 1.4) -> Axis:
+def log_axis(values: ArrayLike, label: str = "", margin: float = 1.4) -> Axis:
     """A log axis around positive values, whose ends are 1, 2 or 5 times a power of ten."""
-    values = np.asarray(values, float)
-    values = values[np.isfinite(values) & (values > 0)]
-    lo, hi = (values.min() / margin, values.max() * margin) if len(values) else (0.1, 10.0)
+    numbers = np.asarray(values, float)
+    numbers = numbers[np.isfinite(numbers) & (numbers > 0)]
+    lo, hi = (numbers.min() / margin, numbers.max() * margin) if len(numbers) else (0.1, 10.0)
     return Axis(_round_down(lo), 1 / _round_down(1 / hi), label, log=True)
 
 
-def linear_axis(values, label: str = "", zero: bool = False, margin: float = 0.06) -> Axis:
+def linear_axis(values: ArrayLike, label: str = "", zero: bool = False, margin: float = 0.06) -> Axis:
     """A linear axis around values."""
-    values = np.asarray(values, float)
-    values = values[np.isfinite(values)]
-    lo, hi = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    numbers = np.asarray(values, float)
+    numbers = numbers[np.isfinite(numbers)]
+    lo, hi = (float(numbers.min()), float(numbers.max())) if len(numbers) else (0.0, 1.0)
     if zero:
         lo, hi = min(lo, 0.0), max(hi, 0.0)
     room = margin * (hi - lo) or max(abs(hi), 1e-12) * 0.1
@@ -72,12 +73,12 @@ class Chart:
         self._parts: list[str] = []
         self._frame()
 
-    def at(self, x, y) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Pixels of data, clipped to a little beyond the frame."""
         across, up = np.clip(self.x.place(x), -0.01, 1.01), np.clip(self.y.place(y), -0.01, 1.01)
         return self.left + across * self.inner_width, self.top + (1 - up) * self.inner_height
 
-    def line(self, x, y, kind: str, style: str = "line") -> Chart:
+    def line(self, x: ArrayLike, y: ArrayLike, kind: str, style: str = "line") -> Chart:
         """A line with gaps where y is not finite; style: line, thin, dash."""
         x, y = _thinned(np.asarray(x, float), np.asarray(y, float), self.inner_width * POINTS_PER_PIXEL)
         px, py = self.at(x, np.where(np.isfinite(y), y, self.y.lo))
@@ -90,7 +91,7 @@ class Chart:
             self._parts.append(f'<path class="{style} k-{kind}" d="{"".join(path)}"/>')
         return self
 
-    def area(self, x, lo, hi, kind: str) -> Chart:
+    def area(self, x: ArrayLike, lo: ArrayLike, hi: ArrayLike, kind: str) -> Chart:
         """What lies between two lines."""
         px, top = self.at(x, hi)
         _, bottom = self.at(x, lo)
@@ -98,7 +99,9 @@ class Chart:
         self._parts.append(f'<path class="area k-{kind}" d="M{"L".join(f"{_px(a)} {_px(b)}" for a, b in points)}Z"/>')
         return self
 
-    def dots(self, x, y, kind: str, titles: Sequence[str] | None = None, ring: bool = False, radius: float = 3.2) -> Chart:
+    def dots(
+        self, x: ArrayLike, y: ArrayLike, kind: str, titles: Sequence[str] | None = None, ring: bool = False, radius: float = 3.2
+    ) -> Chart:
         """Points; titles, one each, are shown under the pointer."""
         px, py = self.at(x, y)
         style = "ring" if ring else "dot"
@@ -110,7 +113,7 @@ class Chart:
         self._parts.append(f'<g class="{style} k-{kind}">{"".join(marks)}</g>')
         return self
 
-    def bars(self, x, lo, hi, kind: str) -> Chart:
+    def bars(self, x: ArrayLike, lo: ArrayLike, hi: ArrayLike, kind: str) -> Chart:
         """Upright bars from lo to hi at each x: an uncertainty."""
         px, top = self.at(x, hi)
         _, bottom = self.at(x, lo)
@@ -149,6 +152,7 @@ class Chart:
         return self
 
     def svg(self) -> str:
+        """The drawing."""
         return drawing(self.width, self.height, self._about, "".join(self._parts))
 
     def _frame(self) -> None:

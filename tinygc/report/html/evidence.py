@@ -7,15 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from session.common.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from session.log.hashes import input_hashes
-from tinygc.explain.truth.explain import TruthExplanation, explain_truth
-from tinygc.explain.twin.twin import Twin
-from tinygc.explain.twin.whitening import Whitener
-from tinygc.explain.verdict.explain import Explanation, explain_session
-from tinygc.fit.session import FitResult, fit_session
-from tinygc.fit.versions import versions
+from tinygc.explanation.truth.explain import TruthExplanation, explain_truth
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import Whitener
+from tinygc.explanation.verdict.explain import Explanation, explain_session
+from tinygc.fitting.result import FitResult
+from tinygc.fitting.session import fit_session
+from tinygc.fitting.versions import versions
 from tinygc.methods.options import FitOptions
 from tinygc.models.field_parameters import COVERAGE_FACTOR, Quantity
 from tinygc.problem.build import build_problem
@@ -80,7 +82,7 @@ def gather(
     if options.exclude and explain:  # what a fit leaves out is looked at all the same
         problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
         prepared = replace(prepared, problem=problem)
-    how = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}
+    how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}
     explanation = explain_session(folder, **how) if explain and not truth else None
     against_truth = explain_truth(folder, **how) if explain and truth else None
     progress("what the session shows besides", 0, 1)

@@ -59,7 +59,9 @@ def _disc(cx: float, cy: float, radius: float, name: str) -> str:
     return rings + cross + rim + words
 
 
-def _points(directions, sign: int, cx: float, cy: float, radius: float, style: str, size: float, titles=None) -> str:
+def _points(
+    directions: np.ndarray, sign: int, cx: float, cy: float, radius: float, style: str, size: float, titles: list[str] | None = None
+) -> str:
     marks = []
     for i, (x, y, z) in enumerate(directions / np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-300)):
         if sign * z < 0 or not np.isfinite(z):

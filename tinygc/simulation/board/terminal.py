@@ -38,7 +38,7 @@ class Terminal:
         self.plug()
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         deadline = time.monotonic() + DRAIN_S
         while self._waiting and self.write(b"") and time.monotonic() < deadline:
             time.sleep(0.01)

@@ -80,9 +80,9 @@ def _rates(evidence: Evidence, run: ClosureRun) -> dict[str, np.ndarray]:
     adopted, measured = evidence.adopted, run.batch.rate[0]
     rates = {"raw": bias_only()(measured)}
     for name, fit in evidence.fit.methods.items():
-        if not hasattr(fit.model, "calibrate"):
-            rates[name] = getattr(fit.model, "undelayed", fit.model)(measured)
-    if hasattr(adopted.model, "calibrate"):
+        if fit.model.rates_only:
+            rates[name] = fit.model.undelayed(measured)
+    if not adopted.model.rates_only:
         rates[adopted.name] = adopted.model.calibrate(run.samples, run.began_s)[run.rows]
     else:
         rates[adopted.name] = adopted.model(measured)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
+from tinygc.models.denoiser import DenoisedNet
 from tinygc.problem.problem import Problem
 from tinygc.report.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.report.html.evidence import Evidence
@@ -24,6 +25,7 @@ def section(evidence: Evidence) -> Section | None:
     if fit is None:
         return None
     model, problem = fit.model, evidence.problem
+    assert isinstance(model, DenoisedNet)
     before, after = (still_pieces(problem, one) for one in (model.calibration, model))
     settle = [slice(min(model.denoiser.reach, len(piece) // 2), None) for piece in before]
     quiet = [_scatter([piece[part] for piece, part in zip(pieces, settle, strict=True)]) for pieces in (before, after)]
@@ -50,8 +52,8 @@ def section(evidence: Evidence) -> Section | None:
         "A turn, axis of its fastest rate: the denoised rate is late by the delay, and no smaller.",
         keys,
     )
-    spectra = [density(pieces, period_s) for pieces in (before, after)]
-    if all(spectra):
+    spectra = [found for pieces in (before, after) if (found := density(pieces, period_s))]
+    if len(spectra) == 2:
         html += figure(lambda width: _spectra(spectra, width), "Amplitude density at rest, mean of the axes.", keys)
     return Section("denoiser", "Before and after the denoiser", html)
 
@@ -69,7 +71,7 @@ def _at_rest(before: np.ndarray, after: np.ndarray, period_s: float, width: int)
     return chart.line(t, lines[0], "before", "thin").line(t, lines[1], NAME).svg()
 
 
-def _turning(problem: Problem, model, width: int) -> str:
+def _turning(problem: Problem, model: DenoisedNet, width: int) -> str:
     segment = max(problem.used, key=lambda one: one.turn_deg)
     samples = problem.logs[segment.log].samples
     rate = model.calibration(samples.gyro)
@@ -85,7 +87,7 @@ def _turning(problem: Problem, model, width: int) -> str:
     return chart.line(t, lines[0], "before").line(t, lines[1], NAME).svg()
 
 
-def _spectra(spectra, width: int) -> str:
+def _spectra(spectra: list[tuple[np.ndarray, np.ndarray]], width: int) -> str:
     lines = [(frequency, np.sqrt(np.mean(amplitude**2, axis=1)) / DEG * 1e3) for frequency, amplitude in spectra]
     y = log_axis(np.concatenate([values for _, values in lines]), "mdps/√Hz", margin=1.2)
     chart = Chart(width, 230, Axis(0, lines[0][0][-1], "frequency, Hz"), y, "Spectrum at rest before and after the denoiser")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from session.common.units import DEG
-from tinygc.fit.session import closure_figures
+from tinygc.fitting.figures import closure_figures
 from tinygc.report.fit_text import SAME_FLOOR, TITLES
 from tinygc.report.html.chart import Axis, Chart, log_axis
 from tinygc.report.html.decision import rmse
@@ -59,7 +59,7 @@ def section(evidence: Evidence) -> Section:
 def _rows(evidence: Evidence) -> list[tuple]:
     """name, parameters, fitted angles or None, held-out angles, run errors, seconds or None."""
     fit = evidence.fit
-    rows = [
+    rows: list[tuple] = [
         (name, one.parameters, one.angles, one.held_out, [errors[name] for errors in fit.run_errors], one.seconds)
         for name, one in fit.methods.items()
     ]
@@ -81,7 +81,8 @@ def _cells(row: tuple, floor: float, runs: bool) -> list[str]:
     ]
     cells += [significant(tilt * DEG / floor)]
     cells += [
-        NONE if figures[f"{angle}_rms_deg"] is None else fixed(figures[f"{angle}_rms_deg"], decimals) for angle in ("roll", "pitch", "yaw")
+        NONE if value is None else fixed(value, decimals)
+        for value in (figures["roll_rms_deg"], figures["pitch_rms_deg"], figures["yaw_rms_deg"])
     ]
     if runs:
         cells.append(", ".join(fixed(rmse(error) / DEG, decimals) for error in errors))

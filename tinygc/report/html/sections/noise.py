@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG, DEG_PER_HOUR
+from tinygc.closure.residual import RateMap
 from tinygc.problem.problem import Problem
-from tinygc.report.allan import AllanCurve, angle_random_walk
+from tinygc.report.allan import AllanCurve, Reading, angle_random_walk
 from tinygc.report.html.chart import Axis, Chart, log_axis
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, figure, key, paragraph
@@ -39,7 +40,7 @@ def section(evidence: Evidence) -> Section | None:
     return Section("noise", "Noise at rest", html)
 
 
-def still_pieces(problem: Problem, model) -> list[np.ndarray]:
+def still_pieces(problem: Problem, model: RateMap) -> list[np.ndarray]:
     """Calibrated rates (N, 3) rad/s of each undisturbed still of the logs that have the first one's data rate."""
     period_s = problem.logs[0].samples.period_s
     return [
@@ -56,7 +57,7 @@ def _total(problem: Problem) -> float:
     return sum(still.duration_s for still in problem.stills if still.problem is None and still.bumps == 0)
 
 
-def _allan(curve: AllanCurve, walks, width: int) -> str:
+def _allan(curve: AllanCurve, walks: list[Reading], width: int) -> str:
     tau, deviation = curve.tau_s, curve.deviation / DEG_PER_HOUR
     spread = curve.relative_sigma[:, None]
     y = log_axis([*deviation.ravel(), *(deviation * (1 - np.minimum(spread, 0.6)))[-1]], "Allan deviation, °/h", margin=1.15)

@@ -6,6 +6,7 @@ import numpy as np
 
 from session.common.units import DEG
 from session.detect.segments import Segment
+from session.log.samples import Samples
 from tinygc.problem.problem import Problem
 from tinygc.report.fit_text import earth_words
 from tinygc.report.html.chart import Axis, Chart, drawing, linear_axis
@@ -32,7 +33,7 @@ def section(evidence: Evidence) -> Section:
         [key("turn", "turn", "block"), key("still", "still", "block")]
         + ([key("bad", "left out", "block")] if rejected or any(still.problem for still in problem.stills) else []),
     )
-    if any(_has_temperature(log) for log in problem.logs):
+    if any(_temperature_of(log.samples) is not None for log in problem.logs):
         html += figure(lambda width: _temperature(problem, width))
     html += _left_out(problem)
     html += "<h3>What it covers</h3>" + _coverage(problem)
@@ -69,13 +70,14 @@ def _fastest_dps(problem: Problem) -> float:
 
 def _turning(segment: Segment) -> slice:
     """Its samples between two stills; all of it between moments of truth."""
-    if segment.first is None or segment.last.start < segment.first.stop:
+    if segment.first is None or segment.last is None or segment.last.start < segment.first.stop:
         return slice(segment.start, segment.stop)
     return slice(segment.first.stop, segment.last.start + 1)
 
 
-def _has_temperature(log) -> bool:
-    return log.samples.temp_c is not None and bool(np.isfinite(log.samples.temp_c).any())
+def _temperature_of(samples: Samples) -> np.ndarray | None:
+    """(N,) degC; None where the log has none."""
+    return samples.temp_c if samples.temp_c is not None and np.isfinite(samples.temp_c).any() else None
 
 
 def _envelope(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -107,8 +109,8 @@ def _over_time(problem: Problem, width: int) -> str:
         if number:
             chart.upright(began[number] / unit, "quiet")
     for segment in problem.segments:
-        still = segment.first
-        start = began[segment.log] + (segment.start_s if still is None else still.start_s + still.duration_s)
+        first = segment.first
+        start = began[segment.log] + (segment.start_s if first is None else first.start_s + first.duration_s)
         words = f"segment {segment.number}: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s"
         words += f", left out: {segment.problem}" if segment.problem else f", {segment.note}" if segment.note else ""
         chart.span(start / unit, (start + segment.turn_s) / unit, "bad" if segment.problem else "turn", words, 0.095, 0.15)
@@ -121,11 +123,11 @@ def _temperature(problem: Problem, width: int) -> str:
     unit = 60.0 if minutes else 1.0
     parts = []
     for number, log in enumerate(problem.logs):
-        if _has_temperature(log):
+        if (temp_c := _temperature_of(log.samples)) is not None:
             size = max(1, round(1 / log.samples.period_s))
             whole = len(log.samples) // size * size
             if whole:
-                mean = log.samples.temp_c[:whole].reshape(-1, size).mean(axis=1)
+                mean = temp_c[:whole].reshape(-1, size).mean(axis=1)
                 parts.append(((log.samples.t_s[:whole:size] + began[number]) / unit, mean))
     if not parts:
         return ""
@@ -206,13 +208,13 @@ def _direction(vector: np.ndarray) -> str:
 
 def temperature_words(problem: Problem) -> str:
     """Range, start and end, of all logs."""
-    logs = [log for log in problem.logs if _has_temperature(log)]
-    if not logs:
-        return "not recorded"
     means = []
-    for log in logs:
-        size = max(1, round(1 / log.samples.period_s))
-        means.append([np.nanmean(part) for part in np.array_split(log.samples.temp_c, max(1, len(log.samples) // size))])
+    for log in problem.logs:
+        if (temp_c := _temperature_of(log.samples)) is not None:
+            size = max(1, round(1 / log.samples.period_s))
+            means.append([np.nanmean(part) for part in np.array_split(temp_c, max(1, len(log.samples) // size))])
+    if not means:
+        return "not recorded"
     values = np.concatenate(means)
     return (
         f"{significant(values.min(), 4)} to {significant(values.max(), 4)} °C (start {significant(values[0], 4)}, end "

@@ -1,0 +1,97 @@
+"""docs/formats.md as data: the keys of each JSON format, the effects with their parameters, and which keys of a table it lacks."""
+
+import re
+from itertools import product
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+SCHEMA = re.compile(r"tinygc-[a-z]+/\d+")
+CODE = re.compile(r"`([^`]+)`")
+
+
+def section(heading: str) -> str:
+    """What stands below a heading, up to the next one."""
+    found = re.search(rf"^#+ {re.escape(heading)}$\n(.*?)(?=^#|\Z)", PAGE, re.M | re.S)
+    if found is None:
+        raise LookupError(f"docs/formats.md has no section {heading!r}")
+    return found.group(1)
+
+
+def rows(heading: str) -> list[list[str]]:
+    """Cells of the table in a section, without its head."""
+    lines = [line for line in section(heading).splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
+
+
+def expanded(path: str) -> list[str]:
+    """``a.{b,c}`` as ``a.b``, ``a.c``."""
+    pieces = re.split(r"\{([^{}]*)\}", path)
+    choices = [piece.split(",") if i % 2 else [piece] for i, piece in enumerate(pieces)]
+    return ["".join(choice) for choice in product(*choices)]
+
+
+def keys_on_page(schema: str) -> list[tuple[str, ...]]:
+    return [tuple(path.split(".")) for row in rows(f"`{schema}`") for word in CODE.findall(row[0]) for path in expanded(word)]
+
+
+#: effect -> names of its parameters in JSON
+EFFECTS = {CODE.findall(row[0])[0]: set(CODE.findall(row[2])) for row in rows("Effects")}
+PARAMETERS = set().union(*EFFECTS.values())
+(METHOD_LINE,) = (line for line in section("`tinygc-fit/1`").splitlines() if line.startswith("`<method>` is"))
+METHODS = set(CODE.findall(METHOD_LINE)[1:])
+OPTIONS = {path[1] for path in keys_on_page("tinygc-truth/1") if path[0] == "options"}
+STANDS_FOR = {
+    "<method>": lambda word: word in METHODS,
+    "<file>": lambda word: re.fullmatch(r"[\w-]+\.(csv|csv\.gz|toml|json)", word),
+    "<id>": lambda word: word in EFFECTS or word.startswith(("unknown.", "outside.")),
+    "<parameter>": lambda word: word in PARAMETERS,
+    "<option>": lambda word: word in OPTIONS,
+    "<case>": lambda word: re.fullmatch(r"case\d+", word),
+    "<length>": lambda word: re.fullmatch(r"\d+(\.\d+)?", word),
+}
+
+
+def fits(word: str, pattern: str) -> bool:
+    return bool(STANDS_FOR[pattern](word)) if pattern in STANDS_FOR else word == pattern
+
+
+def leaves(value, path: tuple[str, ...] = ()):
+    """(path, value) of everything in a table that is no table itself, and of every table within it that has a schema of its own."""
+    if isinstance(value, dict) and value and not (path and "schema" in value):
+        for key, inner in value.items():
+            yield from leaves(inner, (*path, key))
+    elif isinstance(value, list) and value and isinstance(value[0], dict):
+        for inner in value:
+            yield from leaves(inner, (*path[:-1], f"{path[-1]}[]"))
+    else:
+        yield path, value
+
+
+def strangers(table: dict) -> list[str]:
+    """Keys of a table that its section of the page does not have."""
+    known, missing = keys_on_page(table["schema"]), []
+    for path, value in leaves(table):
+        if isinstance(value, dict) and "schema" in value:
+            missing += [f"{'.'.join(path)}: {word}" for word in strangers(value)]
+        # Nothing, or an empty list, stands for all that could be in it.
+        whole = value not in (None, [], {})
+        if not any(_matches(path, pattern, whole) for pattern in known):
+            missing.append(".".join(path))
+    return missing + [f"{effect['id']}: {name}" for effect, name in _parameters(table) if name not in EFFECTS.get(effect["id"], {name})]
+
+
+def _matches(path, pattern, whole: bool) -> bool:
+    if len(path) > len(pattern) or (whole and len(path) < len(pattern)):
+        return False
+    pattern = pattern[: len(path)]
+    last = pattern[-1] if whole else pattern[-1].removesuffix("[]")
+    return all(map(fits, path, (*pattern[:-1], last)))
+
+
+def _parameters(table: dict):
+    """(effect, name) of each parameter of a claimed effect."""
+    for group in ("effects", "findings", "refused"):
+        for effect in table.get(group, ()):
+            if isinstance(effect, dict) and "parameters" in effect:
+                yield from ((effect, name) for name in {**effect["parameters"], **effect["std"]} if not effect["id"].startswith("unknown."))

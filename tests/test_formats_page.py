@@ -1,0 +1,275 @@
+"""docs/formats.md is the contract: whatever key a command writes, and whatever key the session file may hold, stands on that page."""
+
+import dataclasses
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+from conftest import DEG, SESSION_TOML, Table, write_session
+from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers
+
+import calibrate
+from session.log.config import Config
+from tinygc.effects import catalogue
+
+ROOT = Path(__file__).resolve().parent.parent
+#: what is no JSON
+TOML_AND_FRAMES = {"tinygc-session/1", "tinygc-frame/1"}
+
+
+def told(*words) -> dict:
+    """What a command writes with --json."""
+    path = Path(words[-1])
+    code = calibrate.main([*map(str, words[:-1]), "--quiet", "--json", str(path)])
+    assert code in (0, 1)
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def assert_on_page(table: dict, schema: str) -> None:
+    assert table["schema"] == schema
+    assert not strangers(table), f"docs/formats.md, {schema}, lacks {', '.join(sorted(set(strangers(table))))}"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, simulated):
+    """A session with a closure run, fitted; what fit said is beside it."""
+    folder = tmp_path_factory.mktemp("formats") / "session"
+    shutil.copytree(simulated(), folder)
+    words = ("--methods", "least_squares,tinygc,tinygc_denoised", "--folds", 2, "--conditions", "temperature")
+    told("fit", folder, *words, "--physics", "gyro.thermal_bias", folder.parent / "fit.json")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def missing_physics(tmp_path_factory):
+    """A session whose gyroscope follows gravity, and whose log holds false readings."""
+    samples = Table().tumble(16, seed=5).samples(seed=5)
+    gyro = samples.gyro + samples.accel / 9.80665 @ np.array([[0.05, 0, 0.02], [0, -0.06, 0], [0.03, 0, 0.04]]).T * DEG
+    gyro[[700, 2900, 5100]] += 80 * DEG
+    return write_session(tmp_path_factory.mktemp("formats") / "gravity", dataclasses.replace(samples, gyro=gyro))
+
+
+@pytest.fixture(scope="module")
+def with_truth(tmp_path_factory):
+    """A session that never rests, with a truth file of which one moment is wrong."""
+    folder, rng, table = tmp_path_factory.mktemp("formats") / "truth", np.random.default_rng(1), Table()
+    for _ in range(30):
+        table.turn(rng.uniform(40, 120), rng.normal(size=3), 2.0)
+    write_session(folder, table.samples(seed=1), toml=SESSION_TOML.split("[site]")[0] + '[protocol]\nsegment_s = 2\nreference = "truth"\n')
+    moments = np.arange(0.3, table.duration_s - 0.3, 0.1)
+    q = table.truth(moments)[1].as_quat(scalar_first=True)
+    q[200] = q[230]
+    rows = np.column_stack([moments, q])
+    np.savetxt(folder / "truth0001.csv", rows, fmt="%.10f", delimiter=",", header="t_s,qw,qx,qy,qz", comments="")
+    return folder
+
+
+def test_every_format_of_the_code_has_its_section():
+    code = "".join(path.read_text(encoding="utf-8") for part in ("session", "tinygc", "firmware") for path in (ROOT / part).rglob("*.py"))
+    assert set(SCHEMA.findall(code)) == set(SCHEMA.findall(PAGE))
+    for schema in set(SCHEMA.findall(PAGE)) - TOML_AND_FRAMES:
+        assert ("schema",) in keys_on_page(schema)
+
+
+def test_no_key_of_the_page_is_unknown_to_the_code():
+    """What has been renamed in the code, and what no test here makes a command write, is found by its name."""
+    text = "".join(path.read_text(encoding="utf-8") for part in ("session", "tinygc") for path in (ROOT / part).rglob("*.py"))
+    words = set(re.findall(r"\w+", text))
+    for schema in set(SCHEMA.findall(PAGE)) - TOML_AND_FRAMES:
+        names = {word.removesuffix("[]") for path in keys_on_page(schema) for word in path if not word.startswith("<")}
+        lost = {name for name in names - words if not _made_of(name, words)}
+        assert not lost, f"{schema}: {lost}"
+
+
+def _made_of(name: str, words: set[str]) -> bool:
+    """Some names are put together: ``slope_rms_sigmas`` of ``slope``."""
+    return any(name.endswith(end) and name.removesuffix(end) in words for end in ("_rms_sigmas",))
+
+
+def test_the_effects_of_the_page_are_those_of_the_catalogue():
+    page = {row[0].strip("`"): row for row in rows("Effects") if "…" not in row[0]}
+    assert set(catalogue()) == {name for name, row in page.items() if "beside a truth file" not in row[2]}
+    for name, effect in catalogue().items():
+        if name != "earth.rotation":  # said as a latitude
+            assert effect.parameter.name in EFFECTS[name]
+
+
+def test_the_page_has_the_keys_of_session_toml_and_no_others():
+    page = [CODE.findall(row[0])[0] for row in rows("session.toml")]
+    sections = {name: kind for name, kind in get_type_hints(Config).items() if dataclasses.is_dataclass(kind)}
+    assert set(page) == {f"{name}.{field.name}" for name, kind in sections.items() for field in dataclasses.fields(kind)}
+    assert len(page) == len(set(page))
+
+
+def test_the_defaults_of_session_toml_are_those_of_the_page():
+    sections = {name: kind for name, kind in get_type_hints(Config).items() if dataclasses.is_dataclass(kind)}
+    for key, _, default, _ in rows("session.toml"):
+        name, field = CODE.findall(key)[0].split(".")
+        (found,) = (each for each in dataclasses.fields(sections[name]) if each.name == field)
+        if found.default not in (None, dataclasses.MISSING):
+            assert str(found.default) == default.strip('`"')
+        elif found.default is None:
+            assert default == "none"
+
+
+def test_check(folder, tmp_path):
+    assert_on_page(told("check", folder, tmp_path / "x.json"), "tinygc-check/1")
+
+
+def test_fit_and_every_file_that_it_leaves(folder):
+    table = json.loads((folder.parent / "fit.json").read_text(encoding="utf-8"))
+    assert_on_page(table, "tinygc-fit/1")
+    assert {"tinygc_conditions", "physics", "tinygc_physics", "tinygc_denoised"} <= set(table["methods"])
+    assert table["closure_runs"]
+    files = {path.name: json.loads(path.read_text(encoding="utf-8")) for path in (folder / "fit").iterdir()}
+    assert {name for name in files if not name.startswith("model_")} == {"fit.json", "fitted.json"}
+    assert_on_page(files.pop("fit.json"), "tinygc-fit/1")
+    assert_on_page(files.pop("fitted.json"), "tinygc-fitted/1")
+    kinds = set()
+    for model in files.values():
+        assert_on_page(model, "tinygc-model/1")
+        kinds.add(model["kind"])
+    assert kinds == {"linear", "tinygc", "tinygc_denoised", "tinygc_conditions", "physics", "tinygc_physics"}
+
+
+def test_the_other_nets_and_a_bias_for_each_log(folder, tmp_path):
+    words = ("--methods", "raw,raw_bias_removed,tinygc", "--variant", "published", "--still-rates", "--bias-per-log", "--folds", 2)
+    table = told("fit", folder, *words, "--out", tmp_path / "fit", tmp_path / "x.json")
+    assert_on_page(table, "tinygc-fit/1")
+    model = json.loads((tmp_path / "fit" / "model_tinygc.json").read_text(encoding="utf-8"))
+    assert model["kind"] == "tinygc_published"
+    assert "bias_sigma_rps" in model
+    assert_on_page(model, "tinygc-model/1")
+
+
+def test_the_bias_of_the_day(folder, tmp_path):
+    words = ("--model", folder / "fit" / "model_least_squares.json", "--bias", "given", "--bias-dps", "0.1,0.2,0.3")
+    table = told("fit", folder, *words, "--out", tmp_path / "fit", tmp_path / "x.json")
+    assert_on_page(table, "tinygc-fit/1")
+    assert set(table["bias"]["change_dps"]) == {"start", "gravity", "given"}
+    model = json.loads((tmp_path / "fit" / "model_rebiased.json").read_text(encoding="utf-8"))
+    assert model["stored"]["method"] == "least_squares"
+    assert_on_page(model, "tinygc-model/1")
+    assert_on_page(json.loads((tmp_path / "fit" / "rebiased.json").read_text(encoding="utf-8")), "tinygc-fit/1")
+
+
+def test_explain_where_nothing_is_missing_and_plan(folder, tmp_path):
+    table = told("explain", folder, "--no-pictures", "--out", tmp_path, tmp_path / "x.json")
+    assert_on_page(table, "tinygc-explain/1")
+    assert table["seen_from"]
+    assert_on_page(told("plan", folder, tmp_path / "x.json"), "tinygc-plan/1")
+
+
+def test_explain_where_something_is_missing(missing_physics, tmp_path):
+    table = told("explain", missing_physics, "--no-pictures", tmp_path / "x.json")
+    assert {effect["id"] for effect in table["effects"]} >= {"gyro.g_sensitivity", "data.glitches"}
+    assert table["mismatch"]["where"]["regime"]
+    assert_on_page(table, "tinygc-explain/1")
+    table = told("plan", missing_physics, tmp_path / "x.json")
+    assert table["proposals"]
+    assert_on_page(table, "tinygc-plan/1")
+
+
+def test_explain_against_a_truth_file(with_truth, tmp_path):
+    table = told("explain", with_truth, "--no-pictures", tmp_path / "x.json")
+    assert_on_page(table, "tinygc-explain/1")
+    assert table["effects"]
+    assert table["truth"]["wrong_moments"]
+
+
+def test_report(folder, tmp_path):
+    words = ("--no-explain", "--methods", "least_squares", "--folds", 2, "--out", tmp_path / "report.html", "--limit", 1)
+    table = told("report", folder, *words, tmp_path / "x.json")
+    assert table["closure"]["runs"]
+    assert_on_page(table, "tinygc-report/1")
+
+
+def test_apply_and_the_header_of_its_log(folder, tmp_path):
+    model, (log,) = folder / "fit" / "model_tinygc.json", folder.glob("log*")
+    for unit in ("rps", "dps"):
+        table = told("apply", model, log, "-o", tmp_path / f"{unit}.csv", "--unit", unit, tmp_path / "x.json")
+        assert_on_page(table, "tinygc-apply/1")
+        header = (tmp_path / f"{unit}.csv").read_text(encoding="utf-8").split("\n")[0]
+        rates = ",".join(f"g{axis}_{unit}" for axis in "xyz")
+        assert header == f"t_ns,{rates},ax_mps2,ay_mps2,az_mps2,temp_c"
+        assert rates in section("Logs")
+    assert "t_ns,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2,temp_c" in section("Logs")
+
+
+@pytest.mark.parametrize("form", ["json", "c", "kalibr", "ros", "xio", "px4", "ardupilot"])
+def test_exports(form, folder, tmp_path):
+    table = told("export", folder, "--to", form, "--out", tmp_path, tmp_path / "x.json")
+    assert_on_page(table, "tinygc-export/1")
+    names = {Path(path).name for path in table["files"]}
+    if form == "json":
+        (path,) = table["files"]
+        assert_on_page(json.loads(Path(path).read_text(encoding="utf-8")), "tinygc-model/1")
+        names = {"SESSION.json"}
+    assert names <= set(CODE.findall(section("`tinygc-export/1`")))
+
+
+def test_compare(folder, missing_physics, tmp_path):
+    told("fit", missing_physics, "--methods", "least_squares", "--folds", 2, tmp_path / "x.json")
+    table = told("compare", folder, missing_physics, tmp_path / "x.json")
+    assert table["moved"]
+    assert_on_page(table, "tinygc-compare/1")
+
+
+def test_simulate_and_its_truth(tmp_path):
+    table = told("simulate", "--out", tmp_path / "s", "--segments", 1, "--closure", 12, "--odr-hz", 104, tmp_path / "x.json")
+    assert_on_page(table, "tinygc-simulate/1")
+    assert_on_page(json.loads((tmp_path / "s" / "truth.json").read_text(encoding="utf-8")), "tinygc-truth/1")
+
+
+def test_replay(folder, tmp_path):
+    (log,) = folder.glob("log*")
+    assert_on_page(told("replay", log, "--out", tmp_path / "s", tmp_path / "x.json"), "tinygc-replay/1")
+
+
+def test_challenge_and_what_it_keeps(tmp_path):
+    table = told("challenge", "--cases", 1, "--seed", 2, "--out", tmp_path / "c", tmp_path / "x.json")
+    assert_on_page(table, "tinygc-challenge/1")
+    assert {path.name for path in (tmp_path / "c").iterdir()} <= set(CODE.findall(section("`tinygc-challenge/1`")))
+    for case in json.loads((tmp_path / "c" / "said.json").read_text(encoding="utf-8")).values():
+        assert not set(strangers(case)) - {"seconds"}
+
+
+def test_board_record_and_ports(tmp_path):
+    pytest.importorskip("termios", reason="the virtual board needs a pseudo-terminal")
+    command, port = [sys.executable, str(ROOT / "calibrate.py")], tmp_path / "port"
+    board = [*command, "board", "--rate", "104", "--segments", "6", "--speed", "8", "--lead", "3", "--frames", "--link", str(port)]
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    how = {"cwd": ROOT, "env": environment, "text": True, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen([*board, "--json", str(tmp_path / "board.json")], stdout=subprocess.PIPE, **how) as process:
+        process.stdout.readline()  # its port is there
+        words = ["--port", str(port), "--out", str(tmp_path / "s"), "--segments", "1", "--no-coach", "--quiet", "--json", "-"]
+        recorded = subprocess.run([*command, "record", *words], stdout=subprocess.PIPE, timeout=240, **how)
+        process.send_signal(signal.SIGINT)
+        process.wait(20)
+    table = json.loads(recorded.stdout)
+    assert table["done"]
+    assert_on_page(table, "tinygc-record/1")
+    assert_on_page(json.loads((tmp_path / "board.json").read_text(encoding="utf-8")), "tinygc-board/1")
+    times = (tmp_path / "s" / "raw.times").read_text(encoding="utf-8").split("\n")
+    assert times[0] in CODE.findall(section("Serial stream"))
+    assert {line.split(",", 2)[2].partition(" ")[0] for line in times[1:] if line} <= {"", "open", "close", "begin"}
+    assert_on_page(told("replay", tmp_path / "s" / "raw.bin", "--out", tmp_path / "again", tmp_path / "x.json"), "tinygc-replay/1")
+    assert_on_page(told("ports", tmp_path / "x.json"), "tinygc-ports/1")
+
+
+def test_a_key_that_is_not_on_the_page_is_found():
+    """The test of the test: a key, a method, a parameter and a key within a model that no page has."""
+    assert strangers({"schema": "tinygc-plan/1", "asked": None, "proposals": [{"words": "x", "weight": 1}]}) == ["proposals[].weight"]
+    assert strangers({"schema": "tinygc-fit/1", "methods": {"magic": {"seconds": 1.0}}}) == ["methods.magic.seconds"]
+    claim = {"id": "gyro.bias_drift", "parameters": {"dps_per_c": [0, 0, 0]}, "std": {}}
+    assert strangers({"schema": "tinygc-explain/1", "effects": [claim]}) == ["gyro.bias_drift: dps_per_c"]
+    net = {"schema": "tinygc-model/1", "kind": "tinygc", "colour": "red"}
+    assert strangers({"schema": "tinygc-model/1", "net": net}) == ["net: colour"]

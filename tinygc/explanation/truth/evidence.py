@@ -1,0 +1,222 @@
+"""Evidence of a truth file: how the closure grows, what short segments say of clocks and frames, the accelerometer, the rests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from session.common.robust import sigma_of
+from session.common.units import DEG, NS
+from session.detect.truth_segments import cut_at_truth, moments_inside
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.closure.residual import Batch
+from tinygc.effects import movement_of
+from tinygc.models import linear
+from tinygc.models.linear import LinearModel
+from tinygc.problem.conditions import conditions
+from tinygc.problem.problem import Problem
+from tinygc.problem.truth import batch_of
+
+#: lengths at which the closure's growth is looked at, s
+LENGTHS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
+SHORT_S = 0.5
+#: of the specific force, for what a vehicle's own acceleration averages out over
+FORCE_WINDOW_S = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Rests:
+    """seconds at rest; difference (3,) rad/s of the zero there from the one in motion, with its scatter sigma (3,); vibration_g2 at rest
+    and in motion."""
+
+    seconds: float
+    difference: np.ndarray
+    sigma: np.ndarray
+    vibration_g2: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Force:
+    """Apparent bias (3,) m/s^2 of the accelerometer against the truth's attitude, as it stands and with the truth's frame turned by the
+    gyro's rotation; sigma (3,)."""
+
+    bias: np.ndarray
+    turned: np.ndarray
+    sigma: np.ndarray
+
+
+def error_angles(batch: Batch, model) -> np.ndarray:
+    return closure.error_angles(closure.segment_residuals(batch, model(batch.rate)))
+
+
+def neighbours(problem: Problem) -> np.ndarray:
+    """(P,) numbers of used segments whose successor begins where they end."""
+    used = problem.used
+    return np.array(
+        [i for i in range(len(used) - 1) if used[i].log == used[i + 1].log and used[i].stop - 1 == used[i + 1].start], dtype=int
+    )
+
+
+def offset_columns(batch: Batch, model) -> np.ndarray:
+    """(S, 3) rad/s: how the residual turns with the truth's clock.  Truth that is late by s shows what was s before."""
+    rate = model(batch.rate) - batch.earth
+    counts = np.sum(batch.dt > 0, axis=1)
+    last = np.take_along_axis(rate, counts[:, None, None], axis=1)[:, 0]
+    ends = [np.einsum("sij,sj->si", rotation.matrix(q), w) for q, w in ((batch.start, rate[:, 0]), (batch.end, last))]
+    # The truth's attitude is the one at t + s: taken back to t, the start turns back by s w_start, and so does the end.
+    return ends[1] - ends[0]
+
+
+def _again(problem: Problem, segment_s: float):
+    """The same session cut at another length, within what is used."""
+    session, protocol = problem.session, replace(problem.session.config.protocol, segment_s=segment_s)
+    cut = []
+    for number, (log, truth) in enumerate(zip(problem.logs, session.truths, strict=True)):
+        used = [(s.start, s.stop) for s in problem.used if s.log == number]
+        for segment, ends in cut_at_truth(log.samples, truth, session.config.sensor, protocol, log=number):
+            inside = any(a <= segment.start and segment.stop <= b for a, b in _joined(used))
+            if segment.accepted and inside:
+                cut.append((segment, ends))
+    return cut
+
+
+def _joined(spans: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Spans that follow one another, as one."""
+    joined: list[tuple[int, int]] = []
+    for a, b in spans:
+        if joined and joined[-1][1] - 1 >= a:
+            joined[-1] = (joined[-1][0], b)
+        else:
+            joined.append((a, b))
+    return joined
+
+
+def growth(problem: Problem, model: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths (L,) s that the truth's moments allow, and the closure's robust rms (L, 3) rad at each, about the table's axes."""
+    lengths, closures = [], []
+    for length in LENGTHS_S:
+        cut = _again(problem, length)
+        if len(cut) < 8 or abs(np.median([s.duration_s for s, _ in cut]) / length - 1) > 0.1:
+            continue
+        batch = batch_of(problem.logs, [s for s, _ in cut], [ends for _, ends in cut])
+        angles = error_angles(batch, model)
+        lengths.append(length)
+        closures.append(sigma_of(angles - np.median(angles, axis=0)))
+    return np.array(lengths), np.array(closures).reshape(-1, 3)
+
+
+def noises(lengths: np.ndarray, closures: np.ndarray) -> tuple[float, float]:
+    """Per angle: sigma rad of a moment of truth, and the random walk rad/sqrt(s), from variance = 2 truth^2 + walk^2 T + drift^2 T^2."""
+    if len(lengths) < 3:
+        return float("nan"), float("nan")
+    variance = np.mean(closures**2, axis=1)
+    design = np.column_stack([2 * np.ones_like(lengths), lengths, lengths**2])
+    solution, _ = nnls(design / variance[:, None], np.ones_like(lengths))
+    return float(np.sqrt(solution[0])), float(np.sqrt(solution[1]))
+
+
+def neighbours_correlation(problem: Problem, angles: np.ndarray) -> float:
+    """Correlation of neighbouring segments' errors (S, 3): -1/2 if moments of truth are wrong, 0 if the gyro is noisy, more if its
+    bias wanders."""
+    at = neighbours(problem)
+    if len(at) < 5:
+        return float("nan")
+    size = np.median(np.linalg.norm(angles, axis=1))
+    angles = angles * np.minimum(1, 3 * size / np.maximum(np.linalg.norm(angles, axis=1), 1e-12))[:, None]
+    return float(np.sum(angles[at] * angles[at + 1]) / np.sqrt(np.sum(angles[at] ** 2) * np.sum(angles[at + 1] ** 2)))
+
+
+def short_segments(problem: Problem, model: LinearModel) -> tuple[tuple[float, float], np.ndarray, np.ndarray]:
+    """Offset s of the truth's clock with its sigma, and the rotation (3,) rad from gyro to truth with its sigma (3,), from segments as
+    short as the truth allows: there the rates are greatest beside what the truth is wrong by."""
+    nothing = (float("nan"), float("nan")), np.full(3, np.nan), np.full(3, np.nan)
+    cut = _again(problem, SHORT_S)
+    if len(cut) < 40:
+        return nothing
+    batch = batch_of(problem.logs, [s for s, _ in cut], [ends for _, ends in cut])
+    bare = LinearModel(np.eye(3), model.B)
+    angles, rate = error_angles(batch, bare), bare(batch.rate)
+    # Unknown: the offset, and all of the linear model, of which the antisymmetric part is the rotation.
+    design = np.concatenate([offset_columns(batch, bare)[..., None], linear.columns(closure.sensitivity(batch, rate), rate)], axis=-1)
+    scale = np.linalg.norm(design.reshape(-1, 13), axis=0)
+    design, weight = design / scale, np.ones(len(batch))
+    for _ in range(8):  # against moments of truth that are wrong: Huber's weights
+        rows = (design * weight[:, None, None]).reshape(-1, 13)
+        theta = np.linalg.lstsq(rows, -(angles * weight[:, None]).ravel(), rcond=None)[0]
+        left = angles + design @ theta
+        size = np.linalg.norm(left, axis=1)
+        weight = np.sqrt(np.minimum(1, 1.5 * np.median(size) / np.maximum(size, 1e-12)))
+    # Neighbours share a moment of truth, so a sandwich over blocks of ten segments.
+    score = np.einsum("sip,si,s->sp", design, left, weight**2)
+    blocks = np.add.reduceat(score, np.arange(0, len(score), 10), axis=0)
+    inverse = np.linalg.inv(rows.T @ rows)
+    covariance = inverse @ (blocks.T @ blocks) @ inverse / np.outer(scale, scale)
+    theta = theta / scale
+    pick = np.zeros((3, 13))
+    for axis, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
+        pick[axis, 1 + 3 * i + j], pick[axis, 1 + 3 * j + i] = 0.5, -0.5
+    return (float(theta[0]), float(np.sqrt(covariance[0, 0]))), pick @ theta, np.sqrt(np.diag(pick @ covariance @ pick.T))
+
+
+def force_against_truth(problem: Problem, turned: np.ndarray) -> Force | None:
+    """Mean specific force against the truth's vertical in long windows, over which a vehicle's acceleration averages out."""
+    rows, values = ([], []), ([], [])
+    g = problem.session.config.site.expected_gravity_mps2
+    down = np.array([0, 0, g])
+    spin = rotation.matrix(rotation.exp(np.nan_to_num(turned)))
+    for log, truth in zip(problem.logs, problem.session.truths, strict=True):
+        at, q = moments_inside(log.samples, truth)
+        force, size = log.samples.accel[at], int(FORCE_WINDOW_S / np.median(np.diff(log.samples.t_ns[at]) * NS))
+        turn, has = rotation.matrix(q), np.abs(force).sum(axis=1) > 0
+        weight = np.hanning(size) / np.hanning(size).sum() if size > 10 else None
+        for start in range(0, len(at) - size, max(size // 2, 1)):
+            part = slice(start, start + size)
+            if (
+                weight is None
+                or not has[part].all()
+                or log.samples.t_s[at[part.stop - 1]] - log.samples.t_s[at[start]] > 1.1 * FORCE_WINDOW_S
+            ):
+                continue
+            mean = np.einsum("t,tij->ij", weight, turn[part])
+            for out, x in zip(rows, (mean, mean), strict=True):
+                out.append(x)
+            for out, f in zip(values, (force[part], force[part] @ spin.T), strict=True):
+                out.append(np.einsum("t,tij,tj->i", weight, turn[part], f) + down)
+    if len(rows[0]) < 3:
+        return None
+    found = []
+    for design, value in zip(rows, values, strict=True):
+        # A bias in the body, and a tilt of the truth's world.
+        tilt = np.tile(np.array([[0, g], [-g, 0], [0, 0]]), (len(design), 1, 1))
+        A = np.concatenate([np.array(design), tilt], axis=2).reshape(-1, 5)
+        y = np.array(value).ravel()
+        prior = np.diag([1e-6] * 3 + [1 / (0.5 * DEG) ** 2] * 2) * 0.05**2
+        inverse = np.linalg.inv(A.T @ A + prior)
+        x = inverse @ (A.T @ y)
+        left = y - A @ x
+        found.append((x[:3], np.sqrt(np.diag(inverse)[:3] * float(left @ left) / max(len(y) - 5, 1))))
+    return Force(found[0][0], found[1][0], found[0][1])
+
+
+def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
+    """The zero at rest against the one in motion, by the gyro's own readings."""
+    rates, weights, quiet, shaken = [], [], [], []
+    for log in problem.logs:
+        movement = movement_of(log.samples, model(log.samples.gyro), conditions(problem))
+        moving = np.ones(len(log.samples), dtype=bool)
+        for rest in log.rests:
+            part = slice(rest.start, rest.stop)
+            rates.append(np.asarray(model(rest.gyro_mean[None]))[0])
+            weights.append(rest.stop - rest.start)
+            quiet.append(float(movement.vibration_g2[part].mean()))
+            moving[part] = False
+        shaken.append(float(np.median(movement.vibration_g2[moving])))
+    if not rates:
+        return None
+    mean = np.average(rates, axis=0, weights=weights)
+    scatter = np.std(rates, axis=0, ddof=1) / np.sqrt(len(rates)) if len(rates) > 1 else np.full(3, np.nan)
+    seconds = sum(weights) * problem.logs[0].samples.period_s
+    return Rests(float(seconds), mean, scatter, (float(np.average(quiet, weights=weights)), float(np.mean(shaken))))

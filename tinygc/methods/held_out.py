@@ -1,0 +1,86 @@
+"""Fit to all segments, then to all but each fold in turn: the closure of segments that a fit never saw."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from tinygc.closure.residual import Batch, closure_angles
+from tinygc.closure.still_rates import StillRates
+from tinygc.methods.method_fit import MethodFit
+from tinygc.methods.options import FitOptions
+from tinygc.methods.registry import Progress
+from tinygc.models.linear import LinearModel, bias_only
+from tinygc.models.model import Model
+from tinygc.problem.problem import Problem
+from tinygc.problem.sequences import consecutive
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What one fit sees: some of the segments, or all.
+
+    batch of S segments; sigma (S, d) rad; start: the first still's bias off; still_rates where they are data, too; order (S,): numbers
+    that count on where a segment begins with the still that the one before ended with, None where each stands alone; whole: the
+    model that was fitted to all segments, where this is a fold; label: ``whole``, ``fold0``, …
+    """
+
+    batch: Batch
+    sigma: np.ndarray
+    options: FitOptions
+    start: LinearModel
+    still_rates: StillRates | None
+    order: np.ndarray | None
+    progress: Progress
+    whole: Model | None = None
+    label: str = "whole"
+
+    def fold(self, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
+        """The segments where ``seen`` (S,) is set, as fold ``number``."""
+        order = None if self.order is None else self.order[seen]
+        batch, sigma = self.batch.pick(seen), self.sigma[seen]
+        return replace(self, batch=batch, sigma=sigma, order=order, whole=whole, progress=progress, label=f"fold{number}")
+
+
+#: a model, and notes on how it was found
+FitOnce = Callable[[Seen], tuple[Model, dict]]
+
+
+def held_out(
+    name: str, fit: FitOnce, problem: Problem, options: FitOptions, progress: Progress, integrator: str | None = None
+) -> MethodFit:
+    """``fit`` as the method of that name; integrator: that it is judged by, where it is not the options'."""
+    batch, judged_by = problem.batch, integrator or options.integrator
+    folds = min(options.folds, len(batch))
+    steps = folds + 1
+    everything = Seen(
+        batch=batch,
+        sigma=problem.floor.sigma,
+        options=options,
+        # A session with a truth file may never rest: then the bias that closes it stands for the first still's.
+        start=bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B),
+        still_rates=problem.still_rates if options.still_rates else None,
+        order=consecutive(problem.used) if options.parts > 1 else None,
+        progress=lambda done, of: progress(done, of * steps),
+    )
+    began = time.perf_counter()
+    model, notes = fit(everything)
+    seconds = time.perf_counter() - began
+    angles, models = np.zeros((len(batch), batch.angles)), []
+    fold = np.arange(len(batch)) % folds
+    for k in range(folds):
+        seen = fold != k
+        part, _ = fit(everything.fold(seen, k, model, partial(tell, progress, k + 1, steps)))
+        models.append(part)
+        angles[~seen] = closure_angles(batch.pick(~seen), part, judged_by)
+    progress(steps, steps)
+    return MethodFit(name, model, closure_angles(batch, model, judged_by), angles, seconds, notes, tuple(models))
+
+
+def tell(progress: Progress, before: int, steps: int, done: int, of: int) -> None:
+    """So many of the ``steps`` are behind, each of ``of``."""
+    progress(before * of + done, of * steps)

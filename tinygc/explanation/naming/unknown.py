@@ -15,7 +15,6 @@ from tinygc.attitude.earth import EarthRate
 from tinygc.effects import Effect, Movement, Parameter, Reach, diagonal, per_axis, without_vibration
 from tinygc.effects.conditions import HAND_S
 from tinygc.effects.picture import WORLD
-from tinygc.effects.reach import INPUTS
 from tinygc.explanation.twin.twin import Twin
 
 #: orders of the smooth curves
@@ -74,7 +73,6 @@ def _finding(name: str, equation: str, size: int, says: str, regime: tuple[str, 
         basis=basis,
         says=lambda theta: f"{says} (up to {np.abs(theta).max() / DEG:.3f} dps); nothing in the catalogue does this",
         splits="repeat the session with this variable changed on purpose, all else alike",
-        inputs=tuple(INPUTS),  # it is looked at here and never leaves the session, so nobody has to provide for it
         regime=regime,
         **looks,
     )

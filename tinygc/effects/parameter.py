@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from tinygc.effects.movement import Movement
-
-if TYPE_CHECKING:
-    from tinygc.effects.effect import Effect
 
 
 @dataclass(frozen=True)
@@ -53,12 +50,12 @@ class Derived:
 class Scan:
     """A shape number beside the parameter that no linear fit can find, such as the moment of a step: it is searched on a grid.
 
-    name in the JSON; unit for a person and its size in SI; make(value) -> the effect with that value, SI;
+    name in the JSON; unit for a person and its size in SI; make(value) -> the ``Effect`` with that value, SI;
     grid(movements) -> the values (K,), SI, to try on a recording, increasing; without it the middles of its turns, s of the session.
     """
 
     name: str
     unit: str
-    make: Callable[[float], Effect]
+    make: Callable[[float], Any]
     si: float = 1.0
     grid: Callable[[Sequence[Movement]], np.ndarray] | None = None

@@ -19,7 +19,7 @@ from common import in_parallel, markdown
 from session.common.units import DEG, MDPS, MG, G
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
-from session.guide.messages import AcceptedTurn
+from session.guide.messages import Taken
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -99,7 +99,7 @@ class CoachedHand:
         self._clock_s += seconds + rest_s(self._options, self._rng)
         self._coach.add(self._taken(strokes, before, begin_s, seconds))
 
-    def _taken(self, strokes, before, begin_s: float, seconds: float) -> AcceptedTurn:
+    def _taken(self, strokes, before, begin_s: float, seconds: float) -> Taken:
         """What the guide would hand over, but for noise and the sensor's errors."""
         t_s = np.arange(begin_s - 1.0, begin_s + seconds + 1.0, 1 / 50)
         moved = motion.move(Plan(before, tuple(strokes), (), 0.0, None, 0.0), t_s)
@@ -109,7 +109,7 @@ class CoachedHand:
         ]
         samples = Samples(np.rint(t_s * 1e9).astype(np.int64), moved.rate, np.zeros_like(moved.rate))
         segment = Segment(0, 0, *ends, 0, len(t_s), t_s[0], t_s[-1] - t_s[0], seconds, 90.0)
-        return AcceptedTurn(segment, samples, NOISE, 1, float(t_s.mean()))
+        return Taken(segment, samples, NOISE, 1, float(t_s.mean()))
 
     @staticmethod
     def _axes(angles) -> np.ndarray:

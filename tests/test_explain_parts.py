@@ -15,7 +15,8 @@ from tinygc.closure.bias_wander import wander_covariance
 from tinygc.effects import Claim, catalogue
 from tinygc.explanation.naming.forward import candidates
 from tinygc.explanation.naming.selection import Selection
-from tinygc.explanation.naming.unknown import slow_candidates
+from tinygc.explanation.naming.unknown import slow_candidates, unknown_candidates
+from tinygc.explanation.truth.truth_effects import wander
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.refit import refit
 from tinygc.explanation.twin.turn_gravity import turn_gravity
@@ -264,6 +265,16 @@ def test_columns_of_gravity_and_of_the_earth(twin_of):
     np.testing.assert_allclose(twin.gravity_columns().stacked(), along(twin, state, 14, 1, 1e-3), atol=1e-9)
     horizontal = twin.earth_columns().stacked() @ state.axes.T
     assert errors(horizontal, along(twin, state, 12, 2, 0.1 * EARTH_RATE_RPS)).max() < 2e-3
+
+
+def test_shapes_without_a_name_read_only_what_they_declare(twin_of):
+    """What they do not declare is not shown to them."""
+    twin, _ = twin_of(warm_up_c=6.0)
+    tried = [*unknown_candidates(twin), wander(np.linspace(0, twin.movements[0].duration_s, 5))]
+    assert {effect.id for effect in tried} >= {"unknown.curve_over_temperature", "unknown.attitude", "unknown.slow_bias"}
+    for effect in tried:
+        theta = np.full(effect.parameter.size, 1e-3)
+        assert np.isfinite(effect.correct(twin.movements[0].rate, twin.movements[0], theta)).all()
 
 
 @pytest.mark.parametrize("name", sorted(set(catalogue()) - {n for n, e in catalogue().items() if e.kind == "register"}))

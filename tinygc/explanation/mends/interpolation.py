@@ -12,6 +12,7 @@ from session.log.samples import Samples
 
 SIDE = 4  #: samples on either side that carry the polynomial
 ORDERS = (1, 3, 5)
+AS_FAST = 0.5  #: share of the speed at the gaps, from which on a place is like them
 MOST_TRIALS = 400  #: gaps that are tried where nothing is missing
 
 
@@ -26,7 +27,7 @@ def best_order(samples: Samples, rows: np.ndarray, count: int) -> tuple[int, flo
     that it misses."""
     speed = np.linalg.norm(samples.gyro, axis=1)
     reach = count + SIDE
-    usable = speed >= 0.5 * np.median(speed[rows])
+    usable = speed >= AS_FAST * np.median(speed[rows])
     for row in rows:
         usable[max(row - reach - count, 0) : row + reach + count] = False
     usable[:reach] = usable[len(usable) - 2 * reach :] = False

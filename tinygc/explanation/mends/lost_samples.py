@@ -34,6 +34,8 @@ ALONE = 8  #: samples on either side of a loss without another jump
 LOSS_IN_ACCEL = 3.0
 #: losses and false readings are rare: more than one a second is another thing
 PER_SECOND = 1.0
+#: share of full scale, below which no ceiling is looked for
+LEAST_CEILING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +123,7 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> Ceiling | None:
         for sign in (1, -1):
             values = sign * samples.gyro[:, axis]
             top = values.max()
-            if top > 0.05 * full_scale_rps:
+            if top > LEAST_CEILING * full_scale_rps:
                 at = values >= top - lsb(samples.gyro[:, axis])
                 bar = run_bar(float(sigma_of_steps(samples.gyro[:, axis])), 2 * lsb(samples.gyro[:, axis]))
                 start, stop = _longest_run(at)

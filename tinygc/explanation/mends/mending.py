@@ -40,6 +40,8 @@ LEVEL_KNOWN = 0.002
 PLATEAU_EXCESS = 10.0
 #: a still that turns about the vertical shows only in the gyro: its rate must stand out by this much from stills that agree
 OUTLIER_SIGMAS = 10.0
+#: and stand so many times more upright than level
+VERTICAL = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,5 +274,5 @@ def _about_the_vertical(problem: Problem) -> list[int]:
             break
         good = now
     in_table = np.einsum("qij,qj->qi", rotation.matrix(twin.q_tb), rate)
-    vertical = np.abs(in_table[:, 2]) > 3 * np.linalg.norm(in_table[:, :2], axis=1)
+    vertical = np.abs(in_table[:, 2]) > VERTICAL * np.linalg.norm(in_table[:, :2], axis=1)
     return [number for number, fine, along in zip(reference, good, vertical, strict=True) if not fine and along]

@@ -21,6 +21,8 @@ CORNER = 18.0
 FEWEST, SAME, SHORTEST_S = 3, 0.02, 0.05
 #: what is clipped is a turn: share of full scale
 LEAST = 0.05
+#: shares: of a plateau's readings that are flat; of the plateaus that are of one height
+WHOLE, ALIKE = 0.9, 0.6
 
 
 def find_plateaus(samples: Samples, full_scale_rps: float) -> Ceiling | None:
@@ -38,7 +40,7 @@ def find_plateaus(samples: Samples, full_scale_rps: float) -> Ceiling | None:
     level = float(np.median(levels))
     alike = [(start, stop) for each, start, stop in masks if abs(each - level) < SAME * level]
     passed = np.abs(samples.gyro).max() > (1 + 2 * SAME) * level
-    if len(alike) < max(FEWEST, 0.6 * len(levels)) or passed:
+    if len(alike) < max(FEWEST, ALIKE * len(levels)) or passed:
         return None
     mask = np.zeros(len(samples), dtype=bool)
     for start, stop in alike:
@@ -57,7 +59,7 @@ def _plateaus(values: np.ndarray, noise: float, least: float, shortest: float) -
         flat = np.flatnonzero(np.abs(stroke - top) <= within)
         start, stop = begin + int(flat[0]), begin + int(flat[-1]) + 1
         length = stop - start
-        if length < shortest or len(flat) < 0.9 * length:
+        if length < shortest or len(flat) < WHOLE * length:
             continue
         beyond = values[[max(start - length, 0), min(stop + length, len(values)) - 1]]
         if top - beyond.max() > CORNER * within:

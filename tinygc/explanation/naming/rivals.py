@@ -12,9 +12,10 @@ from tinygc.explanation.twin.refit import refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
-#: chi-square, less the price of its parameters (Schwarz 1978), by which a rival must be better: by chance once in some thousand sessions
+#: chi-square, less the price of its parameters (Schwarz 1978), by which a rival must be better: "very strong" evidence (Kass & Raftery
+#: 1995)
 BETTER = 10.0
-#: rivals that are refitted exactly
+#: rivals that are refitted exactly: each costs as much as a name (benchmarks/explain_speed.py)
 MOST = 3
 
 

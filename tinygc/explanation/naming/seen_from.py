@@ -10,7 +10,7 @@ from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
-#: about what the search over the whole catalogue asks for
+#: about what the search over the whole catalogue asks for: 5 % over some 300 directions is 3.8 sigmas (Bonferroni)
 SIGMAS = 4.0
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from session.common.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude.earth import EarthRate
-from tinygc.effects import Effect, Movement, Parameter, diagonal, per_axis, without_vibration
+from tinygc.effects import Effect, Movement, Parameter, Reach, diagonal, per_axis, without_vibration
+from tinygc.effects.conditions import HAND_S
 from tinygc.effects.picture import WORLD
 from tinygc.effects.reach import INPUTS
 from tinygc.explanation.twin.twin import Twin
@@ -21,11 +22,18 @@ from tinygc.explanation.twin.twin import Twin
 ORDERS = (2, 3, 4, 5)
 #: powers of the rate, each whether it changes sign with the rate
 RATE_POWERS = ((1.5, True), (2, False), (2, True), (5, True))
+#: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
 PLAUSIBLE_RPS = 5 * DEG
-#: a rate fixed in the world is the Earth's, at another latitude, if both together are as long as it within this
+#: degC: at a data sheet's 0.005 dps/degC that is 2.5 mdps, a still's own noise
+LEAST_CHANGE_C = 0.5
+#: a rate fixed in the world is the Earth's, at another latitude, if both together are as long as it within this: 15 deg/h, seen through a
+#: bias that wanders by 3
 LIKE_THE_EARTH = 0.25
-#: and the latitude is another if it is farther off than the stills of a usual session can tell
+#: and the latitude is another if it is farther off than the stills of a usual session can tell: directions of the Earth's rate are good
+#: to 7 degrees rms (benchmarks/closure_table.py)
 ANOTHER_DEG = 10.0
+#: a hand's mean of the force
+HAND_REACH = Reach.around(samples=2, seconds=HAND_S / 2)
 
 
 def unknown_candidates(twin: Twin) -> list[Effect]:
@@ -43,7 +51,7 @@ def slow_candidates(twin: Twin) -> list[Effect]:
     found += [_curve("time", "s", lambda m: 2 * m.t_s / m.duration_s - 1, order) for order in ORDERS]
     if np.isfinite(twin.movements[0].temp_c).all():
         low, high = (f([f(movement.temp_c) for movement in twin.movements]) for f in (np.min, np.max))
-        if high - low > 0.5:
+        if high - low > LEAST_CHANGE_C:
             found += [_curve("temperature", "°C", lambda m: 2 * (m.temp_c - low) / (high - low) - 1, order) for order in ORDERS]
     found += [_attitude(order) for order in (2, 3)]
     found += [_world(twin.problem.earth, twin.problem.session.config.site.latitude_deg), _products()]
@@ -55,7 +63,8 @@ def _interval(twin: Twin) -> float:
     return twin.movements[0].duration_s / max(len(twin.stills), 2)
 
 
-def _finding(name: str, equation: str, size: int, says: str, regime: tuple[str, str], *, columns=None, basis=None) -> Effect:
+def _finding(name: str, equation: str, size: int, says: str, regime: tuple[str, str], *, columns=None, basis=None, **looks) -> Effect:
+    """``looks``: what it reads and how far around, as an ``Effect`` declares it."""
     return Effect(
         id=f"unknown.{name}",
         equation=equation,
@@ -67,6 +76,7 @@ def _finding(name: str, equation: str, size: int, says: str, regime: tuple[str, 
         splits="repeat the session with this variable changed on purpose, all else alike",
         inputs=tuple(INPUTS),  # it is looked at here and never leaves the session, so nobody has to provide for it
         regime=regime,
+        **looks,
     )
 
 
@@ -77,7 +87,7 @@ def _periodic(frequency_hz: float) -> Effect:
 
     equation = f"ω += a cos(2π f t) + b sin(2π f t), f = {frequency_hz:.4f} Hz"
     says = f"the zero oscillates with a period of {1 / frequency_hz:.1f} s"
-    return _finding("periodic", equation, 6, says, ("time", "s"), basis=basis)
+    return _finding("periodic", equation, 6, says, ("time", "s"), basis=basis, inputs=("time",))
 
 
 def _curve(variable: str, unit: str, scaled, order: int) -> Effect:
@@ -91,6 +101,7 @@ def _curve(variable: str, unit: str, scaled, order: int) -> Effect:
         f"the zero follows {variable} on a curve that is no straight line",
         (variable, unit),
         basis=basis,
+        inputs=(variable,),
     )
 
 
@@ -111,6 +122,8 @@ def _attitude(order: int) -> Effect:
         "the zero depends on attitude in a way that no g-sensitivity has",
         ("attitude", "g"),
         basis=basis,
+        inputs=("force",),
+        reach=HAND_REACH,
     )
 
 

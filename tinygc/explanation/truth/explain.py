@@ -46,20 +46,17 @@ from tinygc.problem.conditions import conditions
 from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
-MOST_EFFECTS = 4
-LATER_FAMILY_WISE = 0.01
-#: of the misfit so far, or a further effect is not worth its name
-LATER_SHARE = 0.03
-#: a rotation of the truth's frame is claimed if it is as large, and as sure
-FRAME_RAD, FRAME_SIGMAS = 0.5 * DEG, 5.0
-STEPS_TRIED = 40
-WANDER_S = 20.0
-#: of a claim's greatest parameter, when all are fitted together
-KEPT_SIGMAS = 4.0
-#: times what a parameter is taken to be at most: no gyroscope has that, whatever the fit would gain
-IMPLAUSIBLE = 2.0
-#: errors of neighbouring segments that go together like this are of something slow
-SLOW = 0.3
+MOST_EFFECTS, STEPS_TRIED = 4, 40  #: of work, as ``naming.forward`` has them
+#: a further effect must be as sure, and take up this share of what is left (benchmarks/thresholds.py)
+LATER_FAMILY_WISE, LATER_SHARE = 0.01, 0.03
+#: a rotation of the frame is claimed if it is as large (a zero-g offset of 10 mg turns the vertical by 0.6 deg, so that no accelerometer
+#: could confirm less), as sure (by chance once in 60 000), and leaves at most this of the accelerometer's bias (thresholds.py)
+FRAME_RAD, FRAME_SIGMAS, FRAME_LEAVES = 0.5 * DEG, 5.0, 0.7
+WANDER_S = 20.0  #: between knots: a shape, whose number of knots is priced by Fisher's F
+KEPT_SIGMAS = 4.0  #: of a claim's greatest parameter, all fitted together: 5 % over some 300 directions is 3.8 (Bonferroni)
+IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``, which is generous: no gyroscope has that (benchmarks/thresholds.py: refused)
+SLOW = 0.3  #: correlation of neighbours' errors: three sigmas of 30 segments' three angles, whose own is not above 0
+LEFT_EXCESS = 1.5  #: chi-square per freedom: three sigmas of the same 90 angles
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +123,7 @@ class TruthExplanation:
         if not self.claims:
             return "unexplained" if self.p_value <= FAMILY_WISE else "no_mismatch"
         slow = self.neighbours[1] > SLOW or any(claim.effect.id.startswith("unknown") for claim in self.claims)
-        return "partly_explained" if self.excess[1] > 1.5 or slow else "explained"
+        return "partly_explained" if self.excess[1] > LEFT_EXCESS or slow else "explained"
 
 
 def explain_truth(
@@ -292,6 +289,6 @@ def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> 
     sure = float(np.sum((turned / sigma) ** 2))
     if size < FRAME_RAD or sure < FRAME_SIGMAS**2 or force is None:
         return []
-    if np.linalg.norm(force.turned) > 0.7 * np.linalg.norm(force.bias):
+    if np.linalg.norm(force.turned) > FRAME_LEAVES * np.linalg.norm(force.bias):
         return []
     return [Claim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), None)]

@@ -18,6 +18,8 @@ from tinygc.explanation.truth.explain import Claim, TruthExplanation
 from tinygc.explanation.verdict.measured import p_entry, p_words
 
 SCHEMA = "tinygc-explain/1"
+#: of the gyro's own noise, which a truth that was made without this gyro cannot follow: two sigmas of the rms of 100 angles
+OWN_NOISE_SHARE = 0.85
 CANNOT = (
     "cannot know: an error of the gyro's sensitivity from one of the truth's scale of angles; a common rotation of gyro and accelerometer "
     "from one of the truth's body; temperature, which is not recorded; clocks of gyro and accelerometer, where no still gives gravity"
@@ -143,7 +145,7 @@ def independent(e: TruthExplanation) -> bool | None:
     gyro follows its noise.  None where that noise is not known, because the gyro is never still."""
     if not len(e.lengths_s) or not len(e.problem.stills):
         return None
-    return bool(np.sqrt(np.mean(e.closure_rad[0] ** 2)) > 0.85 * e.gyro_rad * np.sqrt(e.lengths_s[0]))
+    return bool(np.sqrt(np.mean(e.closure_rad[0] ** 2)) > OWN_NOISE_SHARE * e.gyro_rad * np.sqrt(e.lengths_s[0]))
 
 
 def _evidence(e: TruthExplanation) -> Table:

@@ -60,6 +60,7 @@ def wander(knots_s: np.ndarray) -> Effect:
         seen_in=("turn",),
         columns=columns,
         says=says,
+        inputs=("time",),
         splits="record temperature, and the supply; repeat after a long warm-up",
         shape={"knots_s": [round(float(knot), 1) for knot in knots_s]},
     )

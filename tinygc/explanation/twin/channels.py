@@ -14,7 +14,7 @@ from tinygc.explanation.twin.refit import Refit, prior_sigmas
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
-#: by how much a channel's own E may differ from the one that all share: more would let it take up what is no calibration's
+#: by how much a channel's own E may differ from the one that all share: a data sheet's tolerance of sensitivity
 OWN_E_SIGMA = 0.01
 
 

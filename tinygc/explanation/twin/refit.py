@@ -16,9 +16,11 @@ from tinygc.explanation.twin.twin import Channels, State, Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.models.linear import PRIOR_SIGMA
 
+#: Gauss-Newton: iterations, not a bar; ``ENOUGH`` ends it
 MAX_STEPS = 12
-#: a step that gains less than this in chi-square is the last
+#: a step that gains less than this in chi-square, a tenth of a sigma, is the last
 ENOUGH = 0.01
+#: prior: the site's gravity and the accelerometer's scale, 2 % of g by its data sheet
 GRAVITY_SIGMA = 20 * MG
 #: of what is known, as a prior's sigma: small beside everything
 KNOWN = 1e-9

@@ -17,9 +17,11 @@ from tinygc.attitude import rotation
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import Twin
 
+#: rows of a fortieth of a second: at 200 dps gravity turns by 5 degrees within one
 BLOCK_S = 0.025
 #: the sensors' filters delay gyro and accelerometer differently by up to half a sample; more is not theirs
 FILTERS_PERIODS = 0.5
+#: of a sandwich over some 40 segments, whose tails are Student's: once in 100 000
 SIGMAS = 5.0
 
 

@@ -22,9 +22,9 @@ from tinygc.models.linear import LinearModel
 from tinygc.problem.conditions import conditions
 from tinygc.problem.problem import Problem
 
-#: a finite difference for what bends a still's gravity: m/s^2
+#: a finite difference for what bends a still's gravity: m/s^2; 1e-4 of g, so bent by 1e-8 and rounded by 1e-12 of it
 SMALL_FORCE = 1e-3
-#: of a parameter's plausible size
+#: of a parameter's plausible size, for the same reason
 SMALL_SHARE = 1e-3
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from tinygc.explanation.twin.twin import Twin
 
-#: s: longer than a gyro's low-pass remembers, short enough for many in a still
+#: s: longer than a gyro's low-pass of some 10 Hz and more remembers, short enough for ten and more in a still; as ``session.detect`` has it
 BLOCK_S = 0.1
 #: variance of the mean square of first differences of white noise, times the number of differences, in that mean square squared
 DIFFERENCES = 3.0

@@ -17,12 +17,12 @@ from tinygc.explanation.twin.channels import bonferroni, channel_p_values, detec
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
-#: what is left after naming is judged at this level, channel by channel
+#: what is left after naming is judged at this level over the channels (Bonferroni): a right name is refused once in a thousand
 LEFT_P = 1e-3
 #: a right name takes up nearly all of the misfit; what it may leave, for what its model simplifies
 RIGHT_SHARE = 0.975
-MOST_FINDINGS = 2
-#: a shape without a name that carries less of the misfit than this leads astray
+MOST_FINDINGS = 2  #: that a page holds
+#: a shape without a name is not worth a reader's time if it carries less of the misfit than this: of what is said, not of what is decided
 LEAST_FINDING = 0.1
 
 

@@ -25,19 +25,21 @@ from session.log.samples import Samples
 from tinygc.attitude import rotation
 from tinygc.attitude.integrate import steps
 
+#: velocities are summed over it: a twentieth of what a velocity lasts, so that it is constant within
 BLOCK_S = 0.1
-#: the vehicle's or the hand's own velocity, and how long it lasts
+#: the vehicle's or the hand's own velocity, and how long it lasts (by benchmarks/paper_tables.py, the EuRoC training sequences)
 VELOCITY_MPS, VELOCITY_LASTS_S = 0.5, 2.0
-#: how fast a bias walks, rad/s/sqrt(s), between knots
+#: how fast a bias walks, rad/s/sqrt(s) (by the same); knots, between which that is 0.005 dps; more of them cost time only
 WALK, KNOT_S, MOST_KNOTS = 3e-5, 10.0, 40
-#: what is not known of the accelerometer, of the first attitude's tilt
+#: what is not known of the accelerometer: 10 mg, a data sheet's typical zero-g offset; of the first attitude's tilt: what they turn it by
 ACCEL_BIAS_MPS2, TILT_RAD = 0.1, 0.5 * DEG
-#: zero of a gyro at rest against its zero in motion (up to 0.06 dps on the EuRoC vehicle)
+#: zero of a gyro at rest against its zero in motion (up to 0.06 dps on the EuRoC vehicle, paper_tables.py --only explain)
 REST_SIGMA_RPS = 0.05 * DEG
-#: of a stored bias, where nothing better is known
+#: of a stored bias, where nothing better is known: the EuRoC days' spread is 0.03 to 0.14 dps (paper_tables.py --only table1)
 DAY_SIGMA_RPS = 0.1 * DEG
-#: an uninterrupted piece shorter than this says nothing
+#: an uninterrupted piece shorter than a velocity lasts says nothing
 SHORTEST_S = 2.0
+#: Gauss-Newton: steps, and where they end, 0.002 degrees an hour
 MAX_STEPS = 8
 TOLERANCE_RPS = 1e-8
 

@@ -35,7 +35,7 @@ from tinygc.problem.still_set import StillSet
 if TYPE_CHECKING:
     from rich.console import Group
 
-#: the first still and gravity that differ by so many sigmas do not speak of the same bias
+#: the first still and gravity that differ by so many sigmas do not speak of the same bias: for normal errors once in 600 000 (3 axes)
 DISAGREE_SIGMAS = 5.0
 
 

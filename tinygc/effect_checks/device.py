@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from session.common.units import NS_PER_S
 from session.log.samples import Samples
 from tinygc.deploy.embedded.program import program
 from tinygc.deploy.embedded.source import FLAGS, SOURCE, source_files
@@ -55,7 +56,7 @@ def _samples() -> Samples:
     """A hand's movement, then readings that have nothing to do with one another."""
     moved, rng = log(RATE_HZ), np.random.default_rng(0)
     rate, force = rng.uniform(-FULL_SCALE, FULL_SCALE, (RANDOM, 3)), 9.8 * rng.normal(size=(RANDOM, 3))
-    stamps = moved.t_ns[-1] + np.rint(np.arange(1, RANDOM + 1) * (1e9 / RATE_HZ)).astype(np.int64)
+    stamps = moved.t_ns[-1] + np.rint(np.arange(1, RANDOM + 1) * (NS_PER_S / RATE_HZ)).astype(np.int64)
     parts = zip((moved.t_ns, moved.gyro, moved.accel, moved.temp_c), (stamps, rate, force, rng.uniform(10, 40, RANDOM)), strict=True)
     return Samples(*(np.concatenate(pair) for pair in parts))
 

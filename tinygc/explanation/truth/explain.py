@@ -151,7 +151,7 @@ def explain_truth(
     force = force_against_truth(sound, turned)
     claims = _frame_claim(turned, turned_sigma, force) + claims
     if jumps:
-        began = np.cumsum([0.0] + [log.samples.duration_s for log in problem.logs])
+        began = problem.began_s
         at_s = np.array([round(float(began[log]) + at, 3) for log, at in jumps])
         claims = [Claim(wrong_moments(len(at_s)), at_s, None, jumps_p, None), *claims]
     return TruthExplanation(

@@ -22,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         args = parser().parse_args(arguments)
-        code = args.run(args)
+        code = _run(args)
         with standard_output():
             sys.stdout.flush()
         return code
@@ -43,6 +43,16 @@ def main(arguments: list[str] | None = None) -> int:
             _silence(sys.stdout)
         print(f"calibrate: {printable(f'{error.filename}: ' if error.filename else '')}{error.strerror or error}", file=sys.stderr)
         return 2
+
+
+def _run(args) -> int:
+    """With the effects of the folders that were named, and no others, in the catalogue."""
+    if not getattr(args, "effects", None):
+        return args.run(args)
+    from tinygc.effects import using
+
+    with using(args.effects):
+        return args.run(args)
 
 
 def _make_streams_safe() -> None:

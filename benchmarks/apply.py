@@ -57,7 +57,7 @@ def report(folder: Path, samples: int, repeat: int) -> None:
         seconds = best(lambda stream=stream, pieces=pieces: [stream.push(piece) for piece in pieces], repeat)
         print(f"| {name}, arrays in pieces of {PIECE} | {in_millions(samples, *seconds)} | |")
     calibration, few = tinygc.load(folder / "linear.json"), rate[:20_000]
-    seconds = best(lambda: [calibration(sample) for sample in few], repeat)
+    seconds = best(lambda: list(map(calibration.live(), few)), repeat)
     print(f"| linear, one sample after another | {in_millions(len(few), *seconds)} | |")
     del rate, pieces
     log = folder / "log.csv"

@@ -25,6 +25,7 @@ from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
+from tinygc.closure.bias_wander import BiasWander
 from tinygc.closure.floor import Floor
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.plan.coach import Coach
@@ -138,7 +139,13 @@ def worst_sigmas(options: SimulationOptions, plan: Plan | None) -> list[float]:
     for count in COUNTS:
         first = slice(0, count)
         floor = Floor(problem.floor.own[first], problem.floor.shared[: count - 1])
-        covariance = parameter_covariance(problem.batch.pick(first), floor, problem.first, problem.earth, middle_s=problem.middle_s[first])
+        covariance = parameter_covariance(
+            problem.batch.pick(first),
+            floor,
+            problem.first,
+            problem.earth,
+            wander=BiasWander(problem.middle_s[first], problem.instability.rps),
+        )
         found.append(float(np.max(np.sqrt(np.diag(covariance)) / TARGETS)))
     return found
 

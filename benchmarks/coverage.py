@@ -80,8 +80,8 @@ def one_session(job: Job) -> dict:
         problem = build_problem(read_session(folder))
     rates = problem.still_rates if job.use_still_rates else None
     fit = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0]), still_rates=rates)
-    found = goodness(problem.batch, problem.floor, fit.model, problem.middle_s)
-    covariance = parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth, rates, problem.middle_s) * found.excess
+    found = goodness(problem.batch, problem.floor, fit.model, problem.wander)
+    covariance = parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth, rates, problem.wander) * found.excess
     sigma, error = np.sqrt(np.diag(covariance)), fit.model.vector - truth
     return {
         "z": error / sigma,

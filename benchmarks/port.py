@@ -13,9 +13,9 @@ from pathlib import Path
 
 from common import markdown, progress
 
+from session.recording.decoding import stream
 from session.recording.logwriter import LogWriter
 from session.recording.recorder import Recorder
-from session.recording.replay import stream
 from session.stream.decoder import StreamDecoder
 
 ROOT = Path(__file__).resolve().parent.parent

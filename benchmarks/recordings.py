@@ -65,7 +65,7 @@ def one_recording(job: Job) -> dict[str, str]:
     except CalibrationError as error:
         return row | {"stills": f"refused: {error}"}
     linear = fits["least_squares"]
-    found = goodness(problem.batch, problem.floor, linear.model, problem.middle_s)
+    found = goodness(problem.batch, problem.floor, linear.model, problem.wander)
     floor = problem.floor.tilt_rms / DEG
     tilt = {method: [closure_figures(x)["tilt_rms_deg"] for x in (fit.angles, fit.held_out)] for method, fit in fits.items()}
     titles = dict(zip(METHODS, ("raw", "least squares", "PSO", "TinyGC-Net"), strict=True))

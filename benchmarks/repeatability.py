@@ -75,8 +75,8 @@ def calibrated(job: Job) -> Calibrated:
     session = recorded(options, job.scale_ppm)
     problem = build_problem(session)
     fit = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0]))
-    found = goodness(problem.batch, problem.floor, fit.model, problem.middle_s)
-    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth, None, problem.middle_s)
+    found = goodness(problem.batch, problem.floor, fit.model, problem.wander)
+    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth, None, problem.wander)
     return Calibrated(Path(f"day{job.seed}"), session.config, fit.model.vector, covariance, fit.unobserved, (str(job.seed),), ())
 
 

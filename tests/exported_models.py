@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy.embedded.effects import CARRIED
 from tinygc.deploy.embedded.stage import Inputs
-from tinygc.effects import catalogue
-from tinygc.effects.applied import Claim
-from tinygc.effects.conditions import Conditions
+from tinygc.effects import Claim, Conditions, NoC, catalogue
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
@@ -17,6 +14,7 @@ from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.models.published_net import PublishedNet
 
 DEG = np.pi / 180
+CARRIED = [name for name, effect in catalogue().items() if not isinstance(effect.device, NoC)]
 RNG = np.random.default_rng(5)
 KNOWN = Conditions(duration_s=200.0, fs_rps=500 * DEG, first_temp_c=25.3)
 

@@ -14,15 +14,14 @@ import calibrate
 import tinygc
 from session.common import fixed_point
 from session.common.errors import CalibrationError
+from session.common.files import write_whole
 from session.common.units import G
 from session.log.config import Sensor
 from session.log.logfile import read_log
 from session.log.samples import Samples
 from tinygc import models
-from tinygc.deploy.calibration import LOOK_AROUND, NEED_FORCE, NEED_TEMPERATURE, NEED_TIME, Calibration
-from tinygc.effects import catalogue
-from tinygc.effects.applied import Claim
-from tinygc.effects.conditions import Conditions, movement_of
+from tinygc.deploy.calibration import Calibration
+from tinygc.effects import Claim, Conditions, catalogue, movement_of
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
@@ -36,7 +35,7 @@ RNG = np.random.default_rng(5)
 LINEAR = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), 0.01 * RNG.normal(size=3))
 NET = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + 0.01 * RNG.normal(size=27))
 KNOWN = Conditions(duration_s=SAMPLES.duration_s, fs_rps=500 * DEG, first_temp_c=25.0)
-RATE_EFFECTS = [name for name, effect in catalogue().items() if effect.kind == "rate" and not effect.variants and "saturation" not in name]
+RATE_EFFECTS = [name for name, effect in catalogue().items() if effect.kind == "rate" and not effect.scan and "saturation" not in name]
 
 
 def smoothing() -> Denoiser:
@@ -95,28 +94,46 @@ def test_pieces_join_without_a_seam(name, piece):
 def test_sample_by_sample_gives_the_same(name):
     calibration = Calibration(MODELS[name], 1 / SAMPLES.period_s)
     expected = calibration(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
-    for _ in range(2):  # and again after a reset, whatever was remembered
-        one_by_one = [calibration(*sample) for sample in zip(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c, strict=True)]
+    for _ in range(2):  # and again with another stream, whatever the first has remembered
+        live = calibration.live()
+        one_by_one = [live(*sample) for sample in zip(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c, strict=True)]
         np.testing.assert_allclose(one_by_one, expected, rtol=0, atol=1e-11)
-        calibration.reset()
+
+
+def test_a_single_sample_is_told_where_it_belongs():
+    with pytest.raises(CalibrationError, match=r"one sample \(3,\); live\(\)"):
+        Calibration(MODELS["linear"])(SAMPLES.gyro[0])
+    with pytest.raises(CalibrationError, match=r"raw has shape \(2, 3\), expected \(3,\)"):
+        Calibration(MODELS["linear"]).live()(SAMPLES.gyro[:2])
+
+
+def test_a_saved_model_is_the_file_it_was_read_from(tmp_path):
+    path = tmp_path / "linear.json"
+    write_whole(path, models.to_dict(MODELS["linear"], covariance=np.eye(12).tolist(), note="kept"))
+    again = tinygc.load(path).save(tmp_path / "again.json")
+    assert again.read_bytes() == path.read_bytes()
+    assert Calibration(MODELS["net"]).save(tmp_path / "net.json").exists()
+    assert tinygc.load(tmp_path / "net.json").model.kind == "tinygc"
 
 
 def test_whole_logs_do_not_disturb_a_live_stream():
     calibration = Calibration(MODELS["denoised"])
     expected = calibration(SAMPLES.gyro[:60])
-    live = []
+    live, answers = calibration.live(), []
     for sample in SAMPLES.gyro[:60]:
-        live.append(calibration(sample))
+        answers.append(live(sample))
         calibration(SAMPLES.gyro[200:300])
-    np.testing.assert_allclose(live, expected, atol=1e-12)
+    np.testing.assert_allclose(answers, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", RATE_EFFECTS)
-def test_the_lists_of_what_effects_look_at_are_true(name):
-    """Neighbours, force, temperature and time move a sample's rate just where the lists say so."""
+def test_what_effects_declare_that_they_look_at_is_true(name):
+    """Neighbours, force, temperature and time move a sample's rate just where the effect says so."""
     model = physics(name)
     middle = len(SAMPLES) // 2
     base = model.calibrate(SAMPLES)[middle]
+    calibration = Calibration(model)
+    around, needs = bool(calibration.looks_ahead), calibration.needs
 
     def moved(**changes):
         parts = {"t_ns": SAMPLES.t_ns, "gyro": SAMPLES.gyro, "accel": SAMPLES.accel, "temp_c": SAMPLES.temp_c, **changes}
@@ -125,11 +142,11 @@ def test_the_lists_of_what_effects_look_at_are_true(name):
     others = np.arange(len(SAMPLES)) != middle
     shaken = SAMPLES.gyro + 0.3 * RNG.normal(size=SAMPLES.gyro.shape) * others[:, None]
     jolted = SAMPLES.accel + RNG.normal(size=SAMPLES.accel.shape) * others[:, None]
-    assert (moved(gyro=shaken) or moved(accel=jolted)) == (name in LOOK_AROUND)
-    assert moved(accel=SAMPLES.accel + RNG.normal(size=SAMPLES.accel.shape)) == (name in NEED_FORCE)
-    assert moved(temp_c=SAMPLES.temp_c + 3) == (name in NEED_TEMPERATURE)
+    assert (moved(gyro=shaken) or moved(accel=jolted)) == around
+    assert moved(accel=SAMPLES.accel + RNG.normal(size=SAMPLES.accel.shape)) == ("acc" in needs)
+    assert moved(temp_c=SAMPLES.temp_c + 3) == ("temp" in needs)
     later = np.abs(model.calibrate(SAMPLES, began_s=10.0)[middle] - base).max() > 1e-12
-    assert (later or name in LOOK_AROUND) == (name in NEED_TIME)
+    assert (later or around) == ("rate_hz" in needs)
 
 
 def test_what_a_model_needs_is_asked_by_name(tmp_path):
@@ -307,7 +324,11 @@ def test_a_stream_goes_in_and_comes_out(packed, folder, tmp_path):
     [
         (b"", ("-o", "-"), b"empty"),
         (b"t_us,gx,gy,gz,ax,ay,az,temp\n", ("-o", "-"), b"no samples"),
-        (b"t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3,4,5,6,7,8\n9600,2,nan,4,5,6,7,8\n", ("-o", "-"), b"line 3: a value that is not finite"),
+        (
+            b"t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3,4,5,6,7,8\n9600,2,nan,4,5,6,7,8\n",
+            ("-o", "-"),
+            b"line 3: gy is nan, expected a finite",
+        ),
         (b"t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3,4,5,6,7,8\n", ("-o", "-", "--json", "-"), b"both want standard output"),
     ],
 )

@@ -15,8 +15,7 @@ from tinygc.challenge.outsiders import OUTSIDERS
 from tinygc.challenge.score import parameter_errors, score
 from tinygc.challenge.seal import seal
 from tinygc.challenge.table import challenge_tables, markdown, totals
-from tinygc.effects import catalogue
-from tinygc.effects.effect import Movement
+from tinygc.effects import Movement, catalogue
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import plan_of, simulate_session, true_signals
 from tinygc.simulation.unit import draw_unit

@@ -27,7 +27,7 @@ def test_its_sigmas_are_those_of_the_fit(taken):
     coach = Coach()
     coach(segments)
     problem = build_problem(session_of(samples, still_s=config().protocol.still_s))
-    covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, middle_s=problem.middle_s)
+    covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
     np.testing.assert_allclose(coach.sigma, np.sqrt(np.diag(covariance)) / TARGETS, rtol=0.10)
 
 

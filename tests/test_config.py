@@ -6,8 +6,10 @@ from conftest import SESSION_TOML, Table, write_session
 
 from session.checks.first_look import check_folder, check_keys
 from session.common.errors import CalibrationError, FormatError
+from session.common.typical import typical_of
 from session.common.units import STANDARD_GRAVITY_MPS2
 from session.log.config import Accelerometer, read_config
+from session.recording.session_file import toml_text
 
 
 def read(tmp_path, text):
@@ -39,6 +41,28 @@ def test_what_is_optional_has_the_defaults_of_formats(tmp_path):
     np.testing.assert_array_equal(config.accelerometer.bias_mps2, np.zeros(3))
 
 
+def test_the_gyro_s_own_figures_are_read_and_need_not_be_there(tmp_path):
+    none = read(tmp_path, SESSION_TOML).sensor
+    assert (none.gyro_bias_instability_dph, none.gyro_noise_mdps_rthz) == (None, None)
+    text = SESSION_TOML.replace("[site]", "gyro_bias_instability_dph = 0\ngyro_noise_mdps_rthz = 12.5\n[site]")
+    config = read(tmp_path, text)
+    assert (config.sensor.gyro_bias_instability_dph, config.sensor.gyro_noise_mdps_rthz) == (0.0, 12.5)
+    assert config.unknown == ()
+    assert read(tmp_path, toml_text(config)).sensor == config.sensor  # as ``record --like`` hands it on
+    assert read(tmp_path, SESSION_TOML.replace("[site]", "gyro_noise_mdps = 5\n[site]")).unknown[0] == (
+        "sensor.gyro_noise_mdps",
+        "sensor.gyro_noise_mdps_rthz",
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "known"),
+    [("ASM330LHH", True), ("asm330lhh", True), ("ST ASM330LHHTR, unit 2", True), ("ASM330LHHX", False), ("ISM330", False), ("", False)],
+)
+def test_typical_figures_are_of_that_model_only(model, known):
+    assert (typical_of(model) is not None) == known
+
+
 def test_the_pre_calibration_undoes_offset_and_matrix():
     matrix = np.array([[1.01, 0.002, 0], [-0.003, 0.99, 0.004], [0, 0, 1.02]])
     bias = np.array([0.1, -0.2, 0.3])
@@ -57,6 +81,10 @@ def test_the_pre_calibration_undoes_offset_and_matrix():
         (SESSION_TOML.replace("208.0", '"208"'), "sensor.odr_hz is '208'"),
         (SESSION_TOML.replace("208.0", "true"), "sensor.odr_hz is True"),
         (SESSION_TOML.replace("208.0", "nan"), "sensor.odr_hz is nan"),
+        (SESSION_TOML.replace("[site]", "gyro_bias_instability_dph = -1\n[site]"), "sensor.gyro_bias_instability_dph is -1"),
+        (SESSION_TOML.replace("[site]", "gyro_bias_instability_dph = inf\n[site]"), "sensor.gyro_bias_instability_dph is inf"),
+        (SESSION_TOML.replace("[site]", "gyro_bias_instability_dph = 1e4\n[site]"), "expected a number from 0 to 1000"),
+        (SESSION_TOML.replace("[site]", "gyro_noise_mdps_rthz = 0\n[site]"), "sensor.gyro_noise_mdps_rthz is 0"),
         (SESSION_TOML.replace("208.0", "-208"), "sensor.odr_hz is -208"),
         (SESSION_TOML.replace("31.03", "131.03"), "site.latitude_deg is 131.03"),
         (SESSION_TOML.replace("9.7946", "979.46"), "site.gravity_mps2 is 979.46"),

@@ -391,7 +391,7 @@ KEYS = {
     "next": (str, type(None)),
 }
 #: said beyond what FORMATS asks for
-MORE = {"findings", "logs", "warnings", "seen_from", "within_stills", "channels", "turn_gravity", "version"}
+MORE = {"findings", "logs", "warnings", "seen_from", "within_stills", "channels", "turn_gravity", "noise", "version"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]
 
 

@@ -7,13 +7,12 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from session.common.units import DEG, EARTH_RATE_RPS, MG, G
+from session.common.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MG, G
 from session.log.folder import read_session
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.bias_wander import wander_covariance
-from tinygc.effects import catalogue
-from tinygc.effects.applied import Claim
+from tinygc.effects import Claim, catalogue
 from tinygc.explain.naming.forward import candidates
 from tinygc.explain.naming.selection import Selection
 from tinygc.explain.naming.unknown import slow_candidates
@@ -65,7 +64,7 @@ class Noise:
         (movement,) = twin.movements
         self.t_s = movement.t_s
         self.knots_s = np.arange(0, movement.t_s[-1] + 0.5, 0.5)
-        self.wander = UNIT_INSTABILITY * np.linalg.cholesky(wander_covariance(self.knots_s))
+        self.wander = np.linalg.cholesky(wander_covariance(self.knots_s, instability_rps=UNIT_INSTABILITY * 3 * DEG_PER_HOUR))
 
     def residuals(self, noisy: bool) -> np.ndarray:
         """Stacked (n,)."""
@@ -272,7 +271,7 @@ def test_columns_of_each_effect(twin_of, name):
     """At zero, where naming looks at them."""
     twin, _ = twin_of(warm_up_c=6.0)
     effect = catalogue()[name]
-    if effect.variants:
+    if effect.scan:
         effect = effect.variants(np.array([twin.movements[0].duration_s * 0.4]))[0]
     state = replace(twin.start(), claims=(Claim(effect, np.zeros(effect.parameter.size)),))
     rates = twin.rates(state)

@@ -8,9 +8,8 @@ from matplotlib.figure import Figure
 from test_explain import FALSE_ROWS, explained, session  # noqa: F401  (fixtures)
 
 from session.common.units import DEG
-from tinygc.effects import catalogue
-from tinygc.effects.effect import Effect, Parameter, diagonal
-from tinygc.explain.pictures.panels import OWN, panels_of
+from tinygc.effects import Effect, Parameter, catalogue, diagonal
+from tinygc.explain.pictures.panels import PAIRS, draw_claim
 from tinygc.explain.pictures.panels.palette import BEFORE, PALE
 from tinygc.explain.twin.turn_gravity import turn_equations
 from tinygc.explain.twin.variable import READ, Regime, regime_of
@@ -20,9 +19,9 @@ from tinygc.explain.verdict.explain import explain_session
 def drawn(explanation, number: int):
     """The axes of a claim's first (0) or second (1) panel."""
     (claim,) = explanation.claimed
-    axes = Figure().subplots()
-    panels_of(claim)[number](explanation, claim, axes)
-    return axes
+    panels = Figure().subplots(1, 2)
+    draw_claim(explanation, claim, *panels)
+    return panels[number]
 
 
 def line(axes, label: str) -> np.ndarray:
@@ -32,7 +31,9 @@ def line(axes, label: str) -> np.ndarray:
 
 
 def test_every_effect_that_is_no_rate_has_its_own_panel():
-    assert {name for name, effect in catalogue().items() if effect.kind != "rate"} <= set(OWN)
+    assert {name for name, effect in catalogue().items() if effect.kind != "rate"} <= {
+        name for name, effect in catalogue().items() if effect.picture in PAIRS
+    }
 
 
 def test_a_clipped_turn_shows_the_readings_at_the_level(explained):  # noqa: F811

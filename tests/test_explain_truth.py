@@ -1,11 +1,13 @@
 """``explain`` where a truth file is the reference: sensor, truth and clocks, each wrong by a known amount."""
 
+import io
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import DEG, Table
+from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 import calibrate
@@ -13,7 +15,9 @@ from session.log.folder import read_session
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.explain.truth.explain import explain_truth
 from tinygc.explain.truth.picture import draw_truth
-from tinygc.explain.truth.result import refusals, truth_to_json
+from tinygc.explain.truth.result import refusals, truth_page, truth_to_json
+from tinygc.explain.truth.wrong_moments import chance_of
+from tinygc.explain.verdict.measured import SMALLEST_P, p_entry, p_words
 from tinygc.fit.bias.days import level_days
 from tinygc.methods.network.distance_loss import fit_distance
 from tinygc.problem.build import build_problem
@@ -122,6 +126,38 @@ def test_wrong_moments_are_found_and_left_out(tmp_path):
     e = explain_truth(write(tmp_path, jumps=(20.3, 40.3)))
     assert sorted(round(at) for _, at in e.jumps) == [20, 40]
     assert e.closure_rms[0] < 0.1 * DEG
+    entry = truth_to_json(e)["effects"][0]
+    assert entry["id"] == "reference.truth_jump"
+    np.testing.assert_allclose(sorted(entry["parameters"]["at_s"]), [20.3, 40.3], atol=0.2)
+    assert entry["std"] == {"at_s": None}
+    assert entry["share"] is None
+    # By the largest: some hundred times the usual miss, in the tail of Fisher's F with 1.58 x 30 degrees of freedom.
+    assert 1e-60 < entry["p_value"] < 1e-9
+    text = io.StringIO()
+    Console(file=text, width=200).print(truth_page(e))
+    assert "at_s: 20.2" in text.getvalue() or "at_s: 20.3" in text.getvalue()
+    assert "± 0" not in text.getvalue().split("Evidence")[0]
+
+
+@pytest.mark.parametrize("segments", [12, 40])
+def test_the_chance_of_a_wrong_moment_bounds_what_normal_errors_do(segments):
+    """Neighbours that share a moment's noise, as a truth's do, and segments whose scale is taken from their median."""
+    rng = np.random.default_rng(segments)
+    p = []
+    for _ in range(2000):
+        moments = rng.standard_normal((segments + 1, 3))
+        size = np.linalg.norm(np.diff(moments, axis=0), axis=1)
+        both = np.minimum(size[:-1], size[1:]).max()
+        p.append(chance_of(float(both / np.median(size)), segments - 1, segments))
+    assert np.mean(np.array(p) < 0.05) <= 0.05 + 3 * np.sqrt(0.05 / 2000)
+    assert np.mean(np.array(p) < 0.01) <= 0.01 + 3 * np.sqrt(0.01 / 2000)
+    assert chance_of(10.0, segments - 1, segments) < chance_of(5.0, segments - 1, segments)
+
+
+def test_a_p_value_that_underflows_is_said_to_be_a_bound():
+    assert p_entry("p_value", 0.0) == {"p_value": SMALLEST_P, "p_value_is_upper_bound": True}
+    assert p_entry("p_before", 1e-12) == {"p_before": 1e-12}
+    assert p_words(0.0) == "< 1e-99"
 
 
 def test_the_command_says_it_and_writes_it(tmp_path, capsys):

@@ -16,9 +16,7 @@ from tinygc import models
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.exports import FORMATS, ExportError, exporter
 from tinygc.deploy.exports._context import Context
-from tinygc.effects import catalogue
-from tinygc.effects.applied import Claim
-from tinygc.effects.conditions import Conditions
+from tinygc.effects import Claim, Conditions, catalogue
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser

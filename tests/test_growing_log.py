@@ -9,9 +9,9 @@ import pytest
 from streams import frame_list, sent
 
 from session.common.errors import FormatError
+from session.recording.decoding import stream
 from session.recording.growing import GrowingFile
 from session.recording.logwriter import LogWriter
-from session.recording.replay import stream
 from session.stream.decoder import StreamDecoder
 
 TEXT = "".join(f"{i},a line of it\n" for i in range(2000))

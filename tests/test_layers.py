@@ -1,25 +1,147 @@
-"""Who imports whom: the bench side starts at once, without the estimators."""
+"""Who imports whom: the plan of the house, as each folder's ``__init__.py`` states it, and nothing beside it.
 
+A folder of ``session`` or ``tinygc`` says what lives in it, and ends its docstring with a line ``May import: a, b, c.``: folders of the
+same package, ``session`` as a whole for those of ``tinygc``, or ``nothing``.  Imports count wherever they stand, in a function too.
+"""
+
+import ast
 import subprocess
 import sys
+from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-MODULES = sorted(
-    ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in (ROOT / "session").rglob("*.py") if path.stem != "__init__"
-)
+PACKAGES = ("session", "tinygc")
+FOLDERS = sorted((package, path.parent.name) for package in PACKAGES for path in (ROOT / package).glob("*/__init__.py"))
+#: what is no part of a layer: the package's own name
+VERSION = "version"
+
+
+def module_of(path: Path, root: Path = ROOT) -> str:
+    """``tinygc/fit/session.py`` → ``tinygc.fit.session``; a package's own file has the package's name."""
+    parts = path.relative_to(root).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imports_of(text: str, known: frozenset[str]) -> set[str]:
+    """Modules among the known that a file names: of ``from a import b``, ``a.b`` if that is a module, else ``a``."""
+    found = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports say the whole name"
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                found.add(whole if whole in known else node.module)
+    return found & known
+
+
+@cache
+def graph() -> dict[str, set[str]]:
+    """Every module of both packages and what it imports of them."""
+    files = {module_of(path): path for package in PACKAGES for path in (ROOT / package).rglob("*.py")}
+    known = frozenset(files)
+    return {module: imports_of(path.read_text(encoding="utf-8"), known) - {module} for module, path in files.items()}
+
+
+def folder_of(module: str, seen_from: str) -> str:
+    """A module's folder; ``session`` as a whole, seen from ``tinygc``; empty for a package's own file."""
+    package, *rest = module.split(".")
+    return package if package != seen_from else rest[0] if rest else ""
+
+
+def stated(package: str, folder: str) -> list[str]:
+    """What the folder says that it may import."""
+    text = ast.get_docstring(ast.parse((ROOT / package / folder / "__init__.py").read_text(encoding="utf-8"))) or ""
+    lines = [line.strip() for line in text.splitlines()]
+    begins = [number for number, line in enumerate(lines) if line.startswith("May import: ")]
+    assert len(begins) == 1, f"{package}/{folder}/__init__.py: its docstring ends with one line 'May import: …'"
+    said = " ".join(lines[begins[0] :]).removeprefix("May import: ")
+    assert said.endswith("."), said
+    return [] if said == "nothing." else said.removesuffix(".").split(", ")
+
+
+def circle(edges: dict[str, set[str]]) -> list[str]:
+    """One circle of the graph, or nothing."""
+    try:
+        TopologicalSorter(edges).prepare()
+    except CycleError as error:
+        return error.args[1]
+    return []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_module_lies_beside_the_folders(package):
+    loose = sorted(path.name for path in (ROOT / package).glob("*.py"))
+    assert loose == ["__init__.py"]
+    for path in (ROOT / package).iterdir():
+        assert not path.is_dir() or path.name == "__pycache__" or (path / "__init__.py").exists(), f"{path.name} does not say what it is"
+
+
+@pytest.mark.parametrize(("package", "folder"), FOLDERS)
+def test_a_folder_imports_what_it_says_and_says_what_it_imports(package, folder):
+    mine = [module for module in graph() if module.startswith(f"{package}.{folder}.") or module == f"{package}.{folder}"]
+    named = {folder_of(other, package): (module, other) for module in mine for other in graph()[module]}
+    for other in ("", folder):
+        named.pop(other, None)
+    may = stated(package, folder)
+    assert not {other: named[other] for other in set(named) - set(may)}, f"{package}/{folder} imports what it does not name"
+    known = {name for each, name in FOLDERS if each == package} | set(PACKAGES)
+    assert set(may) <= known, f"{package}/{folder} names what there is not"
+    assert len(set(may)) == len(may)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_folder_stands_above_one_that_stands_above_it(package):
+    """By what they say: so no import runs up, and a drawing of the layers has an order."""
+    assert circle({folder: set(stated(package, folder)) - {"session"} for each, folder in FOLDERS if each == package}) == []
+
+
+def test_no_two_modules_import_each_other():
+    assert circle(graph()) == []
+
+
+def test_the_bench_side_names_neither_the_estimators_nor_torch():
+    """Not even inside a function."""
+    for path in (ROOT / "session").rglob("*.py"):
+        named = {
+            name.split(".")[0]
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, (ast.Import, ast.ImportFrom))
+            for name in ([alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""])
+        }
+        assert not named & {"torch", "tinygc"}, path
 
 
 def test_recording_never_loads_the_estimators():
-    code = f"import sys, session, {', '.join(MODULES)}; print(sorted({{'torch', 'tinygc'}} & set(sys.modules)))"
+    modules = sorted(module for module in graph() if module.split(".")[0] == "session")
+    code = f"import sys, {', '.join(modules)}; print(sorted({{'torch', 'tinygc'}} & set(sys.modules)))"
     assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT).strip() == "[]"
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_no_module_of_the_bench_side_names_the_estimators(name):
-    """Not even inside a function."""
-    text = (ROOT / (name.replace(".", "/") + ".py")).read_text()
-    lines = [line.strip() for line in text.splitlines()]
-    assert not [line for line in lines if line.startswith(("import torch", "from torch", "import tinygc", "from tinygc"))]
+# The rules themselves
+
+
+def test_an_import_is_seen_wherever_it_stands():
+    known = frozenset({"tinygc", "tinygc.fit", "tinygc.fit.session", "session.log"})
+    text = "import tinygc.fit.session\ndef f():\n    from tinygc import fit\n    from session.log import Session\nimport numpy\n"
+    assert imports_of(text, known) == {"tinygc.fit.session", "tinygc.fit", "session.log"}
+
+
+def test_a_circle_is_seen():
+    assert circle({"a": {"b"}, "b": {"c"}, "c": set()}) == []
+    assert set(circle({"a": {"b"}, "b": {"c"}, "c": {"a"}})) == {"a", "b", "c"}
+
+
+def test_every_folder_is_looked_at():
+    assert {"common", "dialects", "log", "detect", "checks", "stream", "recording", "replay", "guide", "public"} <= {
+        folder for package, folder in FOLDERS if package == "session"
+    }
+    assert len(graph()) > 200
+    assert folder_of("session.log.folder", "tinygc") == "session"
+    assert folder_of("tinygc", "tinygc") == ""
+    assert folder_of("tinygc.fit.session", "tinygc") == "fit"

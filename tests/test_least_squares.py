@@ -8,11 +8,12 @@ import pytest
 from conftest import Turns
 
 from session.common.errors import FitError
-from session.common.units import DEG
+from session.common.units import DEG, DEG_PER_HOUR
 from session.detect.stills import Noise
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import no_earth, with_heading
+from tinygc.closure.bias_wander import BiasWander
 from tinygc.closure.floor import closure_floor
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.still_rates import StillRates
@@ -224,5 +225,6 @@ def test_goodness_widens_only_what_noise_does_not_explain(bench):
 
 def test_goodness_allows_the_bias_its_wander(bench):
     batch = bench.record(0)
-    still, wandering = (goodness(batch, bench.floor, bench.model, t) for t in (None, np.arange(len(batch)) * 5.5))
+    wander = BiasWander(np.arange(len(batch)) * 5.5, 3 * DEG_PER_HOUR)
+    still, wandering = (goodness(batch, bench.floor, bench.model, known) for known in (None, wander))
     assert 0.5 * still.chi_square < wandering.chi_square < still.chi_square

@@ -9,7 +9,7 @@ import torch
 from session.common.errors import FitError, FormatError
 from session.log.samples import Samples
 from tinygc import models
-from tinygc.effects.conditions import Conditions
+from tinygc.effects import Conditions
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet, inputs_of
 from tinygc.models.published_net import PublishedNet

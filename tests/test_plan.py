@@ -32,7 +32,7 @@ def short(tmp_path_factory):
 
 def test_the_first_turn_is_for_what_is_known_worst_and_each_helps(short):
     problem = build_problem(read_session(short))
-    sigma = np.sqrt(np.diag(parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, middle_s=problem.middle_s)))
+    sigma = np.sqrt(np.diag(parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)))
     proposals, words = propose(short, 4)
     assert words is None
     assert proposals[0].parameter == parameter_words(linear.NAMES[int(np.argmax(sigma / TARGETS))])

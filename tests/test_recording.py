@@ -25,12 +25,12 @@ from session.log.config import read_config
 from session.log.folder import read_session
 from session.recording import rawfile
 from session.recording.clock import ComparisonOfClocks
+from session.recording.decoding import stream
 from session.recording.logwriter import LogWriter
 from session.recording.port import Closed, Opened, Port, Received
 from session.recording.ports import known_ports, only_candidate
 from session.recording.rawfile import RawFile, read_marks
 from session.recording.recorder import Recorder
-from session.recording.replay import stream
 from session.stream import frames
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk, Comment, Info, Trouble

@@ -7,7 +7,8 @@ import pytest
 
 from session.common.units import DEG, DEG_PER_HOUR
 from session.log.folder import read_session
-from tinygc.closure.bias_wander import BIAS_INSTABILITY_RPS, TIMES_S, wander_covariance
+from tinygc.closure import bias_wander
+from tinygc.closure.bias_wander import TIMES_S
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.fit.session import fit_session
@@ -16,7 +17,12 @@ from tinygc.models.linear import LinearModel, bias_only
 from tinygc.problem.build import build_problem
 from tinygc.simulation.noise import bias_instability
 
+BIAS_INSTABILITY_RPS = 3 * DEG_PER_HOUR
 FLOOR = np.sqrt(2 * np.log(2) / np.pi)  # 0.664: IEEE 952, C.1
+
+
+def wander_covariance(t_s, span_s=0.0):
+    return bias_wander.wander_covariance(t_s, span_s, instability_rps=BIAS_INSTABILITY_RPS)
 
 
 @pytest.mark.parametrize("t_s", [np.arange(50.0), np.sort(np.random.default_rng(0).uniform(0, 3600, 80)), np.array([7.0])])
@@ -85,7 +91,7 @@ def test_a_fit_says_uncertainties_with_the_wander(simulated):
     problem, model = result.problem, result.linear.model
     expected, still = (
         result.goodness.excess * parameter_covariance(problem.batch, problem.floor, model, problem.earth, None, moments)
-        for moments in (problem.middle_s, None)
+        for moments in (problem.wander, None)
     )
     np.testing.assert_allclose(result.covariance, expected, rtol=1e-12)
     assert np.all(np.diag(expected)[9:] > 1.1 * np.diag(still)[9:])
@@ -104,7 +110,7 @@ def sessions(simulated):
         problem = build_problem(read_session(folder))
         model = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0])).model
         covariances = [
-            parameter_covariance(problem.batch, problem.floor, model, problem.earth, None, moments) for moments in (problem.middle_s, None)
+            parameter_covariance(problem.batch, problem.floor, model, problem.earth, None, moments) for moments in (problem.wander, None)
         ]
         errors.append([(model.vector - true) / np.sqrt(np.diag(covariance)) for covariance in covariances])
     return np.array(errors).transpose(1, 0, 2)

@@ -3,7 +3,9 @@
 Conventions are those of ``session``'s docstring.  Nothing heavy is imported here; torch only where the network is.
 """
 
-__version__ = "0.1.0"
+from session.common.version import VERSION as __version__
+
+__all__ = ["__version__", "load"]
 
 
 def load(path, rate_hz=None):

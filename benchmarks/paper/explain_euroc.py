@@ -76,7 +76,7 @@ def _row(name: str, e: TruthExplanation) -> tuple[str, ...]:
 
 
 def _claims(e: TruthExplanation) -> str:
-    claims = ", ".join(f"{claim.effect.id} ({_size(claim)}, {100 * claim.share:.0f} %)" for claim in e.claims)
+    claims = ", ".join(f"{claim.effect.id} ({_size(claim)}{_share(claim)})" for claim in e.claims)
     refused = ", ".join(f"{claim.effect.id} ({_size(claim)})" for claim in e.refused)
     return (
         e.verdict.replace("_", " ")
@@ -85,7 +85,13 @@ def _claims(e: TruthExplanation) -> str:
     )
 
 
+def _share(claim: Claim) -> str:
+    return "" if claim.share is None else f", {100 * claim.share:.0f} %"
+
+
 def _size(claim: Claim) -> str:
+    if claim.sigma is None:
+        return f"{len(claim.theta)} moments"
     return f"{np.abs(claim.theta).max() / claim.effect.parameter.si:.2g} {claim.effect.parameter.unit}"
 
 

@@ -1,1 +1,4 @@
-"""The first look, an idea a file; ``session.checks.first_look`` puts them together."""
+"""The first look, an idea a file; ``first_look`` puts them together.
+
+May import: common, log, detect.
+"""

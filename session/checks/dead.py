@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.checks.findings import Finding
+from session.common.runs import runs_of
 from session.common.units import DEG, G
 from session.log.logfile import Log
 
@@ -46,9 +47,8 @@ def _dead_runs(six: np.ndarray, number: int, absent: np.ndarray, period_s: float
     extremes = (values.min(), values.max())
     if extremes[0] == extremes[1]:
         return []  # stuck throughout: said as such
-    same = np.concatenate([[False], (np.diff(values) == 0) & ~absent[1:], [False]])
-    edges = np.flatnonzero(np.diff(same.view(np.int8)))
-    starts, lengths = edges[::2], edges[1::2] - edges[::2] + 1
+    starts, stops = runs_of((np.diff(values) == 0) & ~absent[1:])  # of steps: a run of readings is one longer
+    lengths = stops - starts + 1
     long = lengths * period_s >= LEAST_S
     coarse = ~long & (lengths * period_s >= COARSE_S) & ~np.isin(values[starts], extremes)
     if coarse.sum() >= max(COARSE_RUNS, long.sum() / 4):

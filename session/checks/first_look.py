@@ -17,7 +17,8 @@ from session.checks.samples import check_comments, check_rate, check_reading, ch
 from session.checks.stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
 from session.checks.truth import check_truth
 from session.common.errors import CalibrationError
-from session.detect.stills import Noise, Still, find_stills
+from session.detect.session_stills import SessionStills
+from session.detect.stills import Noise, Still
 from session.log.config import Config, read_config
 from session.log.folder import Session, log_paths, read_session
 from session.log.logfile import Log, read_log
@@ -27,7 +28,7 @@ __all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
 
 
 def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | None) -> list[Finding]:
-    """All checks of one log; stills and noise as ``find_stills(session.calibrated(log), …)`` gave them."""
+    """All checks of one log; stills and noise as ``SessionStills`` found them."""
     config, where = session.config, log.path.name
     good = [still for still in stills if still.problem is None]
     missing_accel = session.truths is not None
@@ -53,7 +54,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
     force = config.accelerometer.correct(log.samples.accel * factor)
     return [
         *findings,
-        *check_noise(where, noise, config.sensor.model),
+        *check_noise(where, noise, config.sensor),
         *check_zero_rate(where, good, config.sensor.model),
         *check_gravity(where, good, config, noise),
         *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
@@ -78,14 +79,15 @@ def check_folder(folder: Path) -> list[Finding]:
     return findings if session is None else findings + check_session(session)
 
 
-def check_session(session: Session) -> list[Finding]:
-    """The first look at every log and closure run of a session that could be read."""
+def check_session(session: Session, found: SessionStills | None = None) -> list[Finding]:
+    """The first look at every log and closure run of a session that could be read; ``found`` is what others will ask for its stills."""
+    found = found or SessionStills(session)
     findings, all_stills = check_keys(session.config) + check_copies((*session.logs, *session.closures)), []
     for log in (*session.logs, *session.closures):
-        stills, noise = find_stills(session.calibrated(log), session.config.protocol.still_s)
-        findings += first_look(session, log, stills, noise)
+        here = found.of(log)
+        findings += first_look(session, log, here.stills, here.noise)
         if log in session.logs:
-            all_stills.append(stills)
+            all_stills.append(here.stills)
     if all_stills and session.truths is None:
         findings += check_segment_count(session.name, all_stills)
     return findings

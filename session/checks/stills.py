@@ -6,12 +6,11 @@ import numpy as np
 
 from session.checks.findings import Finding, xyz_text
 from session.common.registers import ACCEL_MG_PER_LSB
+from session.common.typical import typical_of
 from session.common.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.stills import Noise, Still
-from session.log.config import Config
+from session.log.config import Config, Sensor
 
-#: of the ASM330LHH: noise densities in mdps/sqrt(Hz) and ug/sqrt(Hz), greatest zero-rate level in dps
-GYRO_NOISE_MDPS, ACCEL_NOISE_UG, ZERO_RATE_DPS = 5.0, 60.0, 3.0
 NOISE_RATIO = 3.0  #: units differ by 1.4 at most
 GRAVITY_OK = 0.02  #: an accelerometer's sensitivity tolerance
 GRAVITY_WRONG = 0.10  #: what an offset of 65 mg and 2 % of sensitivity can do together
@@ -50,42 +49,60 @@ def check_segment_count(where: str, stills_per_log: list[list[Still]]) -> list[F
     return [Finding("warning", where, "turns", f"{says}; expected {ENOUGH_SEGMENTS} turns or more", do)]
 
 
-def check_noise(where: str, noise: Noise | None, model: str) -> list[Finding]:
-    """White noise in the stills against the sensor's own.
+def check_noise(where: str, noise: Noise | None, sensor: Sensor) -> list[Finding]:
+    """White noise in the stills against the sensor's own: of session.toml, else of its model; where neither tells, it is only said.
 
     Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it; what raises it is vibration of the table, and
-    then the stills are no longer still.  Another sensor than the ASM330LHH is compared with it as well, but only for information.
+    then the stills are no longer still.
     """
     if noise is None:
         return []
-    findings = []
-    for name, unit, found, datasheet in (
-        ("gyro", "mdps/√Hz", noise.gyro / MDPS, GYRO_NOISE_MDPS),
-        ("accelerometer", "ug/√Hz", noise.accel / MG * 1e3, ACCEL_NOISE_UG),
-    ):
-        ratio = found.max() / datasheet
-        says = f"{xyz_text(found, 1 if name == 'gyro' else 0)} {unit}, the ASM330LHH has {datasheet:g}"
-        level, do = "ok", ""
-        if ratio > NOISE_RATIO:
-            says += f": {ratio:.1f} times as much (bar {NOISE_RATIO:g})"
-            level = "warning" if _is_asm330(model) else "note"
-            do = "not the sensor's noise: does the table, the floor or a fan vibrate? or wrong units" if level == "warning" else ""
-        elif found.min() < datasheet / NOISE_RATIO:
-            level, says = "note", says + ": less than it can be; averaged before logging, or wrong units?"
-        findings.append(Finding(level, where, f"{name} noise", says, do))
-    return findings
+    gyro, accel = _gyro_yardstick(sensor), None
+    if known := typical_of(sensor.model):
+        accel = f"the {known[0]} has", known[1].accel_noise_ug_rthz
+    mdps, ug = noise.gyro / MDPS, noise.accel / MG * 1e3
+    return [
+        _noise_finding(where, "gyro noise", xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, "give sensor.gyro_noise_mdps_rthz"),
+        _noise_finding(where, "accelerometer noise", xyz_text(ug, 0) + " ug/√Hz", ug, accel, ""),
+    ]
+
+
+def _gyro_yardstick(sensor: Sensor) -> tuple[str, float] | None:
+    """Who says it, and how much, mdps/sqrt(Hz)."""
+    if sensor.gyro_noise_mdps_rthz is not None:
+        return "session.toml says", sensor.gyro_noise_mdps_rthz
+    known = typical_of(sensor.model)
+    return known and (f"the {known[0]} has", known[1].gyro_noise_mdps_rthz)
+
+
+def _noise_finding(where: str, what: str, says: str, found: np.ndarray, yardstick: tuple[str, float] | None, ask: str) -> Finding:
+    if yardstick is None:
+        return Finding("note", where, what, f"{says}; what this sensor should have is not known", ask)
+    who, expected = yardstick
+    ratio, says = found.max() / expected, f"{says}, {who} {expected:g}"
+    if ratio > NOISE_RATIO:
+        do = "not the sensor's noise: does the table, the floor or a fan vibrate? or wrong units"
+        return Finding("warning", where, what, f"{says}: {ratio:.1f} times as much (bar {NOISE_RATIO:g})", do)
+    if found.min() < expected / NOISE_RATIO:
+        return Finding("note", where, what, f"{says}: less than it can be; averaged before logging, or wrong units?", "")
+    return Finding("ok", where, what, says, "")
 
 
 def check_zero_rate(where: str, stills: list[Still], model: str) -> list[Finding]:
-    """The rate read at rest, median over the stills, against the greatest zero-rate level of a good part."""
+    """The rate read at rest, median over the stills, against the greatest zero-rate level of a good part, where that is known."""
     if not stills:
         return []
     bias = np.median([still.gyro_mean for still in stills], axis=0) / DEG
-    says = f"{xyz_text(bias)} dps, bar {ZERO_RATE_DPS:g}"
-    if np.abs(bias).max() <= ZERO_RATE_DPS:
+    known = typical_of(model)
+    if known is None:
+        return [Finding("note", where, "zero-rate level", f"{xyz_text(bias)} dps; what this sensor may have is not known")]
+    bar = known[1].zero_rate_dps
+    says = f"{xyz_text(bias)} dps, bar {bar:g}"
+    if np.abs(bias).max() <= bar:
         return [Finding("ok", where, "zero-rate level", says)]
-    level = "warning" if _is_asm330(model) else "note"
-    return [Finding(level, where, "zero-rate level", says, "a calibration removes it; a unit that far off is worth a look, or the units")]
+    return [
+        Finding("warning", where, "zero-rate level", says, "a calibration removes it; a unit that far off is worth a look, or the units")
+    ]
 
 
 def accel_unit_factor(stills: list[Still], config: Config) -> tuple[float, float]:
@@ -148,7 +165,3 @@ def _unit_advice(factor: float, length: float, config: Config) -> str:
     there = full_scale in ACCEL_MG_PER_LSB
     would = f"accel_fs_g = {full_scale:g} would make it {length:.3f}"
     return f"a wrong full scale: {would}" + ("; correct session.toml, or what converted the log" if there else ", but no such range exists")
-
-
-def _is_asm330(model: str) -> bool:
-    return "ASM330" in model.upper()

@@ -12,3 +12,4 @@ MG = 1e-3 * G  #: m/s^2 per mg
 DEG_PER_SQRT_HOUR = DEG / 60  #: rad/sqrt(s) per deg/sqrt(h), the unit of angle random walk
 DEG_PER_HOUR = DEG / 3600  #: rad/s per deg/h, the unit of bias instability
 NS = 1e-9  #: s per nanosecond
+NS_PER_S = 10**9  #: exact, unlike 1 / NS

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from session.common.errors import StorageError
 
-FULL = (errno.ENOSPC, errno.EDQUOT)
+FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 
 @contextlib.contextmanager

@@ -7,6 +7,7 @@ from math import ceil, log, pi, sqrt
 import numpy as np
 
 from session.common import registers
+from session.common.runs import runs_of
 
 FALSE_ALARM = 1e-4  #: chance that an extreme of pure noise is taken for a plateau
 LEAST_RUN = 4
@@ -55,8 +56,7 @@ def run_bar(noise_std: float, step: float) -> int:
 def plateau(values: np.ndarray, level: float, least_run: int) -> np.ndarray:
     """Mask (N,) of readings equal to ``level`` in runs of at least ``least_run``."""
     at = values == level
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], at.view(np.int8), [0]])))
     mask = np.zeros(len(values), dtype=bool)
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in zip(*runs_of(at), strict=True):
         mask[start:stop] = stop - start >= least_run
     return mask

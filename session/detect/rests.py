@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.common.runs import runs_of
 from session.common.units import DEG
 from session.log.samples import Samples
 
@@ -45,6 +46,5 @@ def find_rests(samples: Samples) -> list[Rest]:
     rest = np.zeros(count, dtype=bool)
     for start in np.flatnonzero(steady):
         rest[start : start + length] = True
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], rest.view(np.int8), [0]])))
-    rows = [(int(a) * size, int(b) * size) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    rows = [(int(start) * size, int(stop) * size) for start, stop in zip(*runs_of(rest), strict=True)]
     return [Rest(start, stop, samples.gyro[start:stop].mean(axis=0)) for start, stop in rows]

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from session.common.units import DEG
+from session.common.units import DEG, NS
 from session.detect.clipping import clips, gyro_reach_dps
 from session.detect.stills import Still
 from session.log.config import Protocol, Sensor
@@ -66,12 +66,12 @@ def cut_segments(
 def _cut(samples, first: Still, last: Still, passed, sensor, protocol, log, number) -> Segment:
     start, stop = _window(samples, first, last, protocol)
     turn = slice(first.stop, last.start + 1)
-    t_s = (samples.t_ns[turn] - samples.t_ns[first.stop - 1]) * 1e-9
+    t_s = (samples.t_ns[turn] - samples.t_ns[first.stop - 1]) * NS
     turn_s = float(t_s[-1])
     bias = (first.gyro_mean + last.gyro_mean) / 2
     rate = np.linalg.norm(samples.gyro[turn] - bias, axis=1)
     turn_deg = float(np.trapezoid(rate, t_s)) / DEG
-    duration_s = float(samples.t_ns[stop - 1] - samples.t_ns[start]) * 1e-9
+    duration_s = float(samples.t_ns[stop - 1] - samples.t_ns[start]) * NS
     broken = why_broken(samples, turn, sensor)
     return Segment(
         number=number,
@@ -80,7 +80,7 @@ def _cut(samples, first: Still, last: Still, passed, sensor, protocol, log, numb
         last=last,
         start=start,
         stop=stop,
-        start_s=float(samples.t_ns[start] - samples.t_ns[0]) * 1e-9,
+        start_s=float(samples.t_ns[start] - samples.t_ns[0]) * NS,
         duration_s=duration_s,
         turn_s=turn_s,
         turn_deg=turn_deg,
@@ -92,7 +92,7 @@ def _cut(samples, first: Still, last: Still, passed, sensor, protocol, log, numb
 
 def _window(samples: Samples, first: Still, last: Still, protocol: Protocol) -> tuple[int, int]:
     """The protocol's window, centred on the turn; longer where the turn is, and never beyond the middles of the stills."""
-    turn_s = (samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * 1e-9
+    turn_s = (samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * NS
     margin = round(max((protocol.segment_s - turn_s) / 2, LEAST_MARGIN_S) / samples.period_s)
     start = max(first.stop - 1 - margin, first.middle)
     stop = min(last.start + margin, last.middle) + 1  # neighbours share the middle sample: the step between is nobody's else
@@ -112,7 +112,7 @@ def _note(passed, turn_s: float, turn_deg: float, protocol: Protocol) -> str | N
 
 def why_broken(samples: Samples, turn: slice, sensor: Sensor) -> str | None:
     """Why the movement cannot be integrated, or None."""
-    steps = np.diff(samples.t_ns[max(turn.start - 1, 0) : turn.stop]) * 1e-9
+    steps = np.diff(samples.t_ns[max(turn.start - 1, 0) : turn.stop]) * NS
     if len(steps) and (worst := steps.max()) > GAP_PERIODS * samples.period_s:
         lost = round(worst / samples.period_s) - 1
         return f"{lost} samples are missing during the turn (gap of {worst:.3f} s)"

@@ -11,7 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.common.units import DEG
+from session.common.robust import sigma_of
+from session.common.runs import runs_of
+from session.common.units import DEG, NS
 from session.detect.blocks import Blocks, block_moments
 from session.log.samples import Samples
 
@@ -132,12 +134,11 @@ def _spread_of_block_means(mean: np.ndarray, quiet: np.ndarray) -> np.ndarray:
     both = quiet[1:] & quiet[:-1]
     if not both.any():
         return np.full(3, np.inf)
-    return np.median(np.abs(np.diff(mean, axis=0)[both]), axis=0) / 0.6745 / np.sqrt(2)
+    return sigma_of(np.diff(mean, axis=0)[both]) / np.sqrt(2)
 
 
 def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.view(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [(int(start), int(stop)) for start, stop in zip(*runs_of(mask), strict=True)]
 
 
 def _trim_to_constant_rate(runs, blocks: Blocks, spread: np.ndarray) -> list[tuple[int, int]]:
@@ -202,7 +203,7 @@ def _allan_steps(mean: np.ndarray, size: int) -> np.ndarray:
 
 def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
     rows = np.concatenate([np.arange(a * size, b * size) for a, b in run])
-    t = (samples.t_ns[rows] - samples.t_ns[rows[0]]) * 1e-9
+    t = (samples.t_ns[rows] - samples.t_ns[rows[0]]) * NS
     centred = t - t.mean()
     gyro, accel = samples.gyro[rows], samples.accel[rows]
     leverage = np.sum(centred**2)
@@ -214,7 +215,7 @@ def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
     return Still(
         start=int(rows[0]),
         stop=int(rows[-1]) + 1,
-        start_s=float((samples.t_ns[rows[0]] - samples.t_ns[0]) * 1e-9),
+        start_s=float((samples.t_ns[rows[0]] - samples.t_ns[0]) * NS),
         duration_s=float(t[-1]) + samples.period_s,
         gyro_mean=gyro.mean(axis=0),
         gyro_std=gyro.std(axis=0, ddof=1),

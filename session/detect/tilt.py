@@ -13,7 +13,7 @@ from itertools import pairwise, permutations, product
 
 import numpy as np
 
-from session.common.units import DEG
+from session.common.units import DEG, NS
 from session.detect.segments import GAP_PERIODS
 from session.detect.stills import Still
 from session.log.samples import Samples
@@ -141,10 +141,10 @@ def _cut(samples: Samples, stills: list[Still], skip: np.ndarray | None, size: i
 
 def _blocks(samples: Samples, first: Still, last: Still, size: int):
     start, stop = first.stop - 1, last.start + 1
-    steps = np.diff(samples.t_ns[start:stop]) * 1e-9
+    steps = np.diff(samples.t_ns[start:stop]) * NS
     if len(steps) < 2 * size or steps.max() > GAP_PERIODS * samples.period_s:
         return None
-    t_s = (samples.t_ns[start:stop] - samples.t_ns[start]) * 1e-9
+    t_s = (samples.t_ns[start:stop] - samples.t_ns[start]) * NS
     share = (t_s / t_s[-1])[:, None]
     rate = samples.gyro[start:stop] - (1 - share) * first.gyro_mean - share * last.gyro_mean
     edges = np.arange(0, len(steps), size)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common.errors import DataError
-from session.common.units import DEG
+from session.common.units import DEG, NS, NS_PER_S
 from session.detect.segments import LONGEST_TURN_SEGMENTS, Segment, why_broken
 from session.log.samples import Samples
 from session.log.truth import Truth
@@ -30,7 +30,7 @@ def cut_at_truth(samples: Samples, truth: Truth, sensor, protocol, *, log: int =
     """
     moments_inside(samples, truth)  # or it is refused
     nearest = _nearest(samples, truth)
-    there = np.abs(samples.t_ns[nearest] - truth.t_ns) * 1e-9 < samples.period_s
+    there = np.abs(samples.t_ns[nearest] - truth.t_ns) * NS < samples.period_s
     q = _at_samples(samples, truth, nearest)
     segments = []
     for first, last in _pairs(truth, protocol.segment_s):
@@ -44,7 +44,7 @@ def cut_at_truth(samples: Samples, truth: Truth, sensor, protocol, *, log: int =
 def moments_inside(samples: Samples, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     """Rows (K,) of the log that are nearest to the moments within it, and ``q_nb`` (K, 4) there.  DataError where there is none."""
     nearest = _nearest(samples, truth)
-    inside = np.abs(samples.t_ns[nearest] - truth.t_ns) * 1e-9 < samples.period_s
+    inside = np.abs(samples.t_ns[nearest] - truth.t_ns) * NS < samples.period_s
     if not inside.any():
         raise DataError(f"{truth.path.name}: none of its {len(truth)} moments lies within the log; are its times on the log's clock?")
     return nearest[inside], _at_samples(samples, truth, nearest)[inside]
@@ -58,7 +58,7 @@ def _nearest(samples: Samples, truth: Truth) -> np.ndarray:
 
 def _at_samples(samples: Samples, truth: Truth, nearest: np.ndarray) -> np.ndarray:
     """(K, 4): the truth carried to its nearest sample, at most half a period, with the rate that is read there."""
-    late_s = ((samples.t_ns[nearest] - truth.t_ns) * 1e-9).clip(-samples.period_s, samples.period_s)
+    late_s = ((samples.t_ns[nearest] - truth.t_ns) * NS).clip(-samples.period_s, samples.period_s)
     half = samples.gyro[nearest] * late_s[:, None] / 2
     w, v = truth.q_nb[:, :1], truth.q_nb[:, 1:]
     q = np.concatenate([w - np.sum(v * half, axis=1, keepdims=True), v + w * half + np.cross(v, half)], axis=1)
@@ -73,7 +73,7 @@ def _pairs(truth: Truth, segment_s: float) -> list[tuple[int, int]]:
     pairs, first = [], 0
     while True:
         # The moment nearest to the protocol's length, but always a later one.
-        aim = truth.t_ns[first] + round(segment_s * 1e9)
+        aim = truth.t_ns[first] + round(segment_s * NS_PER_S)
         last = max(int(np.searchsorted(truth.t_ns, aim)), first + 1)
         if last < len(truth) and last - 1 > first and aim - truth.t_ns[last - 1] < truth.t_ns[last] - aim:
             last -= 1
@@ -84,7 +84,7 @@ def _pairs(truth: Truth, segment_s: float) -> list[tuple[int, int]]:
 
 
 def _segment(samples: Samples, start: int, last: int, missing, sensor, protocol, log: int, number: int) -> Segment:
-    duration_s = float(samples.t_ns[last] - samples.t_ns[start]) * 1e-9
+    duration_s = float(samples.t_ns[last] - samples.t_ns[start]) * NS
     long = duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s
     problem = missing or why_broken(samples, slice(start + 1, last + 1), sensor)
     rate = np.linalg.norm(samples.gyro[start : last + 1] - samples.gyro[start : last + 1].mean(axis=0), axis=1)
@@ -96,7 +96,7 @@ def _segment(samples: Samples, start: int, last: int, missing, sensor, protocol,
         last=None,
         start=start,
         stop=last + 1,
-        start_s=float(samples.t_ns[start] - samples.t_ns[0]) * 1e-9,
+        start_s=float(samples.t_ns[start] - samples.t_ns[0]) * NS,
         duration_s=duration_s,
         turn_s=duration_s,
         turn_deg=turn_deg,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import codecs
-import gzip
 import io
+import re
 import zlib
 from pathlib import Path
 
@@ -14,23 +14,27 @@ from session.common.errors import FormatError
 STANDARD = "-"
 GZIP = b"\x1f\x8b"
 PIECE_BYTES = 1 << 20
+#: as a piece: the whole file
+ALL_BYTES = 1 << 62
 READ_BYTES = 1 << 17
+#: packed bytes that are lost at most before the place where a packed file is damaged
+SLICE_BYTES = 1 << 12
 
 
 class Lines:
-    """``take()`` gives the next lines, without their ends, and an empty list at the end; ``note`` says if the file breaks off."""
+    """``take()`` gives the next lines, without their ends, and an empty list at the end; ``note`` says if the file breaks off;
+    ``comments``: the ``key=value`` words of the comment lines so far, a later one in the place of an earlier."""
 
     def __init__(self, path: Path):
         """Raises FormatError for what cannot be opened."""
-        self._path, self.note = path, ""
+        self._path, self.note, self.comments = path, "", {}
         try:
-            raw = open(0, "rb", closefd=False) if str(path) == STANDARD else path.open("rb")  # noqa: SIM115
+            self._file = open(0, "rb", closefd=False) if str(path) == STANDARD else path.open("rb")  # noqa: SIM115
             # A stream has no name that tells.
-            packed = path.suffix.lower() == ".gz" or (not path.is_file() and raw.peek(2)[:2] == GZIP)
+            packed = path.suffix.lower() == ".gz" or (not path.is_file() and self._file.peek(2)[:2] == GZIP)
         except OSError as error:
             raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-        self._file = gzip.GzipFile(fileobj=raw) if packed else raw
-        self._raw = raw
+        self._unpack = _Unpack() if packed else None
         self._decode = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder("utf-8-sig")(errors="replace"), translate=True)
         self._rest, self._ended = "", False
 
@@ -45,8 +49,10 @@ class Lines:
         text = "".join(parts)
         if self._ended:
             self._rest = ""
+            self._heed(text)
             return text.removesuffix("\n").split("\n") if text else []
         whole, _, self._rest = text.rpartition("\n")
+        self._heed(whole)
         return whole.split("\n")
 
     @property
@@ -54,7 +60,7 @@ class Lines:
         """Bytes of the file, as it lies on the disk, that were read so far; of a stream, none."""
         if not self._path.is_file():
             return 0
-        return self._raw.tell() if not self._raw.closed else self._path.stat().st_size
+        return self._file.tell() if not self._file.closed else self._path.stat().st_size
 
     def give_back(self, lines: list[str]) -> None:
         """Let ``take`` begin with these lines, which it gave."""
@@ -62,7 +68,6 @@ class Lines:
 
     def close(self) -> None:
         self._file.close()
-        self._raw.close()
 
     def __enter__(self) -> Lines:
         return self
@@ -70,13 +75,53 @@ class Lines:
     def __exit__(self, *_) -> None:
         self.close()
 
+    def _heed(self, text: str) -> None:
+        if "#" in text:
+            said = re.findall(r"^[^\S\n]*#(.*)$", text, re.M)
+            self.comments |= dict(pair for line in said for pair in re.findall(r"(\w+)=(\S+)", line))
+
     def _read(self) -> bytes:
+        """Some bytes of text; none at the end."""
         try:
-            return self._file.read1(READ_BYTES)
-        except gzip.BadGzipFile:
-            raise FormatError(f"{self._path.name}: not a gzip file, or a damaged one; unpack it or give it its right name") from None
-        except (EOFError, zlib.error):
-            self.note = "the compressed file breaks off: the part before is used"
-            return b""
+            if self._unpack is None:
+                return self._file.read1(READ_BYTES)
+            while packed := self._file.read1(READ_BYTES):
+                if data := self._unpack(packed):
+                    return data
+                if self._unpack.broken:
+                    break
         except OSError as error:
             raise FormatError(f"{self._path}: cannot be read ({error.strerror or error})") from None
+        if self._unpack.whole:
+            return b""
+        if not self._unpack.gave:
+            raise FormatError(f"{self._path.name}: not a gzip file, or a damaged one; unpack it or give it its right name")
+        self.note = "the compressed file breaks off: the part before is used"
+        return b""
+
+
+class _Unpack:
+    """gzip, member after member, as far as it is sound.  broken: something in it was not; whole: it ended where it should."""
+
+    def __init__(self):
+        self._member, self._packed, self.gave, self.broken = None, b"", False, False
+
+    @property
+    def whole(self) -> bool:
+        return self._member is None and not self.broken
+
+    def __call__(self, packed: bytes) -> bytes:
+        parts = []
+        try:
+            for start in range(0, len(packed) if not self.broken else 0, SLICE_BYTES):
+                rest = packed[start : start + SLICE_BYTES]
+                while rest := rest if self._member else rest.lstrip(b"\0"):  # zeros may pad what is behind a member
+                    self._member = self._member or zlib.decompressobj(wbits=31)
+                    parts.append(self._member.decompress(rest))
+                    rest = self._member.unused_data
+                    self._member = None if self._member.eof else self._member
+        except zlib.error:
+            self.broken = True
+        data = b"".join(parts)
+        self.gave |= bool(data)
+        return data

@@ -8,10 +8,13 @@ import numpy as np
 
 from session.common.counter import comes_round
 from session.common.errors import DataError
+from session.common.units import NS_PER_S
 
 #: a counter of 32 bits, and a clock
 COUNTER = 2**32
-DAY_NS = 86_400 * 10**9
+DAY_NS = 86_400 * NS_PER_S
+#: stamps up to here, 146 years, can be told apart in ns without overflow
+ERA_NS = 2**62
 #: share of rows that repeat the stamp before them, from which on stamps are coarse and not merely stuttering
 COARSE = 0.02
 #: no time, whatever its unit
@@ -25,7 +28,7 @@ def exact_ns(text: str, unit_ns: int) -> int:
     text = text.strip().strip('"')
     if ":" in text:
         hours, minutes, seconds = text.split(" ")[-1].split("T")[-1].split(":")
-        return (int(hours) * 60 + int(minutes)) * 60 * 10**9 + exact_ns(seconds, 10**9)
+        return (int(hours) * 60 + int(minutes)) * 60 * NS_PER_S + exact_ns(seconds, NS_PER_S)
     try:
         return int(text) * unit_ns
     except ValueError:
@@ -40,20 +43,30 @@ def exact_ns(text: str, unit_ns: int) -> int:
 
 
 class Unroll:
-    """Carries a wrapping counter or clock on, piece after piece."""
+    """Carries a wrapping counter or clock on, piece after piece; span_ns: None for stamps that count on for ever."""
 
-    def __init__(self, span_ns: int):
+    def __init__(self, span_ns: int | None):
         self._span, self._last, self._offset = span_ns, None, 0
         self._lowest = self._highest = 0
         self.wraps = 0
 
     def __call__(self, t_ns: np.ndarray) -> np.ndarray:
+        if self._span is None:
+            return t_ns
         steps = np.diff(t_ns, prepend=t_ns[:1] if self._last is None else self._last)
         self._lowest, self._highest = min(self._lowest, int(t_ns.min())), max(self._highest, int(t_ns.max()))
+        self._last = t_ns[-1:]
+        if steps.min() >= 0:
+            return t_ns + self._offset
         wrapped = comes_round(steps, self._lowest, self._highest, self._span)
-        self._last, offset = t_ns[-1:], self._offset + self._span * np.cumsum(wrapped)
+        offset = self._offset + self._span * np.cumsum(wrapped)
         self._offset, self.wraps = int(offset[-1]), self.wraps + int(wrapped.sum())
         return t_ns + offset
+
+
+def fresh(t_ns: np.ndarray) -> np.ndarray:
+    """(N,) bool: stamps that are later than the one before; the first is."""
+    return np.diff(t_ns, prepend=t_ns[:1] - 1) > 0
 
 
 def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarray, str | None]:
@@ -72,7 +85,7 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
         slope, start = np.polyfit(count, (t_ns - t_ns[0]).astype(float), 1)
         if np.abs(t_ns - t_ns[0] - start - slope * count).max() <= OFF * step_ns:
             even = t_ns[0] + np.rint(start + slope * count).astype(np.int64)
-            return even, f"{said} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {1e9 / slope:.3f} Hz"
+            return even, f"{said} (stamps of {step_ns * 1e-6:g} ms): samples were counted along them, {NS_PER_S / slope:.3f} Hz"
     if odr_hz is None:
         raise DataError(f"{name}: {said}, and counting along them misses them: samples are missing; log finer stamps, or give --odr HZ")
     return counted(len(t_ns), odr_hz), f"{said}, and counting along them misses them: samples were counted at {odr_hz:g} Hz instead"
@@ -80,4 +93,4 @@ def evenly(t_ns: np.ndarray, odr_hz: float | None, name: str) -> tuple[np.ndarra
 
 def counted(rows: int, odr_hz: float) -> np.ndarray:
     """Stamps (N,) ns of samples that are only counted."""
-    return np.rint(np.arange(rows) * (1e9 / odr_hz)).astype(np.int64)
+    return np.rint(np.arange(rows) * (NS_PER_S / odr_hz)).astype(np.int64)

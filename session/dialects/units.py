@@ -1,4 +1,4 @@
-"""Units as people write them in headers and options, and what they are in SI."""
+"""The one table of units: as people write them in headers and options, and what they are in SI."""
 
 from __future__ import annotations
 
@@ -15,6 +15,10 @@ TEMPERATURE = {"c": 1.0, "degc": 1.0, "°c": 1.0, "℃": 1.0}
 WORDS = {"time": TIME, "gyro": GYRO, "accel": ACCEL, "temp": TEMPERATURE}
 #: what registers are called
 COUNTS = ("lsb", "raw", "counts")
+#: the words that a standard log's names end in (``t_us``, ``gx_dps``); no ending: registers
+ENDINGS = {"time": ("ns", "us", "s"), "gyro": ("dps", "rps"), "accel": ("g", "mps2"), "temp": ("c",)}
+#: a standard log's or truth file's time column -> nanoseconds per unit
+STAMP_NS = {f"t_{word}": TIME[word] for word in ENDINGS["time"]}
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,14 @@ class Unit:
 
     si: float | int | None
     word: str
+
+
+REGISTER = Unit(None, "lsb")
+
+
+def endings(kind: str) -> dict[str, Unit]:
+    """What stands behind a gyroscope's or accelerometer's axis, or ``temp``, in a standard log's names: ``""``, ``"_dps"``, …"""
+    return {"": REGISTER} | {f"_{word}": Unit(WORDS[kind][word], word) for word in ENDINGS[kind]}
 
 
 def parse_unit(kind: str, text: str) -> Unit | None:

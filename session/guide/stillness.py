@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.common.robust import sigma_of
 from session.common.units import DEG, MDPS, MG
 from session.detect.blocks import block_moments, block_size
 from session.detect.stills import MEAN_SIGMAS, QUIET_ACCEL_RATIO, QUIET_VARIANCE_RATIO, TURNING_RPS, noise_variance
@@ -99,7 +100,7 @@ class Stillness:
         """(3,) standard deviation of a block's mean.  Noise behind a low-pass is not white: a few blocks tell better than their samples."""
         if len(self._steps) < 20:
             return 2 * np.sqrt(gyro_noise / self.size)
-        return np.median(np.array(self._steps), axis=0) / 0.6745 / np.sqrt(2)
+        return sigma_of(np.array(self._steps)) / np.sqrt(2)
 
 
 def _scatter(variance, noise, ratio, unit, what, unit_name) -> str:

@@ -24,6 +24,8 @@ class Sensor:
     odr_hz: float  #: nominal; the stamps say the true one
     gyro_fs_dps: float
     accel_fs_g: float
+    gyro_bias_instability_dph: float | None = None  #: None: typical of the model where it is known, else estimated from the recording
+    gyro_noise_mdps_rthz: float | None = None  #: one-sided; None: typical of the model where it is known, else there is no yardstick
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +89,8 @@ def read_config(path: Path) -> Config:
         odr_hz=reader.number("sensor", "odr_hz", low=1, high=20000),
         gyro_fs_dps=reader.number("sensor", "gyro_fs_dps", low=1, high=1e5),
         accel_fs_g=reader.number("sensor", "accel_fs_g", low=0.1, high=1000),
+        gyro_bias_instability_dph=reader.number("sensor", "gyro_bias_instability_dph", None, low=0, high=1000),
+        gyro_noise_mdps_rthz=reader.number("sensor", "gyro_noise_mdps_rthz", None, low=1e-3, high=1000),
     )
     accelerometer = Accelerometer(
         reader.array("accelerometer", "matrix", (3, 3), np.eye(3)), reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3))

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from session.common.errors import FormatError
 from session.common.units import DEG
-from session.log.config import Config, read_config
+from session.log.arrays import samples_from_arrays, usual_ranges
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.log.logfile import Log, read_log
-from session.log.samples import Samples
+from session.log.samples import Samples, joined
 from session.log.truth import Truth, read_truth, truth_path
 
 #: far beyond any recording, and small enough for a table with a row each
@@ -36,13 +38,57 @@ class Session:
     attitudes: np.ndarray | None = None
     truths: tuple[Truth, ...] | None = None
 
+    @classmethod
+    def from_arrays(
+        cls,
+        t_s: ArrayLike,
+        gyro_rps: ArrayLike,
+        accel_mps2: ArrayLike,
+        temp_c: ArrayLike | None = None,
+        *,
+        closures: Sequence[tuple[ArrayLike, ...]] = (),
+        name: str = "arrays",
+        model: str = "unknown",
+        serial: str = "",
+        gyro_fs_dps: float | None = None,
+        accel_fs_g: float | None = None,
+        accelerometer: Accelerometer | None = None,
+        site: Site | None = None,
+        protocol: Protocol | None = None,
+    ) -> Session:
+        """A session of one log that was never a file.
+
+        t_s (N,) s, increasing; gyro_rps (N, 3) rad/s and accel_mps2 (N, 3) m/s^2 in body axes b (forward-right-down), as measured;
+        temp_c (N,) degC.  closures: closure runs, each ``(t_s, gyro_rps, accel_mps2)`` or with ``temp_c`` as fourth, on the log's clock.
+        Full scales that are not given are the smallest usual ones that hold the data.  accelerometer: its pre-calibration (none); site
+        and protocol as in session.toml.  Raises DataError for what no file may hold either.
+        """
+        logs = [_from_memory(f"{name}.log", t_s, gyro_rps, accel_mps2, temp_c)]
+        runs = [_from_memory(f"{name}.closure{number}", *run) for number, run in enumerate(closures, start=1)]
+        usual_gyro, usual_accel = usual_ranges(joined([log.samples for log in (*logs, *runs)]))
+        sensor = Sensor(model, serial, 1 / logs[0].samples.period_s, gyro_fs_dps or usual_gyro, accel_fs_g or usual_accel)
+        config = Config(sensor, accelerometer or Accelerometer(), site or Site(), protocol or Protocol())
+        return cls(Path(name), config, tuple(logs), tuple(runs))
+
+    def __repr__(self) -> str:
+        seconds = sum(log.samples.duration_s for log in self.logs)
+        runs = f", {len(self.closures)} closure run{'s' * (len(self.closures) != 1)}" if self.closures else ""
+        return (
+            f"<Session {self.name}: {len(self.logs)} log{'s' * (len(self.logs) != 1)}, {seconds:.0f} s{runs}; {self.config.sensor.model}>"
+        )
+
     @property
     def name(self) -> str:
+        """The folder's last name."""
         return self.folder.resolve().name
 
     def calibrated(self, log: Log) -> Samples:
         """A log's samples with the accelerometer's pre-calibration applied."""
         return log.samples.with_accel(self.config.accelerometer.correct(log.samples.accel))
+
+
+def _from_memory(name: str, t_s: ArrayLike, gyro_rps: ArrayLike, accel_mps2: ArrayLike, temp_c: ArrayLike | None = None) -> Log:
+    return Log(Path(name), samples_from_arrays(name, t_s, gyro_rps, accel_mps2, temp_c), raw=False, in_memory=True)
 
 
 def log_paths(folder: Path, stem: str) -> list[Path]:

@@ -5,20 +5,36 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
+import numpy as np
+
 from session.common.errors import FormatError
 from session.log.folder import Session
+from session.log.logfile import Log
 
 
 def input_files(session: Session) -> list[Path]:
     """Every file of a session that a result depends on: session.toml, logs, closure runs, dial readings, truth."""
     dials = [session.folder / "attitudes.csv"] if session.attitudes is not None else []
     truths = [truth.path for truth in session.truths or ()]
-    return [session.folder / "session.toml", *(log.path for log in (*session.logs, *session.closures)), *dials, *truths]
+    config = [] if all(log.in_memory for log in session.logs) else [session.folder / "session.toml"]
+    return [*config, *(log.path for log in (*session.logs, *session.closures)), *dials, *truths]
 
 
 def input_hashes(session: Session) -> dict[str, str]:
-    """SHA-256 of each of ``input_files``, by name; FormatError where one cannot be read any more."""
-    return {path.name: sha256_of(path) for path in input_files(session)}
+    """SHA-256 of each of ``input_files``, by name, or of arrays that were never a file; FormatError where one cannot be read any more."""
+    logs = {log.path: log for log in (*session.logs, *session.closures)}
+    return {path.name: hash_of_log(logs[path]) if path in logs else sha256_of(path) for path in input_files(session)}
+
+
+def hash_of_log(log: Log) -> str:
+    """Of its file; of arrays that were never a file, of their bytes, little-endian, one array after the other."""
+    if not log.in_memory:
+        return sha256_of(log.path)
+    digest, samples = hashlib.sha256(), log.samples
+    for array, kind in ((samples.t_ns, "<i8"), (samples.gyro, "<f8"), (samples.accel, "<f8"), (samples.temp_c, "<f8")):
+        if array is not None:
+            digest.update(np.ascontiguousarray(array, dtype=kind).tobytes())
+    return digest.hexdigest()
 
 
 def sha256_of(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -53,6 +54,11 @@ class Samples:
         """Samples start <= i < stop."""
         part = slice(start, stop)
         return Samples(self.t_ns[part], self.gyro[part], self.accel[part], None if self.temp_c is None else self.temp_c[part])
+
+
+def start_times(logs: Iterable[Samples]) -> np.ndarray:
+    """(L + 1,) s of the session at which each log begins, laid one after the other, and at which the last one ends."""
+    return np.cumsum([0.0] + [samples.duration_s for samples in logs])
 
 
 def joined(parts: list[Samples]) -> Samples:

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FormatError
+from session.common.units import NS_PER_S
+from session.dialects.units import STAMP_NS
 
-STAMPS = {"t_s": 1e9, "t_us": 1e3, "t_ns": 1}
 #: a quaternion whose length is further from 1 than this was not one
 UNIT_WITHIN = 0.01
 
@@ -50,7 +51,7 @@ def read_truth(path: Path) -> Truth:
     """Read a truth file.  FormatError names the line that is at fault."""
     lines = [(n, line) for n, line in enumerate(_text(path).splitlines(), start=1) if line.strip() and not line.startswith("#")]
     names = [cell.strip() for cell in lines[0][1].split(",")] if lines else []
-    if not names or names[0] not in STAMPS or names[1:5] != ["qw", "qx", "qy", "qz"] or names[5:] not in ([], ["window"]):
+    if not names or names[0] not in STAMP_NS or names[1:5] != ["qw", "qx", "qy", "qz"] or names[5:] not in ([], ["window"]):
         raise FormatError(f"{path.name}: the header must be t_us,qw,qx,qy,qz (or t_ns, t_s; optionally ,window)")
     if len(lines) < 3:
         raise FormatError(f"{path.name}: {len(lines) - 1} moments; a segment needs two")
@@ -58,7 +59,7 @@ def read_truth(path: Path) -> Truth:
     for number, line in lines[1:]:
         cells = line.split(",")
         try:
-            t_ns.append(round(float(cells[0]) * 1e9) if names[0] == "t_s" else int(cells[0]) * STAMPS[names[0]])
+            t_ns.append(round(float(cells[0]) * NS_PER_S) if names[0] == "t_s" else int(cells[0]) * STAMP_NS[names[0]])
             rows.append([float(cell) for cell in cells[1:5]])
             if names[5:]:
                 window.append(int(cells[5]))

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FormatError
+from session.common.units import NS_PER_S
 from session.log.truth import Truth
 
 #: of the ADIS16448's data sheet: full scales, and the data rate that these recordings have
@@ -96,7 +97,7 @@ def _write_windows(folder: Path, data: dict[str, np.ndarray], truth_sigma_deg: f
             if not len(rows):
                 continue
             stem = f"{name}{'_mislabelled' if wrong else ''}"
-            t_ns = np.rint(data["t"][rows] * 1e9).astype(np.int64)
+            t_ns = np.rint(data["t"][rows] * NS_PER_S).astype(np.int64)
             ends = np.stack([np.zeros(len(rows), dtype=int), np.full(len(rows), t_ns.shape[1] - 1)], axis=1)
             accel = np.nan_to_num(data["acc"][rows].astype(float)).reshape(-1, 3)
             _write_log(folder, stem, t_ns.ravel(), data["gyro"][rows].astype(float).reshape(-1, 3), accel)

@@ -1,5 +1,7 @@
 """From a port to files: raw bytes first, then the log that is parsed from them.
 
 ``recorder.Recorder`` is the whole of it: a reader thread (``port``), the raw file (``rawfile``), the decoder, the logs
-(``logwriter``).  ``replay`` makes the same logs again from the raw file, bit for bit.
+(``logwriter``).  ``decoding`` makes the same logs again from the raw file, bit for bit.
+
+May import: common, log, stream.
 """

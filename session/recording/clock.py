@@ -45,4 +45,4 @@ class ComparisonOfClocks:
         if len(self._earliest) < FEWEST:
             return None
         since = np.array(self._earliest, np.int64) - self._earliest[0]
-        return float(np.polyfit(since[:, 0] * 1e-9, since[:, 1] * 1e-6, 1)[0])
+        return float(np.polyfit(since[:, 0] * NS, since[:, 1] * 1e-6, 1)[0])

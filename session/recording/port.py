@@ -6,7 +6,6 @@ import contextlib
 import errno
 import os
 import queue
-import termios
 import threading
 import time
 from collections.abc import Callable
@@ -17,8 +16,16 @@ import serial
 from session.common.errors import CalibrationError, DeviceError
 from session.recording.ports import identity_of, name_of
 
-#: what pyserial raises when a cable is pulled: SerialException is an OSError, termios.error is none
-UNPLUGGED = (OSError, serial.SerialException, termios.error)
+try:
+    from termios import error as TerminalError
+except ImportError:  # Windows, where pyserial raises nothing of the kind
+
+    class TerminalError(Exception):
+        """What a POSIX terminal raises."""
+
+
+#: what pyserial raises when a cable is pulled: SerialException is an OSError, a terminal's own error is none
+UNPLUGGED = (OSError, serial.SerialException, TerminalError)
 HINTS = {
     errno.EACCES: ": your user may not use it; join the group that owns it, usually dialout",
     errno.EAGAIN: ": another program has it open",
@@ -120,7 +127,7 @@ def _close(port: serial.Serial) -> None:
 
 def _reason(error: Exception) -> str:
     """What happened, in the system's words, and what to do where that is known."""
-    number = error.args[0] if isinstance(error, termios.error) else getattr(error, "errno", None)
+    number = error.args[0] if isinstance(error, TerminalError) else getattr(error, "errno", None)
     if not isinstance(number, int):
         return str(error)
     return os.strerror(number) + HINTS.get(number, "")

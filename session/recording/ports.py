@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,11 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from session.common.errors import DeviceError
+
+try:
+    import fcntl
+except ImportError:  # Windows, which has no virtual boards either
+    fcntl = None
 
 ST_VENDOR = 0x0483
 #: USB ids -> what they are; ST's product ids from its usb.ids entries
@@ -50,7 +54,7 @@ def known_ports() -> list[KnownPort]:
 
 
 def virtual_boards() -> list[Path]:
-    """Links of the virtual boards that run on this machine (``calibrate.py board``)."""
+    """Links of the virtual boards that run on this machine (``calibrate.py board``); none where the system has no such thing."""
     return sorted(path for path in Path(tempfile.gettempdir()).glob(f"{VIRTUAL_STEM}*") if path.is_symlink() and _is_held(lock_of(path)))
 
 
@@ -98,6 +102,8 @@ def _virtual(path: Path) -> KnownPort:
 
 
 def _is_held(lock: Path) -> bool:
+    if fcntl is None:
+        return False
     try:
         with lock.open() as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)

@@ -19,6 +19,8 @@ from session.common.errors import StorageError
 RAW, TIMES = "raw.bin", "raw.times"
 TIMES_HEADER = "host_ns,bytes,event"
 SYNC_S = 0.5
+#: Windows would turn line ends into its own
+BINARY = getattr(os, "O_BINARY", 0)
 #: arrival times closer together than this share a line
 TIME_STEP_NS = 10_000_000
 
@@ -53,15 +55,16 @@ class RawFile:
     def _open(self, folder: Path) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._raw = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-            self._times = os.open(folder / TIMES, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+            self._raw = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | BINARY, 0o644)
+            self._times = os.open(folder / TIMES, os.O_RDWR | os.O_APPEND | os.O_CREAT | BINARY, 0o644)
         except OSError as error:
             raise StorageError(f"{error.filename or folder}: {error.strerror or error}; give --out another folder") from None
         self.size = os.fstat(self._raw).st_size
-        end = os.fstat(self._times).st_size
-        if end == 0:
+        if os.fstat(self._times).st_size == 0:
             self._write(self._times, f"{TIMES_HEADER}\n".encode())
-        elif os.pread(self._times, 1, end - 1) != b"\n":  # a process was killed while it wrote a line
+            return
+        os.lseek(self._times, -1, os.SEEK_END)
+        if os.read(self._times, 1) != b"\n":  # a process was killed while it wrote a line
             self._write(self._times, b"\n")
 
     def append(self, host_ns: int, data: bytes) -> None:

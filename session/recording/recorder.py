@@ -11,10 +11,10 @@ from pathlib import Path
 
 from session.common.errors import CalibrationError
 from session.recording.clock import ComparisonOfClocks
+from session.recording.decoding import new_connection, stream
 from session.recording.logwriter import NEW_LOG, LogWriter
 from session.recording.port import Closed, Opened, Port, Received
 from session.recording.rawfile import RAW, RawFile
-from session.recording.replay import new_connection, stream
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk, Event, Trouble
 

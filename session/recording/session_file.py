@@ -75,8 +75,10 @@ class SessionFile:
         odr_hz, gyro_fs_dps, accel_fs_g = said["odr_hz"], said["gyro_fs_dps"], said["accel_fs_g"]
         if odr_hz is None or gyro_fs_dps is None or accel_fs_g is None:
             return None
-        model = self._like.sensor.model if self._like else "ASM330LHH"
-        return Sensor(model, info.serial if info else "", nominal_hz(odr_hz), gyro_fs_dps, accel_fs_g)
+        serial = info.serial if info else ""
+        if self._like is not None:
+            return replace(self._like.sensor, serial=serial, odr_hz=nominal_hz(odr_hz), gyro_fs_dps=gyro_fs_dps, accel_fs_g=accel_fs_g)
+        return Sensor("ASM330LHH", serial, nominal_hz(odr_hz), gyro_fs_dps, accel_fs_g)
 
     def _require_agreement(self, sensor: Sensor, said: Mapping[str, float | None], who: str) -> None:
         for name, value in said.items():
@@ -108,6 +110,8 @@ def toml_text(config: Config) -> str:
     remark = "  # none: give the accelerometer's pre-calibration here, or its errors become the gyroscope's" if identity else ""
     here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
     lines = [f"{name} = {value!r}" for name, value in here.items() if value is not None]
+    known = {name: getattr(sensor, name) for name in ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz")}
+    noise = "".join(f"{name} = {value!r}\n" for name, value in known.items() if value is not None)
     lines = lines or ["# latitude_deg = …  # without it the Earth's rotation stays in the rates"]
     return f"""\
 schema = "{SCHEMA}"
@@ -118,7 +122,7 @@ serial = {_quoted(sensor.serial)}
 odr_hz = {sensor.odr_hz!r}
 gyro_fs_dps = {sensor.gyro_fs_dps:g}
 accel_fs_g = {sensor.accel_fs_g:g}
-
+{noise}
 [accelerometer]{remark}
 matrix = [{matrix}]
 bias_mps2 = [{bias}]

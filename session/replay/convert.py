@@ -13,11 +13,12 @@ import numpy as np
 from session.checks.findings import Finding
 from session.checks.first_look import check_folder
 from session.common.errors import CalibrationError, FormatError
-from session.common.units import DEG, G
 from session.common.writing import naming
 from session.detect.pace import pace_of
-from session.dialects.layout import AXES, OWN, Answers
+from session.dialects.layout import AXES, Answers
 from session.dialects.reader import Reader
+from session.dialects.standard import OWN
+from session.dialects.units import endings
 from session.log.config import Sensor, read_config
 from session.log.folder import log_paths
 from session.log.logfile import read_log
@@ -162,10 +163,10 @@ def _columns(joined: Joined) -> tuple[list[str], list[np.ndarray], list[str]]:
     in_us = not (joined.t_ns % US_NS).any()
     header, columns, formats = ["t_us" if in_us else "t_ns"], [joined.t_ns // US_NS if in_us else joined.t_ns], ["%d"]
     for letter, values, unit, units in (
-        ("g", joined.gyro, joined.gyro_layout.gyro.unit, {"_dps": DEG, "_rps": 1.0}),
-        ("a", joined.accel, joined.accel_layout.accel.unit, {"_g": G, "_mps2": 1.0}),
+        ("g", joined.gyro, joined.gyro_layout.gyro.unit, endings("gyro")),
+        ("a", joined.accel, joined.accel_layout.accel.unit, endings("accel")),
     ):
-        suffix, values, written = _in_our_unit(values, unit.si, units)
+        suffix, values, written = _in_our_unit(values, unit.si, {ending: each.si for ending, each in units.items() if each.si is not None})
         header += [f"{letter}{axis}{suffix}" for axis in "xyz"]
         columns += list(values.T)
         formats += [written] * 3
@@ -208,6 +209,8 @@ serial = {quoted(serial or readers[0].comments.get("serial", ""))}
 odr_hz = {odr_hz!r}
 gyro_fs_dps = {answers.gyro_fs_dps:g}
 accel_fs_g = {answers.accel_fs_g:g}
+# gyro_bias_instability_dph =  # deg/h, data sheet; without it, it is estimated from the recording
+# gyro_noise_mdps_rthz =       # one-sided, data sheet; what `check` holds the noise against
 
 # Fill in what is known: what is missing here is error in the calibration.
 # [accelerometer]  # pre-calibration: a = matrix @ (measured_mps2 - bias_mps2)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common.errors import DataError, FormatError
+from session.common.units import NS_PER_S
 from session.dialects.layout import Layout
 from session.dialects.reader import Piece, Reader
-from session.dialects.stamps import counted, evenly
+from session.dialects.stamps import counted, evenly, fresh
 
 #: beyond this many of its own periods a second file's neighbours are too far apart to read between them
 WIDEST = 3.5
@@ -64,8 +65,8 @@ def _whole(reader: Reader, odr_hz: float | None, notes: list[str]) -> Piece:
     pieces = list(reader.pieces())
     name = reader.path.name
     notes += [f"{name}: {note}" for note in reader.notes]
-    if reader._unroll is not None and reader._unroll.wraps:
-        notes.append(f"{name}: the time counter came round {reader._unroll.wraps}x: unrolled")
+    if reader.wraps:
+        notes.append(f"{name}: the time counter came round {reader.wraps}x: unrolled")
     if not pieces:
         raise FormatError(f"{name}: a header but no samples; was the recording stopped before it began?")
     columns = [
@@ -95,8 +96,8 @@ def _only(whole: list[tuple[Reader, Piece]], part: str, called: str) -> tuple[Re
 
 def _at(t_ns: np.ndarray, there_ns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """values (M, 3) at the moments t_ns, straight between neighbours, and where that can be trusted."""
-    fresh = np.concatenate([[True], np.diff(there_ns) > 0])
-    there_ns, values = there_ns[fresh], values[fresh]
+    later = fresh(there_ns)
+    there_ns, values = there_ns[later], values[later]
     if len(there_ns) < 2:
         return np.zeros((len(t_ns), 3)), np.zeros(len(t_ns), dtype=bool)
     after = np.clip(np.searchsorted(there_ns, t_ns), 1, len(there_ns) - 1)
@@ -112,7 +113,7 @@ def _at(t_ns: np.ndarray, there_ns: np.ndarray, values: np.ndarray) -> tuple[np.
 
 
 def _joined_note(gyro_ns: np.ndarray, accel_ns: np.ndarray, keep: np.ndarray) -> str:
-    rates = [1e9 / np.median(np.diff(t)[np.diff(t) > 0]) if len(t) > 2 and np.diff(t).any() else np.nan for t in (gyro_ns, accel_ns)]
+    rates = [NS_PER_S / np.median(np.diff(t)[np.diff(t) > 0]) if len(t) > 2 and np.diff(t).any() else np.nan for t in (gyro_ns, accel_ns)]
     text = f"joined on time: gyroscope at {rates[0]:.4g} Hz, accelerometer at {rates[1]:.4g} Hz"
     if not np.isin(gyro_ns[keep], accel_ns).all():
         text += ", read between its samples"

@@ -6,4 +6,6 @@ nothing else, ``score`` compares, ``table`` prints; ``examine`` is all of it in 
 
 What is concealed here is computed by code of its own, on the simulation's fine grid or on its registers: the catalogue in
 ``tinygc.effects`` is not imported.
+
+May import: session, explain, simulation.
 """

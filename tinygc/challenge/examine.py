@@ -16,6 +16,7 @@ from tinygc.challenge.conceal import Case, conceal, draw_cases, options_chosen
 from tinygc.challenge.examination import Examination
 from tinygc.challenge.score import score
 from tinygc.challenge.seal import Seal, seal
+from tinygc.effects.discovery import loaded_folders
 from tinygc.simulation.write import write_files
 
 PROCESSES = 2
@@ -67,9 +68,10 @@ def _write(folder: Path, cases: list[Case], progress: Callable[[str, int, int], 
 
 
 def explained(folder: Path) -> dict:
-    """What a process of its own says of one session folder (``tinygc-explain/1``, with verdict ``refused`` where it refuses)."""
+    """What a process of its own, with the same folders of effects, says of a session folder
+    (``tinygc-explain/1``, with verdict ``refused`` where it refuses)."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "tinygc.challenge.worker", "."]
+    command = [sys.executable, "-m", "tinygc.challenge.worker", ".", *map(str, loaded_folders())]
     run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     if run.returncode != 0:
         raise DataError(f"{folder.name}: explaining ended with {run.returncode}: {run.stderr.strip()[-500:]}")

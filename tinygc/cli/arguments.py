@@ -15,6 +15,7 @@ from tinygc.methods.registry import CHOSEN
 METHODS = ",".join(CHOSEN)
 
 LONGEST_S = 1e9
+EFFECTS_HELP = "folder with further effects, a Python file each, which is run; may be given several times"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -37,6 +38,8 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON (- for standard output)")
         command.add_argument("--seed", type=count(0), default=0, help="of every random draw (%(default)s)")
         command.add_argument("--quiet", action="store_true", help="print nothing but errors")
+        if getattr(module, "USES_EFFECTS", False):
+            command.add_argument("--effects", type=Path, action="append", default=[], metavar="DIR", help=EFFECTS_HELP)
         module.add_arguments(command)
     return whole
 
@@ -115,6 +118,6 @@ three.__name__ = "three numbers"
 
 
 def _version() -> str:
-    from tinygc import __version__
+    from session.common.version import VERSION
 
-    return f"TinyGC {__version__}"
+    return f"TinyGC {VERSION}"

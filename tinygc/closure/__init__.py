@@ -1,4 +1,7 @@
-"""The closure residual: how far the integrated rate misses the attitude that the reference saw; its floor, its linear solution."""
+"""The closure residual: how far the integrated rate misses the attitude that the reference saw; its floor, its linear solution.
+
+May import: session, attitude, effects, models.
+"""
 
 from tinygc.closure.residual import (
     Batch,

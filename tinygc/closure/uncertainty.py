@@ -11,7 +11,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
 from tinygc.attitude.integrate import sample_weights
-from tinygc.closure.bias_wander import wander_covariance
+from tinygc.closure.bias_wander import BiasWander
 from tinygc.closure.floor import Floor
 from tinygc.closure.still_rates import StillRates
 from tinygc.models import linear
@@ -35,18 +35,18 @@ class GoodnessOfFit:
         return max(1.0, self.chi_square / self.freedom) if self.p_value < MISMATCH_P else 1.0
 
 
-def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, middle_s: np.ndarray | None = None) -> GoodnessOfFit:
+def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, wander: BiasWander | None = None) -> GoodnessOfFit:
     """Of the closure that a linear model leaves, its 12 parameters' best taken off once more with the full covariance.
 
-    That covariance knows of shared stills and, with middle_s (S,) the segments' moments, of the bias's wander.
+    That covariance knows of shared stills and, with the segments' moments in ``wander``, of the bias's wander.
     """
     rate = model(batch.rate)
     angles = closure.error_angles(closure.segment_residuals(batch, rate)).ravel()
     design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, : batch.angles].reshape(len(angles), -1)
     covariance = floor.dense()
-    if middle_s is not None:
+    if wander is not None:
         bias, owner = design[:, 9:], np.repeat(np.arange(len(batch)), batch.angles)
-        covariance = covariance + (bias @ bias.T) * wander_covariance(middle_s)[np.ix_(owner, owner)]
+        covariance = covariance + (bias @ bias.T) * wander.covariance()[np.ix_(owner, owner)]
     factor = np.linalg.cholesky(covariance)
     white = np.linalg.solve(factor, np.column_stack([angles, design * PRIOR_SIGMA]))
     left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
@@ -60,13 +60,13 @@ def parameter_covariance(
     model: LinearModel,
     earth: EarthRate,
     still_rates: StillRates | None = None,
-    middle_s: np.ndarray | None = None,
+    wander: BiasWander | None = None,
 ) -> np.ndarray:
     """(12, 12) covariance of ``LinearModel.vector`` as least squares fits it.
 
     Weighted least squares with weights 1/sigma^2 does not see that neighbours share a still, that the heading is only estimated,
     nor that the bias wanders while the session lasts; the sandwich H^-1 (J' W C W J) H^-1 does (White 1980).
-    middle_s (S,): when each segment was recorded, for the wander; without it the bias is taken to stand still.
+    wander: when each segment was recorded, and how far the bias wanders; without it the bias is taken to stand still.
     """
     rate = model(batch.rate)
     sensitivity = closure.sensitivity(batch, rate)
@@ -90,24 +90,24 @@ def parameter_covariance(
             pull = pull + np.einsum("qpi,qi->p", still_pull, turned)
         pull = pull * earth.heading_sigma_rad
         meat += np.outer(pull, pull)
-    if middle_s is not None:
+    if wander is not None:
         # A bias error turns a segment's end as the three bias columns say.
         pull = np.einsum("sdp,sdi->spi", design * weight, design[..., 9:])
+        more_s = ()
         if still_rates is not None and still_rates.middle_s is not None:
-            pull, middle_s = np.concatenate([pull, still_pull]), np.concatenate([middle_s, still_rates.middle_s])
-        wander = wander_covariance(middle_s)
-        meat += np.einsum("spi,st,tqi->pq", pull, wander, pull, optimize=True)
+            pull, more_s = np.concatenate([pull, still_pull]), (still_rates.middle_s,)
+        meat += np.einsum("spi,st,tqi->pq", pull, wander.covariance(*more_s), pull, optimize=True)
     inverse = np.linalg.inv(hessian)
     return inverse @ meat @ inverse
 
 
-def covariance_from_columns(design: np.ndarray, floor: Floor, middle_s: np.ndarray) -> np.ndarray:
+def covariance_from_columns(design: np.ndarray, floor: Floor, wander: BiasWander) -> np.ndarray:
     """(12, 12) from the segments' columns (S, d, 12) alone: ``parameter_covariance`` without still rates and heading."""
     weight = 1 / floor.sigma[..., None] ** 2
     hessian = np.einsum("sdp,sdq->pq", design * weight, design) + np.diag(1 / PRIOR_SIGMA**2)
     meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
     pull = np.einsum("sdp,sdi->spi", design * weight, design[..., 9:])
-    meat += np.einsum("spi,st,tqi->pq", pull, wander_covariance(middle_s), pull, optimize=True)
+    meat += np.einsum("spi,st,tqi->pq", pull, wander.covariance(), pull, optimize=True)
     inverse = np.linalg.inv(hessian)
     # The prior is no datum: what no segment has seen is as uncertain as it was.
     return inverse @ (meat + np.diag(1 / PRIOR_SIGMA**2)) @ inverse

@@ -20,7 +20,7 @@ from session.common.units import DEG
 from session.detect.pace import pace_of
 from session.dialects.layout import Answers, Layout
 from session.dialects.lines import STANDARD
-from session.dialects.reader import Piece, Reader, temperature_c
+from session.dialects.reader import Piece, Reader
 from session.dialects.stamps import counted
 from session.log.config import Accelerometer, read_config
 from tinygc import models
@@ -144,7 +144,7 @@ class _Source:
             if stamps is None:
                 stamps = counted(first + len(piece.gyro), self._odr_hz)[first:]
             first += len(piece.gyro)
-            temp = None if piece.temp is None else temperature_c(piece.temp, self.layout.temp_unit)
+            temp = None if piece.temp is None else self.layout.temperature_c(piece.temp)
             yield Piece(stamps, piece.gyro * self._gyro, None if piece.accel is None else piece.accel * self._accel, temp)
 
     def force(self, accel: np.ndarray | None) -> np.ndarray | None:

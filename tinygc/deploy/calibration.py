@@ -1,6 +1,8 @@
 """A fitted model in use: arrays of a whole log, a log piece by piece, or one sample after another as they come.
 
-    omega = model(raw, acc, temp)
+    model = tinygc.load("fit/model_least_squares.json")
+    omega = model(raw, acc, temp)                    # arrays: a log by itself, nothing is remembered
+    live = model.live(); omega = live(raw, acc, temp)    # one sample after another
 
 raw is the measured rate in rad/s (register x sensitivity), acc the pre-calibrated specific force in m/s^2, temp in degC, omega the true
 rate in rad/s.  acc and temp may be left out where the model does not use them.
@@ -11,166 +13,75 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from session.common.errors import CalibrationError
-from session.common.units import NS
-from session.log.samples import Samples
+from session.common.files import write_whole
 from tinygc import models
-from tinygc.models.denoiser import DenoisedNet
-
-#: effects that are undone from what lies around a sample, and so not while only the past is known
-LOOK_AROUND = frozenset({"gyro.bandwidth", "gyro.angular_acceleration", "gyro.vibration_rectification", "timing.axis_skew"})
-NEED_FORCE = frozenset({"gyro.g_sensitivity", "gyro.g2_sensitivity", "gyro.vibration_rectification"})
-NEED_TEMPERATURE = frozenset({"gyro.thermal_bias", "gyro.thermal_scale"})
-NEED_TIME = frozenset({"gyro.bias_drift", "gyro.bias_step"}) | LOOK_AROUND
-#: what an effect sees to each side: half the temperature's mean, and the samples that a spline or a gradient remembers
-MARGIN_S, MARGIN_SAMPLES = 0.6, 48
+from tinygc.deploy.live import Live
+from tinygc.deploy.needs import Needs
+from tinygc.deploy.stream import Stream
+from tinygc.models.model import Model
 
 
 class Calibration:
-    """A model file, ready for use.  ``kind`` as in the file; ``model`` what ``tinygc.models.load`` gives; ``needs`` in words."""
+    """A model, ready for use.  ``model``: what was fitted; ``rate_hz``: the sampling rate it is used at, or None; ``effects``: ids of those
+    that it undoes; ``needs``: what it must be told beside the rate, some of ``acc``, ``temp``, ``rate_hz``."""
 
-    def __init__(self, model, rate_hz: float | None = None):
-        """``rate_hz``: the sampling rate, which a model needs whose physics has a time in it."""
+    def __init__(self, model: Model, rate_hz: float | None = None, table: dict | None = None):
+        """rate_hz: the sampling rate, which a model needs whose physics has a time in it; table: of its file, where more stands in it
+        than the model itself."""
         self.model, self.rate_hz = model, rate_hz
-        self.effects: tuple[str, ...] = tuple(claim.effect.id for claim in model.undone)
-        self._conditions = model.conditions
-        self._live: Stream | None = None
+        self._table, self._needs = table, Needs(model)
+        self.effects, self.needs = self._needs.effects, self._needs.told
 
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """What the model must be told beside the rate."""
-        asked = {"acc": NEED_FORCE, "temp": NEED_TEMPERATURE, "rate_hz": NEED_TIME}
-        told = {{"force": "acc", "temperature": "temp"}[name] for name in self._conditions}
-        return tuple(what for what, ids in asked.items() if ids & set(self.effects) or what in told)
+    def __repr__(self) -> str:
+        undone = f", undoes {', '.join(self.effects)}" if self.effects else ""
+        return f"<Calibration {self.model.kind}, {self.model.parameters} parameters{undone}>"
 
-    def __call__(self, raw, acc=None, temp=None) -> np.ndarray:
-        """Calibrated rate, rad/s, of the shape of ``raw``: (N, 3), a log by itself; or (3,), the next sample of a live stream.
+    def __call__(self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
+        """Calibrated rates (N, 3) rad/s of a log by itself: raw (N, 3) rad/s, acc (N, 3) m/s^2, temp (N,) degC.
 
-        A live stream begins with the first single sample, or after ``reset``.  Raises CalibrationError where the model needs what is
-        not given, and where it cannot go live because it looks at what comes after.
+        Nothing is remembered: the same arrays give the same answer.  A single sample (3,) is given to ``live()``.  Raises
+        CalibrationError where the model needs what is not given, and for other shapes.
         """
-        raw = np.asarray(raw, dtype=float)
-        if raw.ndim not in (1, 2) or raw.shape[-1] != 3:
-            raise CalibrationError(f"raw has shape {raw.shape}, expected (N, 3) or (3,), rad/s")
-        if raw.ndim == 2:
-            stream = self.stream()
-            return np.concatenate([stream.push(raw, acc, temp), stream.flush()])
-        if self._live is None:
-            self._live = Stream(self, live=True)
-        one = (None if value is None else np.asarray(value, dtype=float)[None] for value in (acc, temp))
-        return self._live.push(raw[None], *one)[0]
+        rates = np.asarray(raw, dtype=float)
+        if rates.shape == (3,):
+            raise CalibrationError("raw is one sample (3,); live() takes one after another, and arrays are (N, 3)")
+        if rates.ndim != 2 or rates.shape[-1] != 3:
+            raise CalibrationError(f"raw has shape {rates.shape}, expected (N, 3), rad/s")
+        stream = self.stream()
+        return np.concatenate([stream.push(rates, acc, temp), stream.flush()])
 
     @property
     def uses_rate(self) -> bool:
         """Whether ``rate_hz`` matters: it must be given, or it lets the temperature be averaged over a second, as in the fit."""
         return "rate_hz" in self.needs or "temp" in self.needs
 
+    @property
+    def looks_ahead(self) -> tuple[str, ...]:
+        """Ids of the effects that are undone from what comes after a sample, so that there is no live stream."""
+        return self._needs.looks_ahead
+
     def stream(self) -> Stream:
         """A log by itself, piece by piece.  Raises CalibrationError where the model needs a rate and has none."""
-        return Stream(self)
+        return Stream(self.model, self._needs, self.rate_hz)
 
-    def reset(self) -> None:
-        """Forget what a live stream has seen."""
-        self._live = None
+    def live(self) -> Live:
+        """One sample after another.  Raises CalibrationError where the model looks at what comes after, or needs a rate and has none."""
+        return Live(self.model, self._needs, self.rate_hz)
 
+    def to_json(self) -> dict:
+        """``tinygc-model/1`` (docs/formats.md)."""
+        return models.to_dict(self.model) if self._table is None else dict(self._table)
 
-class Stream:
-    """One log, piece by piece, in constant memory: ``push`` gives what is certain by now, ``flush`` the rest."""
-
-    def __init__(self, calibration: Calibration, live: bool = False):
-        self._calibration, self._model = calibration, calibration.model
-        self._denoiser = self._model.denoiser if isinstance(self._model, DenoisedNet) else None
-        self._whole = not self._model.rates_only  # physics: it looks at time, force, temperature
-        ahead = LOOK_AROUND & set(calibration.effects)
-        if live and ahead:
-            raise CalibrationError(f"{', '.join(sorted(ahead))} is undone from what comes after a sample: no live use; give whole arrays")
-        self._margin = 0
-        if self._whole and not live and (ahead or "temp" in calibration.needs):
-            self._margin = MARGIN_SAMPLES * (1 + len(calibration.effects)) + round(MARGIN_S * (calibration.rate_hz or 0))
-        if "rate_hz" in calibration.needs and calibration.rate_hz is None:
-            raise CalibrationError(f"{', '.join(calibration.effects)}: time matters to this model; load it with rate_hz=")
-        self._tail: np.ndarray | None = None  # what the denoiser remembers: calibrated rates
-        self._held = _Rows.none()
-        self._before = 0  # of the held rows: how many are given out already
-        self._first = 0  # number of the first held row in the log
-
-    def push(self, raw: np.ndarray, acc=None, temp=None) -> np.ndarray:
-        """The next rows (N, 3) rad/s, with force (N, 3) m/s^2 and temperature (N,) degC where needed; (M, 3), those now calibrated."""
-        if self._denoiser is not None:
-            return self._denoised(raw)
-        if not self._whole:
-            return self._model(raw)
-        self._held = self._held.plus(_Rows.of(raw, acc, temp, self._calibration.needs))
-        ready = len(self._held.raw) - self._margin
-        # A piece at least as long as its margins, or the margins would be computed again and again.
-        return self._give(ready) if ready - self._before >= self._margin else np.zeros((0, 3))
-
-    def _denoised(self, raw: np.ndarray) -> np.ndarray:
-        """Causal: each rate from its window, the log's first rate standing before it."""
-        if not len(raw):
-            return np.zeros((0, 3))
-        rate, reach = self._model.calibration(raw), self._denoiser.reach
-        before = np.repeat(rate[:1], reach, axis=0) if self._tail is None else self._tail
-        held = np.concatenate([before, rate])
-        self._tail = held[len(held) - reach :]
-        return self._denoiser.windowed(held)
-
-    def flush(self) -> np.ndarray:
-        """What was still waiting for its neighbours, at the end of the log."""
-        return self._give(len(self._held.raw)) if self._whole else np.zeros((0, 3))
-
-    def _give(self, stop: int) -> np.ndarray:
-        if stop <= self._before:
-            return np.zeros((0, 3))
-        rate_hz = self._calibration.rate_hz or 1.0
-        omega = self._held.calibrated(self._model, rate_hz, self._first / rate_hz)[self._before : stop]
-        drop = max(stop - self._margin, 0)
-        self._held, self._before, self._first = self._held.since(drop), stop - drop, self._first + drop
-        return omega
-
-
-class _Rows:
-    """Rows of a log: raw (N, 3), acc (N, 3) and temp (N,), NaN where they are neither given nor needed."""
-
-    def __init__(self, raw: np.ndarray, acc: np.ndarray, temp: np.ndarray):
-        self.raw, self.acc, self.temp = raw, acc, temp
-
-    @classmethod
-    def none(cls) -> _Rows:
-        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-
-    @classmethod
-    def of(cls, raw, acc, temp, needs: tuple[str, ...]) -> _Rows:
-        parts = {"acc": (acc, (len(raw), 3), "m/s^2, pre-calibrated"), "temp": (temp, (len(raw),), "degC")}
-        arrays = []
-        for name, (value, shape, unit) in parts.items():
-            if value is None and name in needs:
-                raise CalibrationError(f"the model needs {name} of shape {shape}, {unit}")
-            array = np.full(shape, np.nan) if value is None else np.asarray(value, dtype=float)
-            if array.shape != shape:
-                raise CalibrationError(f"{name} has shape {array.shape}, expected {shape}, {unit}")
-            arrays.append(array)
-        return cls(raw, *arrays)
-
-    def plus(self, more: _Rows) -> _Rows:
-        return _Rows(*(np.concatenate(pair) for pair in zip(self._parts, more._parts, strict=True)))
-
-    def since(self, start: int) -> _Rows:
-        return _Rows(*(part[start:] for part in self._parts))
-
-    @property
-    def _parts(self) -> tuple[np.ndarray, ...]:
-        return self.raw, self.acc, self.temp
-
-    def calibrated(self, model, rate_hz: float, began_s: float) -> np.ndarray:
-        step_ns = 1 / rate_hz / NS
-        stamps = np.rint(np.arange(len(self.raw) + 1) * step_ns).astype(np.int64)
-        samples = Samples(stamps[:-1], self.raw, np.nan_to_num(self.acc), None if np.isnan(self.temp).all() else self.temp)
-        samples.__dict__["period_s"] = 1 / rate_hz  # of the log, not of the piece
-        return model.calibrate(samples, began_s)
+    def save(self, path: Path | str) -> Path:
+        """Write the model file, whole or not at all; returns its path."""
+        write_whole(Path(path), self.to_json())
+        return Path(path)
 
 
 def load(path: Path | str, rate_hz: float | None = None) -> Calibration:
     """Read a model file for use.  Raises FormatError for what is no model."""
-    return Calibration(models.load(path), rate_hz)
+    model, table = models.load_with_table(path)
+    return Calibration(model, rate_hz, table)

@@ -1,22 +1,59 @@
-"""The catalogue: every effect that can make a recording differ from its simulation, one small file each (FORMATS, effects).
+"""Effects: everything that can make a recording differ from its simulation, one record each, and the catalogue of them all.
 
-A file in this folder that defines ``EFFECT`` is in the catalogue; nothing else has to be changed.  Names that begin with an underscore
-are not effects.  ``_effect.py`` says what an effect must offer.
+May import: session.
+
+A file that defines ``EFFECT``, an ``Effect``, is an effect, wherever it lies: in ``entries`` here, in an installed package (an entry
+point of the group ``tinygc.effects``), or in a folder that the user names (``load_folder``, ``--effects DIR``).  Nothing else has to be
+changed: naming, refitting, simulating, drawing, live use, exports and C follow from what the record declares.
+``docs/writing-an-effect.md`` is the guide; ``tinygc.effects.testing.check`` proves an effect.
 """
 
-from __future__ import annotations
-
-import importlib
-import pkgutil
-from functools import cache
-
-from tinygc.effects import entries
+from tinygc.effects.applied import Claim
+from tinygc.effects.columns import axis_of, diagonal, full, largest, nothing, per_axis
+from tinygc.effects.conditions import Conditions, movement_of, without_vibration
+from tinygc.effects.device import AHEAD, BYGONE, Cost, MatrixC, NoC, PerAxisC, StageC
+from tinygc.effects.discovery import catalogue, effect_of, load_folder, using
 from tinygc.effects.effect import Effect
+from tinygc.effects.errors import EffectError
+from tinygc.effects.gauge import CommonDelay, Convention
+from tinygc.effects.movement import Movement
+from tinygc.effects.occurrence import Occurrence
+from tinygc.effects.parameter import Derived, Parameter, Scan
+from tinygc.effects.picture import Drawn
+from tinygc.effects.reach import NEIGHBOURS, Reach
 
-
-@cache
-def catalogue() -> dict[str, Effect]:
-    """All effects by id, in the order of their ids."""
-    names = sorted(module.name for module in pkgutil.iter_modules(entries.__path__) if not module.name.startswith("_"))
-    effects = [importlib.import_module(f"{entries.__name__}.{name}").EFFECT for name in names]
-    return {effect.id: effect for effect in sorted(effects, key=lambda effect: effect.id)}
+__all__ = [
+    "AHEAD",
+    "BYGONE",
+    "NEIGHBOURS",
+    "Claim",
+    "CommonDelay",
+    "Conditions",
+    "Convention",
+    "Cost",
+    "Derived",
+    "Drawn",
+    "Effect",
+    "EffectError",
+    "MatrixC",
+    "Movement",
+    "NoC",
+    "Occurrence",
+    "Parameter",
+    "PerAxisC",
+    "Reach",
+    "Scan",
+    "StageC",
+    "axis_of",
+    "catalogue",
+    "diagonal",
+    "effect_of",
+    "full",
+    "largest",
+    "load_folder",
+    "movement_of",
+    "nothing",
+    "per_axis",
+    "using",
+    "without_vibration",
+]

@@ -9,7 +9,7 @@ from scipy.ndimage import uniform_filter1d
 
 from session.common.units import G
 from session.log.samples import Samples
-from tinygc.effects.effect import Movement
+from tinygc.effects.movement import Movement
 
 #: a temperature has no business moving within this; its register's noise is taken off
 TEMPERATURE_S = 1.0
@@ -26,16 +26,17 @@ class Conditions:
     first_temp_c: float
 
 
-def movement_of(samples: Samples, rate: np.ndarray, known: Conditions, began_s: float = 0.0) -> Movement:
-    """The movement of one log that began ``began_s`` into the session; samples with the pre-calibrated force, rate (N, 3) rad/s."""
-    dt_s, force_g = samples.period_s, samples.accel / G
+def movement_of(samples: Samples, rate: np.ndarray, known: Conditions, began_s: float = 0.0, live: bool = False) -> Movement:
+    """The movement of one log that began ``began_s`` into the session; samples with the pre-calibrated force, rate (N, 3) rad/s;
+    live: the temperature as it comes, since its mean would need what is yet to come."""
+    dt_s, force_g, mean_s = samples.period_s, samples.accel / G, 0.0 if live else TEMPERATURE_S
     return Movement(
         t_s=began_s + samples.t_s,
         dt_s=dt_s,
         rate=rate,
         force_g=force_g,
-        temp_c=np.full(len(samples), np.nan) if samples.temp_c is None else _mean(samples.temp_c, TEMPERATURE_S, dt_s),
-        vibration_g2=_vibration(force_g, dt_s),
+        temp_c=np.full(len(samples), np.nan) if samples.temp_c is None else _mean(samples.temp_c, mean_s, dt_s),
+        vibration_g2=vibration(force_g, dt_s),
         duration_s=known.duration_s,
         fs_rps=known.fs_rps,
         first_temp_c=known.first_temp_c,
@@ -47,7 +48,7 @@ def without_vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
     return _mean(force_g, HAND_S, dt_s)
 
 
-def _vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
+def vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
     """(N,) g^2: mean square of what is faster than a hand, mean of the axes."""
     fast = force_g - without_vibration(force_g, dt_s)
     return _mean(np.mean(fast**2, axis=1), ENERGY_S, dt_s)

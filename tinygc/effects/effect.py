@@ -1,4 +1,4 @@
-"""What an effect offers, and what it is given.
+"""What an effect declares of itself; everything that any other part of the tool knows of one effect is in this record.
 
 An effect describes what it adds to the true rate that the element feels, before the linear errors: the calibrated rate E m + B is
 ``rate + add(rate)``.  Parameters are SI inside; ``Parameter`` knows the unit and the name in which a person reads them.
@@ -6,74 +6,55 @@ An effect describes what it adds to the true rate that the element feels, before
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-#: passes of rate <- measured - add(rate): each leaves the effect's own size, some per cent, of what was wrong before
-PASSES = 3
+from tinygc.effects.declared import shown
+from tinygc.effects.device import NONE, PASSES, DeviceCode
+from tinygc.effects.errors import EffectError
+from tinygc.effects.gauge import Gauge
+from tinygc.effects.movement import Movement
+from tinygc.effects.occurrence import Occurrence
+from tinygc.effects.parameter import Derived, Parameter, Scan
+from tinygc.effects.picture import PAIRS, STILLS, TURNS, OwnPicture
+from tinygc.effects.reach import INPUT_REACH, INPUTS, NOWHERE, Reach
 
-
-@dataclass(frozen=True, eq=False)
-class Movement:
-    """What happened in one log, at each of its N samples.
-
-    t_s (N,) s since the session began; dt_s sampling period; rate (N, 3) rad/s, the true rate as well as it is known; force_g (N, 3)
-    specific force in g; temp_c (N,) degC or NaN; vibration_g2 (N,) mean square specific force above the hand's band;
-    duration_s of the session; fs_rps full scale; first_temp_c at the session's beginning.
-    """
-
-    t_s: np.ndarray
-    dt_s: float
-    rate: np.ndarray
-    force_g: np.ndarray
-    temp_c: np.ndarray
-    vibration_g2: np.ndarray
-    duration_s: float
-    fs_rps: float
-    first_temp_c: float
-
-    @property
-    def acceleration(self) -> np.ndarray:
-        """(N, 3) rad/s^2, by central differences."""
-        return np.gradient(self.rate, self.dt_s, axis=0)
-
-    def with_rate(self, rate: np.ndarray) -> Movement:
-        return replace(self, rate=rate)
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """name in the JSON; shape; unit for a person and its size in SI; plausible: a generous sigma, SI, that keeps a fit from wandering."""
-
-    name: str
-    shape: tuple[int, ...]
-    unit: str
-    si: float = 1.0
-    plausible: float = 1.0
-
-    @property
-    def size(self) -> int:
-        return int(np.prod(self.shape))
+KINDS = ("rate", "force", "earth", "register", "truth")
+SEEN_IN = ("still", "turn", "reference", "timing")
+#: what a format with a matrix or a slope can carry: add = K f, theta (9,) per g row by row; add = k (T - T0), theta (3,)
+LINEAR_IN = ("force", "temperature")
 
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """One entry of the catalogue whose parameters add to the rate.
+    """One entry of the catalogue.
 
+    id; equation; parameter; seen_in: some of "still", "turn", "reference", "timing";
     columns(movement) -> (N, 3, P): what each parameter adds to the rate per SI unit, linear, for naming;
-    correct(measured, movement, theta) -> (N, 3): the rate freed of the effect, exact, for refitting; the default undoes
-    ``distort`` by repeated substitution;
-    distort(movement, theta) -> (N, 3): the rate with the effect, exact, for simulating; the default is linear;
     says(theta) -> one plain sentence for the operator; splits: the movement that tells it from its lookalikes;
-    kind: "rate", or what it bends instead: "force" (the reference) or "earth" (the Earth's rate in the forward model);
-    needs: "temperature" where a log without it cannot show the effect; regime: variable and unit that it lives along;
-    variants(times) -> one effect for each value of a shape parameter that is scanned, its value in ``shape``;
-    begin: where a refit begins, SI: zero, unless zero is a saddle;
-    known_to: share to which the variable that it follows can be known, which no residual shows: it widens the stated std;
-    basis(movement) -> (N, K): where the zero of each axis follows K known curves whatever the rate, parameter i * 3 + axis the share of
-    curve i: the same as ``columns``, without the zeros.
+    kind: "rate", or what it bends instead: "force" (the reference), "earth" (the Earth's rate in the forward model), "register" (what
+    is found, and mended, before any fit), "truth" (a truth file).
+
+    What it looks at.  inputs: some of ``INPUTS`` that it reads beside the rate; reach: how far around a sample it looks, or
+    reach(theta) where that depends on its parameters.
+
+    Exact forms.  exact_correct(measured, movement, theta) -> (N, 3): the rate freed of the effect; without it ``distort`` is undone by
+    repeated substitution.  exact_distort(movement, theta) -> (N, 3): the rate with the effect; without it ``columns`` are all.
+    basis(movement) -> (N, K): where the zero of each axis follows K known curves whatever the rate, parameter i * 3 + axis the share
+    of curve i: the same as ``columns``, without the zeros.
+
+    Its numbers.  scan: a shape number that is searched for; shape: its value here, by JSON name; derived: what the JSON says instead
+    of the parameter; begin: where a refit begins, SI: zero, unless zero is a saddle; known_to: share to which the variable that it
+    follows can be known, which no residual shows: it widens the stated std; gauge: what the closure cannot fix of it;
+    occurs: of a register effect, which parameter tells the moments.
+
+    In use.  regime: variable and unit that it is drawn and located along; picture: a name of ``picture.PAIRS`` or a function;
+    device: its C, or why there is none; linear_in: "force" or "temperature" where a format's matrix or slope can carry it.
+
+    Raises EffectError for a declaration that cannot be.
     """
 
     id: str
@@ -84,18 +65,50 @@ class Effect:
     says: Callable[[np.ndarray], str]
     splits: str
     kind: str = "rate"
+    inputs: tuple[str, ...] = ()
+    reach: Reach | Callable[[np.ndarray], Reach] = NOWHERE
     regime: tuple[str, str] | None = None
+    scan: Scan | None = None
     shape: dict = field(default_factory=dict)
-    variants: Callable[[np.ndarray], list[Effect]] | None = None
-    needs: str | None = None
+    derived: Derived | None = None
     begin: float = 0.0
     known_to: float = 0.0
+    gauge: Gauge | None = None
+    occurs: Occurrence | None = None
     exact_correct: Callable[[np.ndarray, Movement, np.ndarray], np.ndarray] | None = None
     exact_distort: Callable[[Movement, np.ndarray], np.ndarray] | None = None
     basis: Callable[[Movement], np.ndarray] | None = None
+    picture: str | OwnPicture | None = None
+    device: DeviceCode = NONE
+    linear_in: str | None = None
+
+    def __post_init__(self):
+        known = isinstance(self.id, str) and re.fullmatch(r"[a-z]+\.[a-z][a-z0-9_]*", self.id)
+        self._require(known, "id", 'a string such as "gyro.scale_quadratic"')
+        self._require(isinstance(self.parameter, Parameter), "parameter", "a Parameter")
+        self._require(self.kind in KINDS, "kind", f"one of {', '.join(KINDS)}")
+        self._require(_some_of(self.seen_in, SEEN_IN) and self.seen_in, "seen_in", f"a tuple of some of {', '.join(SEEN_IN)}")
+        self._require(_some_of(self.inputs, INPUTS), "inputs", f"a tuple of some of {', '.join(INPUTS)}")
+        self._require(isinstance(self.reach, Reach) or callable(self.reach), "reach", "a Reach, or a function of theta that gives one")
+        self._require(all(map(callable, (self.columns, self.says))), "columns or says", "functions")
+        self._require(all(isinstance(text, str) for text in (self.equation, self.splits)), "equation or splits", "text")
+        self._require(self.scan is None or isinstance(self.scan, Scan), "scan", "a Scan")
+        self._require(self.gauge is None or isinstance(self.gauge, Gauge), "gauge", "a Convention or a CommonDelay")
+        self._require(isinstance(self.device, DeviceCode), "device", "a PerAxisC, MatrixC, StageC or NoC")
+        named = self.picture is None or callable(self.picture) or self.picture in PAIRS
+        self._require(named, "picture", f"a function, or one of {', '.join(PAIRS)}")
+        size = {None: self.parameter.size, "force": 9, "temperature": 3}.get(self.linear_in)
+        self._require(size == self.parameter.size, "linear_in", f"one of {', '.join(LINEAR_IN)}, of 9 or 3 parameters")
+
+    def _require(self, fine, name: str, expected: str) -> None:
+        if not fine:
+            raise EffectError(f"effect {self.id!r}: {name} is {getattr(self, name, 'something else')!r}, expected {expected}")
 
     def distort(self, movement: Movement, theta: np.ndarray) -> np.ndarray:
-        """The rate (N, 3) rad/s that the element reports for the true one."""
+        """The rate (N, 3) rad/s that the element reports for the true one.  EffectError where it reads what it does not declare."""
+        return self._distorted(self.shown(movement), theta)
+
+    def _distorted(self, movement: Movement, theta: np.ndarray) -> np.ndarray:
         if self.exact_distort is not None:
             return self.exact_distort(movement, theta)
         if self.basis is not None:
@@ -105,6 +118,7 @@ class Effect:
 
     def correct(self, measured: np.ndarray, movement: Movement, theta: np.ndarray) -> np.ndarray:
         """The true rate (N, 3) rad/s behind the calibrated one; ``movement.rate`` is where the search begins."""
+        movement = self.shown(movement)
         if self.exact_correct is not None:
             return self.exact_correct(measured, movement, theta)
         if self.basis is not None:
@@ -112,35 +126,40 @@ class Effect:
         rate = measured
         for _ in range(PASSES):
             now = movement.with_rate(rate)
-            rate = measured - (self.distort(now, theta) - rate)
+            rate = measured - (self._distorted(now, theta) - rate)
         return rate
 
+    def shown(self, movement: Movement) -> Movement:
+        """What of a movement the effect may read."""
+        return shown(self.id, self.inputs, bool(self.reach), movement)
 
-def diagonal(values: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) columns of a per-axis parameter from what one unit of it adds to each axis (N, 3) or to all (N,)."""
-    columns = np.zeros((len(values), 3, 3))
-    columns[:, range(3), range(3)] = values[:, None] if values.ndim == 1 else values
-    return columns
+    def looks(self, theta: np.ndarray) -> Reach:
+        """How far around a sample the rate freed of the effect depends on the log, its inputs' own means counted."""
+        reach = self.reach if isinstance(self.reach, Reach) else self.reach(theta)
+        passes = 1 if self.exact_correct is not None or self.basis is not None else PASSES
+        return sum((INPUT_REACH.get(name, NOWHERE) for name in self.inputs), reach.times(passes))
+
+    @property
+    def needs_rate_hz(self) -> bool:
+        """Whether the sampling rate matters to it."""
+        return bool(self.reach) or "time" in self.inputs or any(name in INPUT_REACH for name in self.inputs)
+
+    def at(self, value: float) -> Effect:
+        """The effect with its scanned shape at a value, SI."""
+        made = self.scan.make(float(value))
+        if not isinstance(made, Effect) or made.id != self.id or made.parameter.size != self.parameter.size:
+            raise EffectError(f"{self.id}: scan.make must give an Effect with the same id and parameter, got {made!r:.80}")
+        return replace(made, scan=self.scan, shape={self.scan.name: float(value) / self.scan.si})
+
+    def variants(self, values: np.ndarray) -> list[Effect]:
+        """One effect for each value (K,), SI, of a scanned shape; the effect itself where it has none."""
+        return [self.at(value) for value in values] if self.scan is not None else [self]
+
+    @property
+    def pair(self) -> str | OwnPicture:
+        """Its picture: the one declared, or what suits where it is seen."""
+        return self.picture or (STILLS if "still" in self.seen_in else TURNS)
 
 
-def per_axis(basis: Callable[[Movement], np.ndarray]) -> Callable[[Movement], np.ndarray]:
-    """``columns`` of a ``basis``."""
-    return lambda movement: np.concatenate([diagonal(curve) for curve in basis(movement).T], axis=-1)
-
-
-def full(inputs: np.ndarray) -> np.ndarray:
-    """(N, 3, 9) columns of a 3x3 parameter, row by row, that multiplies inputs (N, 3)."""
-    columns = np.zeros((len(inputs), 3, 3, 3))
-    for axis in range(3):
-        columns[:, axis, axis] = inputs
-    return columns.reshape(len(inputs), 3, 9)
-
-
-def largest(theta: np.ndarray) -> float:
-    """The parameter of the greatest size, with its sign."""
-    return float(theta.ravel()[np.argmax(np.abs(theta))])
-
-
-def axis_of(theta: np.ndarray) -> str:
-    """The axis (row) whose parameter is greatest."""
-    return "xyz"[int(np.argmax(np.abs(theta).reshape(3, -1).max(axis=1)))]
+def _some_of(names, known) -> bool:
+    return isinstance(names, tuple) and all(isinstance(name, str) and name in known for name in names)

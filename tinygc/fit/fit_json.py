@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import tinygc
 from session.common.units import DEG, G
+from session.common.version import VERSION
 from tinygc.fit.figures import closure_figures, run_figures
 from tinygc.fit.result import FitResult
 
@@ -36,6 +36,7 @@ def to_json(result: FitResult) -> dict:
         "noise": {
             "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
             "accel_g_rthz": (problem.noise.accel / G).tolist(),
+            **problem.instability.to_json(),
             "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
             **({} if result.physics is None else {"closure_floor_mended_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
         },
@@ -79,5 +80,5 @@ def to_json(result: FitResult) -> dict:
             "conditions": list(result.options.conditions),
             "bias_per_log": result.options.bias_per_log,
         },
-        "version": tinygc.__version__,
+        "version": VERSION,
     }

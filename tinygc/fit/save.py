@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-import tinygc
+from session.common.errors import CalibrationError
 from session.common.files import write_whole
+from session.common.version import VERSION
 from session.common.writing import result_folder
 from session.log.hashes import input_hashes
 from tinygc import models
@@ -15,23 +17,36 @@ from tinygc.fit.result import FitResult
 
 
 def save_models(result: FitResult, folder: Path | None = None) -> Path:
-    """Write each method's model, and the figures, into a folder, the session's ``fit`` by default; returns that folder."""
-    folder = folder or result.session.folder / "fit"
-    hashes = input_hashes(result.session)
-    with result_folder(folder):
-        for name, fit in result.methods.items():
-            more = {"method": name, "session": result.session.name, "sha256": hashes, "version": tinygc.__version__}
-            if fit is result.linear:
-                more["covariance"] = result.covariance.tolist()
-                more["unobserved"] = fit.notes.get("unobserved", [])
-            if name == "physics" and result.physics is not None:
-                from tinygc.fit.physics.covariance import covariance_table, rate_covariance
+    """Write each method's model, and the figures, into a folder, the session's ``fit`` by default; returns that folder.
 
-                more |= covariance_table(result.physics.model.claims, rate_covariance(result.physics.fit))
-            if result.bias_sigma_rps is not None:
-                more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
-            write_whole(folder / f"model_{name}.json", models.to_dict(fit.model, **more))
-        made = saved_fit.made_from(result.options, hashes, result.methods)
+    Raises CalibrationError where the session has no folder and none is given, and StorageError for what cannot be written.
+    """
+    if folder is None and any(log.in_memory for log in result.session.logs):
+        raise CalibrationError(f"{result.session.name}: made of arrays, it has no folder of its own; give one to save to")
+    folder = folder or result.session.folder / "fit"
+    with result_folder(folder):
+        for name, table in model_tables(result).items():
+            write_whole(folder / f"model_{name}.json", table)
+        made = saved_fit.made_from(result.options, input_hashes(result.session), result.methods)
         write_whole(folder / "fit.json", to_json(result))
         write_whole(folder / saved_fit.NAME, made)
     return folder
+
+
+def model_tables(result: FitResult) -> dict[str, dict]:
+    """Each method's model as ``tinygc-model/1``, with what it was made from and how well it is known."""
+    made_from = {"session": result.session.name, "sha256": input_hashes(result.session), "version": VERSION}
+    tables = {}
+    for name, fit in result.methods.items():
+        more: dict[str, Any] = {"method": name, **made_from}
+        if fit is result.linear:
+            more["covariance"] = result.covariance.tolist()
+            more["unobserved"] = fit.notes.get("unobserved", [])
+        if name == "physics" and result.physics is not None:
+            from tinygc.fit.physics.covariance import covariance_table, rate_covariance
+
+            more |= covariance_table(result.physics.model.claims, rate_covariance(result.physics.fit))
+        if result.bias_sigma_rps is not None:
+            more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
+        tables[name] = models.to_dict(fit.model, **more)
+    return tables

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-import tinygc
 from session.common.errors import CalibrationError
 from session.common.files import read_json
+from session.common.version import VERSION
 from tinygc import models
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
@@ -23,7 +23,7 @@ IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume")
 def key(options: FitOptions, hashes: dict[str, str]) -> dict:
     """What must be the same, JSON-ready."""
     chosen = {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(options).items() if name not in IRRELEVANT}
-    return {"options": chosen, "inputs": hashes, "version": tinygc.__version__}
+    return {"options": chosen, "inputs": hashes, "version": VERSION}
 
 
 def made_from(options: FitOptions, hashes: dict[str, str], methods: dict[str, MethodFit]) -> dict:

@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.checks.findings import Finding, stop_at_errors
-from session.checks.first_look import check_session
 from session.common.errors import SegmentError
-from session.log.folder import Session, read_session
+from session.log.folder import Session
 from session.log.hashes import input_hashes
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import goodness, parameter_covariance
@@ -22,8 +20,8 @@ from tinygc.fit.result import FitResult
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
-from tinygc.problem.build import build_problem
 from tinygc.problem.closure_run import ClosureRun, read_closure_runs
+from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
 #: told what is being done, and how many steps of how many are done
@@ -34,40 +32,22 @@ if TYPE_CHECKING:
 
 
 def fit_session(
-    folder: Path, options: FitOptions, progress: Progress = lambda what, done, of: None, saved: Path | None = None
-) -> FitResult:
-    """Run the main job on a session folder.  ``progress`` is told what is being done, and how far it is; saved: as of ``fit_problem``.
-
-    Raises DataError for the first error of the first look, and the errors of ``read_session`` and of ``fit_problem``.
-    """
-    session = read_session(folder, lambda name: progress(f"reading {name}", 0, 1))
-    return fit_read_session(session, options, progress, saved)
-
-
-def fit_read_session(
-    session: Session, options: FitOptions, progress: Progress = lambda what, done, of: None, saved: Path | None = None
-) -> FitResult:
-    """As ``fit_session``, of a session that was read or made of arrays."""
-    progress("first look", 0, 1)
-    findings = check_session(session)
-    stop_at_errors(findings)
-    problem = build_problem(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
-    warnings = [finding for finding in findings if finding.level == "warning"]
-    return fit_problem(problem, options, warnings, progress, saved)
-
-
-def fit_problem(
-    problem: Problem,
+    session: Session | Path,
     options: FitOptions,
-    warnings: list[Finding],
     progress: Progress = lambda what, done, of: None,
     saved: Path | None = None,
+    prepared: Prepared | None = None,
 ) -> FitResult:
-    """All methods on one problem, judged alike; warnings of the first look go into the result.
+    """Run the main job on a session, or on a session folder.
 
-    saved: a folder of ``save_models`` whose methods are taken as they are where they were made from the same files with the same options.
-    Raises the errors of ``read_closure_runs`` and of the methods, and SegmentError where still rates are asked for and there are none.
+    progress is told what is being done, and how far it is; saved: a folder of ``save_models`` whose methods are taken as they are where
+    they were made from the same files with the same options; prepared: the session, where somebody has it already.
+    Raises the errors of ``prepare``, of ``read_closure_runs`` and of the methods, and SegmentError where still rates are asked for and
+    there are none.
     """
+    if prepared is None:
+        prepared = prepare(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
+    problem = prepared.problem
     if options.still_rates and not len(problem.still_rates.rate):
         raise SegmentError(f"{problem.session.folder}: no still to take a rate from; fit without --still-rates")
     runs, spread, floor = read_closure_runs(problem), None, problem.floor
@@ -83,9 +63,9 @@ def fit_problem(
         physics, more, more_errors, lost = _run_physics(problem, options, runs, progress)
         fits |= more
         errors = [error | more for error, more in zip(errors, more_errors, strict=True)]
-    found = goodness(problem.batch, problem.floor, linear.model, problem.middle_s)
+    found = goodness(problem.batch, problem.floor, linear.model, problem.wander)
     rates = problem.still_rates if options.still_rates else None
-    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates, problem.middle_s)
+    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates, problem.wander)
     other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
     exact, first_order = (closure_angles(problem.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(
@@ -100,7 +80,7 @@ def fit_problem(
         linear=linear,
         covariance=covariance,
         other_choice=other,
-        warnings=warnings,
+        warnings=prepared.warnings,
         bias_sigma_rps=spread,
         reused=reused,
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),

@@ -7,7 +7,7 @@ import subprocess
 from importlib import metadata
 from pathlib import Path
 
-import tinygc
+from session.common.version import VERSION
 
 PACKAGES = ("numpy", "scipy", "torch")
 ROOT = Path(__file__).resolve().parents[2]
@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def versions() -> dict[str, str]:
     """Of this project, its commit where it runs from a checkout, Python, and the packages that compute."""
-    found = {"TinyGC": tinygc.__version__}
+    found = {"TinyGC": VERSION}
     if commit := _commit():
         found["commit"] = commit
     found["Python"] = platform.python_version()

@@ -20,7 +20,7 @@ from session.common.errors import FitError
 from session.common.units import DEG
 from session.log.samples import Samples
 from tinygc.attitude import rotation
-from tinygc.effects.conditions import Conditions, movement_of
+from tinygc.effects import Conditions, movement_of
 from tinygc.models.calibration_net import TIES, CalibrationNet
 from tinygc.models.model import BaseModel
 
@@ -98,14 +98,14 @@ class ConditionsModel(BaseModel):
         """What the net is told."""
         return self.net.names
 
-    def calibrate(self, samples: Samples, began_s: float = 0.0) -> np.ndarray:
+    def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force."""
-        return self.net(inputs_of(samples, self.net.names, self.known))
+        return self.net(inputs_of(samples, self.net.names, self.known, live))
 
 
-def inputs_of(samples: Samples, names: tuple[str, ...], known: Conditions) -> np.ndarray:
+def inputs_of(samples: Samples, names: tuple[str, ...], known: Conditions, live: bool = False) -> np.ndarray:
     """(N, 3 + K): the measured rate, and the conditions.  Raises FitError where the log has no temperature, or the first had none."""
-    movement = movement_of(samples, samples.gyro, known)
+    movement = movement_of(samples, samples.gyro, known, live=live)
     values = {"temperature": (movement.temp_c - known.first_temp_c)[:, None], "force": movement.force_g}
     inputs = np.concatenate([samples.gyro, *(values[name] for name in names)], axis=1)
     if not np.isfinite(inputs).all():

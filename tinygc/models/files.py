@@ -46,10 +46,15 @@ def from_dict(table: Any, where: str = "model") -> Model:
 
 
 def load(path: Path | str) -> Model:
-    """Read a model file."""
+    """Read a model file.  Raises FormatError for what is no model, in one line."""
+    return load_with_table(path)[0]
+
+
+def load_with_table(path: Path | str) -> tuple[Model, dict]:
+    """The model, and all that stands in its file (covariance, hashes of what it was made from, …)."""
     table = read_json(Path(path))
     try:
-        return from_dict(table, str(path))
+        return from_dict(table, str(path)), table
     except RecursionError:
         raise FormatError(f"{path}: models nested too deeply, expected at most a model within a model") from None
 

@@ -45,7 +45,7 @@ class Model(Protocol):
     @property
     def delay_s(self) -> float: ...
 
-    def calibrate(self, samples: Samples, began_s: float = 0.0) -> np.ndarray: ...
+    def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray: ...
 
     def undelayed(self, rate: Any) -> Any: ...
 
@@ -85,8 +85,9 @@ class BaseModel:
         """Calibrated rate (..., 3) rad/s from the measured one; only of a kind that is pointwise or has a memory of rates alone."""
         raise CalibrationError(f"a model of kind {self.kind} needs whole samples, not rates alone; use calibrate")
 
-    def calibrate(self, samples: Samples, began_s: float = 0.0) -> np.ndarray:
-        """True rates (N, 3) rad/s of one log, each at its own sample; samples with the pre-calibrated force; began_s of the session."""
+    def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
+        """True rates (N, 3) rad/s of one log, each at its own sample; samples with the pre-calibrated force; began_s of the session when
+        the log began; live: only the past is known, and the temperature is taken as it comes."""
         return self.undelayed(samples.gyro)
 
     def undelayed(self, rate: Any) -> Any:

@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from session.log.samples import Samples
-from tinygc.effects.applied import Claim
-from tinygc.effects.conditions import Conditions, movement_of
+from tinygc.effects import Claim, Conditions, movement_of
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.linear import PARAMETERS, LinearModel
 from tinygc.models.model import BaseModel
@@ -37,17 +36,18 @@ class PhysicsModel(BaseModel):
         """The claims."""
         return self.claims
 
-    def calibrate(self, samples: Samples, began_s: float = 0.0) -> np.ndarray:
-        """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force; began_s of the session when it began."""
+    def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
+        """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force; began_s of the session when it began;
+        live: only the past is known, and the temperature is taken as it comes."""
         rate = self.linear(samples.gyro)
-        movement = movement_of(samples, rate, self.known, began_s)
+        movement = movement_of(samples, rate, self.known, began_s, live)
         for claim in self.claims:
             rate = claim.effect.correct(rate, movement.with_rate(rate), claim.theta)
         return rate
 
-    def equivalent_rate(self, samples: Samples, began_s: float = 0.0) -> np.ndarray:
+    def equivalent_rate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """The rates (N, 3) that the sensor would have measured without the effects: what a network can be trained on."""
-        return (self.calibrate(samples, began_s) - self.linear.B) @ np.linalg.inv(self.linear.E).T
+        return (self.calibrate(samples, began_s, live) - self.linear.B) @ np.linalg.inv(self.linear.E).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +71,6 @@ class CarriedNet(BaseModel):
         """The claims of the physics."""
         return self.physics.claims
 
-    def calibrate(self, samples: Samples, began_s: float = 0.0) -> np.ndarray:
+    def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force."""
-        return self.net(self.physics.equivalent_rate(samples, began_s))
+        return self.net(self.physics.equivalent_rate(samples, began_s, live))

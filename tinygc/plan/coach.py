@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.common.units import DEG_PER_HOUR
 from session.detect.stills import Still
 from session.guide.messages import Advice, Taken
 from tinygc import closure
 from tinygc.attitude import rotation
+from tinygc.closure.bias_wander import BiasWander
 from tinygc.closure.floor import Floor, gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import covariance_from_columns
@@ -22,6 +24,9 @@ from tinygc.plan.turns import Turn, columns, turns_from
 
 UNKNOWN = 10.0  #: times its target: while something is as uncertain, the volume of all uncertainty is made small (D-optimality)
 UNSEEN = 100.0
+#: rad/s, the bias instability that a session is planned with, whatever the sensor: no recording is there yet to take it from, and it
+#: enters no uncertainty that is reported
+PLANNED_INSTABILITY_RPS = 3 * DEG_PER_HOUR
 SHARPNESS = 6  #: afterwards: power of the sigmas in what is made small: 2 would look at all alike, a large one at the worst alone
 
 
@@ -51,7 +56,7 @@ class Coach:
         """(12, 12) as ``uncertainty.parameter_covariance`` gives it, less what neighbours share and the Earth's heading."""
         own = np.array(self._own)
         floor = Floor(own, np.zeros((len(own) - 1, 2, 2)))
-        return covariance_from_columns(np.array(self._columns), floor, np.array(self._middle_s))
+        return covariance_from_columns(np.array(self._columns), floor, BiasWander(np.array(self._middle_s), PLANNED_INSTABILITY_RPS))
 
     @property
     def sigma(self) -> np.ndarray:

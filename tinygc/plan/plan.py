@@ -43,7 +43,7 @@ def propose(folder: Path, count: int = 5) -> tuple[list[Proposal], str | None]:
     """Proposals for a session, and what `explain` asked for there, if it did.  Raises what ``build_problem`` raises."""
     session = read_session(folder)
     problem = build_problem(session)
-    covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, middle_s=problem.middle_s)
+    covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
     return _greedy(problem, covariance, count), asked(session.folder)
 
 

@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from session.common.errors import DataError, SegmentError
-from session.common.units import DEG
+from session.common.units import DEG, NS
 from session.detect.segments import Segment, cut_segments
-from session.detect.stills import Still, find_stills
+from session.detect.session_stills import SessionStills
+from session.detect.stills import Still
 from session.log.folder import Session
+from session.log.samples import start_times
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import closure_floor
@@ -22,6 +24,7 @@ from tinygc.models.linear import LinearModel, bias_only
 from tinygc.problem.problem import Problem
 from tinygc.problem.rejections import CLIPPED, LEFT_OUT
 from tinygc.problem.still_set import StillSet
+from tinygc.problem.truth import build_truth_problem
 from tinygc.problem.yaw import angle_between, carry_yaw
 
 #: how well a person reads a dial
@@ -38,19 +41,20 @@ def build_problem(
     exclude: tuple[int, ...] = (),
     moving: tuple[int, ...] = (),
     clipped: tuple[int, ...] = (),
+    found: SessionStills | None = None,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
     """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
 
     exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none; clipped: numbers of
-    segments whose rates are not the true ones, so that no attitude can be carried through them either.
+    segments whose rates are not the true ones, so that no attitude can be carried through them either; found: the session's stills,
+    where somebody has asked for them before.
     Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
+    found = found or SessionStills(session)
     if session.truths is not None:
-        from tinygc.problem.truth import build_truth_problem
-
-        return build_truth_problem(session, use_earth=use_earth, exclude=exclude, progress=progress)
-    logs, segments = _stills_and_segments(session, exclude, moving, clipped, progress)
+        return build_truth_problem(session, found, use_earth=use_earth, exclude=exclude, progress=progress)
+    logs, segments = _stills_and_segments(session, found, exclude, moving, clipped, progress)
     _require_enough(session, logs, segments)
     chain = _batch(session, logs, segments)
     used = np.array([segment.accepted for segment in segments])
@@ -75,18 +79,20 @@ def build_problem(
         [logs[segment.log].noise for segment in accepted],
         DIAL_SIGMA_RAD,
     )
-    return Problem(session, segments, batch, floor, earths, logs, fit.model, _still_rates(logs, earths))
+    return Problem(session, segments, batch, floor, earths, logs, fit.model, _still_rates(logs, earths), found)
 
 
-def _stills_and_segments(session: Session, exclude, moving, clipped, progress) -> tuple[list[StillSet], list[Segment]]:
+def _stills_and_segments(
+    session: Session, found: SessionStills, exclude, moving, clipped, progress
+) -> tuple[list[StillSet], list[Segment]]:
     logs, segments, number = [], [], 0
     for log in session.logs:
         progress(f"stills of {log.path.name}")
-        samples = session.calibrated(log)
-        stills, noise = find_stills(samples, session.config.protocol.still_s)
+        here = found.of(log)
+        samples, noise = here.samples, here.noise
         if noise is None:
             continue
-        stills = [replace(s, problem="turns about the vertical") if number + i in moving else s for i, s in enumerate(stills)]
+        stills = [replace(s, problem="turns about the vertical") if number + i in moving else s for i, s in enumerate(here.stills)]
         number += len(stills)
         segments += cut_segments(samples, stills, session.config.sensor, session.config.protocol, log=len(logs), number=len(segments))
         logs.append(StillSet(samples, stills, noise, np.zeros((0, 4)), np.zeros(0, dtype=int)))
@@ -166,7 +172,7 @@ def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> B
         count = segment.stop - segment.start
         rate[i, :count] = samples.gyro[segment.start : segment.stop]
         rate[i, count:] = rate[i, count - 1]
-        dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * 1e-9
+        dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * NS
         for end, still in zip(ends, (segment.first, segment.last), strict=True):
             end[i] = rotation.from_gravity(still.accel_mean)
             if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
@@ -212,7 +218,7 @@ def _still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRat
     q_tb, rate, sigma, group = _reference_stills(logs)
     if not (sigma > 0).all():
         raise DataError("the gyro shows no noise at all in the stills; is the log made of registers, not of smoothed values?")
-    began = np.cumsum([0.0] + [log.samples.duration_s for log in logs])
+    began = start_times(log.samples for log in logs)
     middle_s = [
         began[number] + still.start_s + still.duration_s / 2
         for number, log in enumerate(logs)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.common.errors import DataError
-from session.common.units import DEG
+from session.common.units import DEG, NS
 from session.detect.segments import why_broken
-from session.detect.stills import Still, find_stills
+from session.detect.stills import Still
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
@@ -69,9 +69,9 @@ def read_closure_runs(problem: Problem) -> list[ClosureRun]:
 
 def _prepare(problem: Problem, log: Log) -> ClosureRun:
     session, name = problem.session, log.path.name
-    samples = session.calibrated(log)
-    stills, noise = find_stills(samples, session.config.protocol.still_s)
-    stills = [still for still in stills if still.problem is None]
+    found = problem.found.of(log)
+    samples, noise = found.samples, found.noise
+    stills = [still for still in found.stills if still.problem is None]
     if noise is None or len(stills) < 2:
         raise DataError(f"{name}: {len(stills)} still phases, expected one before and one after the turn; record still - long turn - still")
     first, last = stills[0], stills[-1]
@@ -96,14 +96,14 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
     variance[:2] += still_tilt_variance(first, problem.noise) + still_tilt_variance(last, problem.noise)
     return ClosureRun(
         file=name,
-        duration_s=float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * 1e-9,
+        duration_s=float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * NS,
         batch=batch,
         floor_rad=np.sqrt(variance),
         earth=earth,
         samples=samples,
         rows=rows,
         yaw_carried=carried,
-        began_s=sum(log.samples.duration_s for log in problem.logs),
+        began_s=float(problem.began_s[-1]),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from session.common.units import DEG
-from tinygc.effects.conditions import Conditions
+from tinygc.effects import Conditions
 from tinygc.problem.problem import Problem
 
 
@@ -11,7 +11,7 @@ def conditions(problem: Problem) -> Conditions:
     """Of a session."""
     first = problem.logs[0].samples
     return Conditions(
-        duration_s=sum(log.samples.duration_s for log in problem.logs),
+        duration_s=float(problem.began_s[-1]),
         fs_rps=problem.session.config.sensor.gyro_fs_dps * DEG,
         first_temp_c=float("nan") if first.temp_c is None else float(first.temp_c[: max(1, round(1 / first.period_s))].mean()),
     )

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from session.detect.segments import Segment
+from session.detect.session_stills import SessionStills
 from session.detect.stills import Noise, Still
 from session.log.folder import Session
+from session.log.samples import start_times
 from tinygc.attitude.earth import EarthRate
+from tinygc.closure.bias_wander import BiasInstability, BiasWander
 from tinygc.closure.floor import Floor
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
 from tinygc.models.linear import LinearModel
+from tinygc.problem.bias_instability import bias_instability_of
 from tinygc.problem.still_set import StillSet
 
 
@@ -22,7 +27,8 @@ class Problem:
     """What is fitted.
 
     segments: all of them, accepted or not; batch: the accepted ones, in order; floor of the batch; earths by yaw group; logs: stills
-    by log; first: the linear fit that carried the yaw; still_rates of every reference still.
+    by log; first: the linear fit that carried the yaw; still_rates of every reference still; found: the session's stills as they were
+    found, for its closure runs.
     """
 
     session: Session
@@ -33,6 +39,7 @@ class Problem:
     logs: list[StillSet]
     first: LinearModel
     still_rates: StillRates
+    found: SessionStills
 
     @property
     def earth(self) -> EarthRate:
@@ -45,10 +52,25 @@ class Problem:
         return [segment for segment in self.segments if segment.accepted]
 
     @property
+    def began_s(self) -> np.ndarray:
+        """(logs + 1,) s of the session at which each log begins, and at which the last one ends."""
+        return start_times(log.samples for log in self.logs)
+
+    @property
     def middle_s(self) -> np.ndarray:
         """(S,) s of the session at the middle of each used segment, logs one after the other."""
-        began = np.cumsum([0.0] + [log.samples.duration_s for log in self.logs])
+        began = self.began_s
         return np.array([began[segment.log] + segment.start_s + segment.duration_s / 2 for segment in self.used])
+
+    @cached_property
+    def instability(self) -> BiasInstability:
+        """Of the gyro's bias: given, typical of the model, or estimated from the stills."""
+        return bias_instability_of(self.session.config.sensor, self.logs, self.earths)
+
+    @property
+    def wander(self) -> BiasWander:
+        """Of the bias between the used segments."""
+        return BiasWander(self.middle_s, self.instability.rps)
 
     @property
     def stills(self) -> list[Still]:

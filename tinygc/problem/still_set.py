@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from session.detect.rests import Rest, find_rests
 from session.detect.stills import Noise, Still
 from session.log.samples import Samples
 
@@ -19,3 +21,8 @@ class StillSet:
     noise: Noise
     q_tb: np.ndarray
     group: np.ndarray
+
+    @cached_property
+    def rests(self) -> list[Rest]:
+        """Phases in which a vehicle stands, though its motors may shake it; looked for once."""
+        return find_rests(self.samples)

@@ -14,10 +14,11 @@ import numpy as np
 from session.common.errors import SegmentError
 from session.common.units import DEG
 from session.detect.segments import Segment
-from session.detect.stills import Noise, find_stills
+from session.detect.session_stills import LogStills, SessionStills
+from session.detect.stills import Noise
 from session.detect.truth_segments import Ends, cut_at_truth
 from session.log.folder import Session
-from session.log.samples import Samples
+from session.log.samples import Samples, start_times
 from tinygc.attitude.earth import EarthRate, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.least_squares import fit_least_squares
@@ -40,6 +41,7 @@ SHORT_S = 2.0
 
 def build_truth_problem(
     session: Session,
+    found: SessionStills,
     *,
     use_earth: bool = True,
     exclude: tuple[int, ...] = (),
@@ -50,10 +52,10 @@ def build_truth_problem(
     protocol, sensor = session.config.protocol, session.config.sensor
     for number, (log, truth) in enumerate(zip(session.logs, session.truths, strict=True)):
         progress(f"truth of {log.path.name}")
-        samples = session.calibrated(log)
-        part = cut_at_truth(samples, truth, sensor, protocol, log=number, number=len(cut))
+        here = found.of(log)
+        part = cut_at_truth(here.samples, truth, sensor, protocol, log=number, number=len(cut))
         cut += part
-        logs.append(_still_set(samples, protocol.still_s, part))
+        logs.append(_still_set(here, part))
     unknown = sorted(set(exclude) - {segment.number for segment, _ in cut})
     if unknown:
         raise SegmentError(f"{session.folder}: no segment {unknown[0]} to leave out; there are 0 to {len(cut) - 1}")
@@ -75,11 +77,11 @@ def build_truth_problem(
     model = fit_least_squares(batch, np.full(len(batch), 1e-3), model).model
     logs = [_with_attitudes(log, number, batch, accepted, at, model) for number, log in enumerate(logs)]
     floor = _floor(batch, at, accepted, ends, logs, protocol.truth_sigma_deg * DEG)
-    return Problem(session, segments, batch, floor, {0: earth}, logs, model, _still_rates(logs, earth))
+    return Problem(session, segments, batch, floor, {0: earth}, logs, model, _still_rates(logs, earth), found)
 
 
-def _still_set(samples: Samples, still_s: float, cut: list[tuple[Segment, Ends]]) -> StillSet:
-    stills, noise = find_stills(samples, still_s)
+def _still_set(found: LogStills, cut: list[tuple[Segment, Ends]]) -> StillSet:
+    samples, stills, noise = found.samples, found.stills, found.noise
     if noise is None or noise.gyro.max() > STILL_NOISE_RPS_RTHZ or not (noise.gyro > 0).all():
         stills, noise = [], _noise_in_motion(samples)
     covered = [still for still in stills if any(s.start <= still.middle < s.stop for s, _ in cut if s.accepted)]
@@ -158,15 +160,14 @@ def _floor(batch: Batch, at: np.ndarray, segments: list[Segment], ends: list[End
 
 
 def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:
-    rate, sigma, q, middle_s, began = [], [], [], [], 0.0
-    for log in logs:
+    rate, sigma, q, middle_s = [], [], [], []
+    for log, began in zip(logs, start_times(log.samples for log in logs)[:-1], strict=True):
         for still, q_tb in zip(log.stills, log.q_tb, strict=True):
             if still.problem is None:
                 rate.append(still.gyro_mean)
                 sigma.append(log.noise.angle_random_walk / np.sqrt(still.duration_s))
                 q.append(q_tb)
                 middle_s.append(began + still.start_s + still.duration_s / 2)
-        began += log.samples.duration_s
     q = np.array(q).reshape(-1, 4)
     turned = earth.in_body(q) if len(q) else np.zeros((0, 3))
     return StillRates(np.array(rate).reshape(-1, 3), turned, np.array(sigma).reshape(-1, 3), q, np.array(middle_s))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.common.units import DEG
+from session.common.units import DEG, NS
 from session.detect.stills import Still
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch, attitudes, nearest_yaw
@@ -31,7 +31,7 @@ UNSEEN_S = 1.0
 
 def goes_on(before: Samples, last: Still, after: Samples, first: Still) -> bool:
     """Whether one log begins where another ended: still to its end, the device's time goes on, and gravity is where it was."""
-    pause_s = (after.t_ns[0] - before.t_ns[-1]) * 1e-9
+    pause_s = (after.t_ns[0] - before.t_ns[-1]) * NS
     moved_s = max((len(before) - last.stop) * before.period_s, first.start_s)
     return 0 <= pause_s < UNTOUCHED_S and moved_s < UNSEEN_S and angle_between(last.accel_mean, first.accel_mean) < UNTOUCHED_RAD
 

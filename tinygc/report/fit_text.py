@@ -174,6 +174,7 @@ def _remarks(result: FitResult) -> list[Text]:
                 "yellow",
             )
         )
+    remarks.append(Text(f"Bias instability, which the sigmas reckon with: {result.problem.instability.words}."))
     remarks += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
         remarks.append(Text(_physics_words(result.physics), "cyan"))

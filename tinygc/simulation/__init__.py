@@ -7,4 +7,6 @@ The rest of the project reads that folder as it reads a recorded one; ``truth.js
 Physics that the linear model leaves out enters by ``distort``, a function that the caller gives: no effect is known here by name.
 Conventions are those of ``session``'s docstring.  Import from the modules: ``options.SimulationOptions``,
 ``simulate.simulate_session``, ``write.write_session``; the first costs nothing, the others import scipy.signal.
+
+May import: session.
 """

@@ -36,10 +36,22 @@ def write_session(
     distort as for ``simulate_session``; effects: what it conceals, by id (FORMATS), only for truth.json.  The same arguments give
     the same bytes.  Raises FormatError where the folder holds something: ``force`` replaces an earlier simulation, nothing else.
     """
-    _check_folder(folder, force)
-    simulation = simulate_session(options, distort)
-    write_files(simulation, folder, config_text(simulation, concealed=distort is not None))
-    (folder / TRUTH).write_text(json.dumps(_truth(simulation, effects or {}), indent=1) + "\n", encoding="utf-8")
+    check_folder(folder, force)
+    return write_simulation(simulate_session(options, distort), folder, force, effects, concealed=distort is not None)
+
+
+def write_simulation(
+    simulation: Simulation,
+    folder: Path,
+    force: bool = False,
+    effects: Mapping[str, object] | None = None,
+    concealed: bool | None = None,
+) -> Path:
+    """The folder of a session that was simulated, and its truth; concealed: whether session.toml says that something is hidden (if
+    effects are given).  FormatError as of ``write_session``."""
+    check_folder(folder, force)
+    write_files(simulation, folder, config_text(simulation, concealed=bool(effects) if concealed is None else concealed))
+    (folder / TRUTH).write_text(json.dumps(truth_table(simulation, effects or {}), indent=1) + "\n", encoding="utf-8")
     return folder
 
 
@@ -54,7 +66,8 @@ def write_files(simulation: Simulation, folder: Path, config: str) -> None:
             _write_log(folder / CLOSURE, simulation, simulation.closure)
 
 
-def _check_folder(folder: Path, force: bool) -> None:
+def check_folder(folder: Path, force: bool) -> None:
+    """FormatError where a simulation may not be written there: something else lies in it, or a simulation and ``force`` is not set."""
     if folder.exists() and not folder.is_dir():
         raise FormatError(f"{folder}: that is a file; give a new folder")
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
@@ -116,7 +129,8 @@ reference = "gravity"
 """
 
 
-def _truth(simulation: Simulation, effects: Mapping[str, object]) -> dict:
+def truth_table(simulation: Simulation, effects: Mapping[str, object]) -> dict:
+    """``tinygc-truth/1``: what was drawn, and what is hidden."""
     options, unit, plan = simulation.options, simulation.unit, simulation.plan
     return {
         "schema": TRUTH_SCHEMA,

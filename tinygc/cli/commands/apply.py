@@ -10,6 +10,7 @@ from tinygc.cli.commands._log_options import add_log_options, answers_of
 from tinygc.cli.commands._results import output, write_json
 
 SUMMARY = "calibrate the rates of a log"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

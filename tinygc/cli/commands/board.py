@@ -7,6 +7,7 @@ import signal
 import sys
 from pathlib import Path
 
+from session.common.errors import CalibrationError
 from tinygc.cli.arguments import count, positive, seconds
 from tinygc.cli.commands._results import write_json
 
@@ -31,10 +32,16 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """A virtual board, until Ctrl-C or the end of ``--tail``."""
+    try:
+        from tinygc.simulation.board.terminal import MEMORY_BYTES, Terminal
+    except ImportError:
+        raise CalibrationError(
+            "board: a virtual board needs a pseudo-terminal, which only POSIX systems have (Linux, macOS); "
+            "everything else runs here, record with a real port too"
+        ) from None
     from tinygc.simulation.board.board import Board
     from tinygc.simulation.board.faults import Faults
     from tinygc.simulation.board.source import recorded, simulated
-    from tinygc.simulation.board.terminal import MEMORY_BYTES, Terminal
     from tinygc.simulation.options import SimulationOptions
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # the port's link goes with the board

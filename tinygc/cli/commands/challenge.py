@@ -9,6 +9,7 @@ from tinygc.cli.arguments import count
 from tinygc.cli.commands._results import output, write_json
 
 SUMMARY = "examine explain on simulated sessions that hide something, blind"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

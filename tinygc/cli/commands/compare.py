@@ -8,6 +8,7 @@ from pathlib import Path
 from tinygc.cli.commands._results import output, write_json
 
 SUMMARY = "say whether the calibrations of several sessions of one sensor agree"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

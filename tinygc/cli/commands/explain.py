@@ -9,6 +9,7 @@ from pathlib import Path
 from tinygc.cli.commands._results import output, try_destinations, write_json
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -22,21 +23,17 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Why recording and simulation differ."""
-    if _has_truth(args.folder):
-        return _against_truth(args)
     from tinygc.cli.console import progress_bar
-    from tinygc.explain.verdict.explain import explain_session
-    from tinygc.explain.verdict.pages import explanation_page
-    from tinygc.explain.verdict.result import save, to_json
+    from tinygc.library.explain import explain
 
     try_destinations(args, "explain")
     with progress_bar(args.quiet) as progress:
-        explanation = explain_session(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
-    folder = save(explanation, args.out, pictures=_with_pictures(args))
-    output(args).print(explanation_page(explanation))
+        why = explain(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
+    folder = why.save(args.out, pictures=_with_pictures(args))
+    output(args).print(why.page)
     output(args).print(f"written: {folder}", soft_wrap=True)
-    write_json(args.json, to_json(explanation))
-    return 1 if args.strict and explanation.verdict != "no_mismatch" else 0
+    write_json(args.json, why.to_json())
+    return 1 if args.strict and why.verdict != "no_mismatch" else 0
 
 
 def _with_pictures(args: argparse.Namespace) -> bool:
@@ -47,30 +44,3 @@ def _with_pictures(args: argparse.Namespace) -> bool:
         print("calibrate: no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')", file=sys.stderr)
         return False
     return not args.no_pictures
-
-
-def _has_truth(folder: Path) -> bool:
-    """Whether the session's reference is a truth file; what cannot be read is said later."""
-    from session.common.errors import CalibrationError
-    from session.log.config import read_config
-
-    try:
-        return read_config(folder / "session.toml").protocol.reference == "truth"
-    except CalibrationError:
-        return False
-
-
-def _against_truth(args: argparse.Namespace) -> int:
-    """What is wrong with the sensor, what with the truth, what with their clocks."""
-    from tinygc.cli.console import progress_bar
-    from tinygc.explain.truth.explain import explain_truth
-    from tinygc.explain.truth.result import save_truth, truth_page, truth_to_json
-
-    try_destinations(args, "explain")
-    with progress_bar(args.quiet) as progress:
-        explanation = explain_truth(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
-    folder = save_truth(explanation, args.out, pictures=_with_pictures(args))
-    output(args).print(truth_page(explanation))
-    output(args).print(f"written: {folder}", soft_wrap=True)
-    write_json(args.json, truth_to_json(explanation))
-    return 1 if args.strict and explanation.verdict != "no_mismatch" else 0

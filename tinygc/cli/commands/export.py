@@ -9,6 +9,7 @@ from tinygc.cli.commands._results import output, write_json
 from tinygc.deploy.exports import FORMATS
 
 SUMMARY = "write the calibration for other programs"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

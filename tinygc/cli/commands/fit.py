@@ -16,6 +16,7 @@ from tinygc.methods.registry import METHODS
 #: what a bias of the day heeds of a fit's arguments
 HONOURED = ("exclude", "no_earth")
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -42,23 +43,20 @@ def run(args: argparse.Namespace) -> int:
             "(tinygc or tinygc_denoised), or leave --resume out"
         )
     from tinygc.cli.console import progress_bar
-    from tinygc.fit.fit_json import to_json
-    from tinygc.fit.save import save_models
-    from tinygc.fit.session import fit_session
+    from tinygc.library.fit import fit
     from tinygc.methods.network.adamw_checkpoint import forget
-    from tinygc.report.fit_text import fit_report
 
     physics = None if args.physics is None else _physics(args.physics)
     checkpoints = args.out or args.folder / "fit"
     options = replace(fit_options(args), physics=physics, checkpoints=checkpoints, resume=args.resume)
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
-        result = fit_session(args.folder, options, progress)
-    table = to_json(result)
+        result = fit(args.folder, options, progress=progress)
+    table = result.to_json()
     # The results first: a terminal that fails must not cost them.
-    folder = save_models(result, args.out)
+    folder = result.save(args.out)
     forget(checkpoints)
-    output(args).print(fit_report(result))
+    output(args).print(result.page)
     output(args).print(f"models: {folder}", soft_wrap=True)
     write_json(args.json, table)
     above = [] if args.limit is None else _above(table, args.limit)
@@ -74,7 +72,9 @@ def _physics(words: str) -> tuple[str, ...]:
 
     ids = tuple(dict.fromkeys(name.strip() for name in words.split(",")))
     if unknown := [name for name in ids if name not in catalogue() and ids != ("auto",)]:
-        raise FitError(f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}")
+        raise FitError(
+            f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}, or its folder with --effects DIR"
+        )
     return ids
 
 

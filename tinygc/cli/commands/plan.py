@@ -9,6 +9,7 @@ from tinygc.cli.arguments import count
 from tinygc.cli.commands._results import output, write_json
 
 SUMMARY = "say which movements to record next"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

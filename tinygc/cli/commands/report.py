@@ -11,6 +11,7 @@ from tinygc.cli.commands._fitting import add_fit_arguments, fit_options
 from tinygc.cli.commands._results import output, try_file, write_json
 
 SUMMARY = "the calibration report: one HTML file that needs nothing else"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:

@@ -19,11 +19,14 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """A session that the rest of the tool cannot tell from a recorded one."""
+    from tinygc.library.simulate import simulate
     from tinygc.simulation.options import SimulationOptions
-    from tinygc.simulation.write import write_session
+    from tinygc.simulation.write import check_folder
 
     chosen = {name: value for name, value in vars(args).items() if name in SimulationOptions.__dataclass_fields__ and value is not None}
-    folder = write_session(SimulationOptions(**chosen), args.out, force=args.force)
+    options = SimulationOptions(**chosen)
+    check_folder(args.out, args.force)  # before the work
+    folder = simulate(options).save(args.out, force=args.force)
     output(args).print(f"{folder}: simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
     write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen})
     return 0

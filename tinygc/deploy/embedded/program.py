@@ -54,6 +54,9 @@ class Program:
 def program(model) -> Program:
     """Of any model that ``tinygc.models`` reads.  ExportError says what cannot be carried."""
     stages = tuple(_stages(model))
+    names = [name for stage in stages for name in stage.constants]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ExportError(f"two parts of the model call a constant {twice[0]} in C; json carries it, or give one of them another name")
     return Program(stages, model.parameters)
 
 

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tinygc.deploy.exports import ExportError
+from tinygc.effects import Cost
+
+__all__ = ["Cost", "Inputs", "Stage", "single"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,18 +30,6 @@ class Inputs:
             zeros if force is None else np.asarray(force, dtype=np.float32),
             zeros[:, 0] if temp_c is None else np.asarray(temp_c, dtype=np.float32),
         )
-
-
-@dataclass(frozen=True)
-class Cost:
-    """Floating-point operations for one sample."""
-
-    multiply: int = 0
-    add: int = 0
-    compare: int = 0
-
-    def __add__(self, other: Cost) -> Cost:
-        return Cost(self.multiply + other.multiply, self.add + other.add, self.compare + other.compare)
 
 
 class Stage:

@@ -9,14 +9,13 @@ from tinygc.deploy.exports import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import LinearPart, linear_part
 
-THERMAL = ("gyro.thermal_bias",)
 #: degC around the session's temperatures within which a straight line may be trusted
 BEYOND_C = 5.0
 
 
 def offsets(model, context: Context, name: str) -> tuple[LinearPart, tuple[float, float] | None]:
     """The linear part, and the range of temperatures of a model that follows temperature; says what is lost."""
-    part = linear_part(model, name, carries=THERMAL)
+    part = linear_part(model, name, carries=("temperature",))
     full_scale = context.config.sensor.gyro_fs_dps
     lost = np.abs(part.E - np.eye(3)).sum(axis=1).max()
     context.say(

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from session.common.files import read_json
-from session.common.units import DEG, G
+from session.common.typical import typical_of
+from session.common.units import DEG, DEG_PER_HOUR, G
 from session.log.config import Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of
@@ -60,6 +61,17 @@ class Context:
         """(3,) m/s^2/sqrt(Hz), one-sided white density measured in the stills."""
         found = self.fit.get("noise", {}).get("accel_g_rthz")
         return None if found is None else np.multiply(found, G)
+
+    @property
+    def gyro_instability(self) -> tuple[float, str] | None:
+        """Bias instability, rad/s, and where it is from: session.toml's, else what the fit reckoned with, else typical of the model."""
+        noise, sensor = self.fit.get("noise", {}), self.config.sensor
+        if sensor.gyro_bias_instability_dph is not None:
+            return sensor.gyro_bias_instability_dph * DEG_PER_HOUR, "given in session.toml"
+        if (found := noise.get("gyro_bias_instability_dph")) is not None:
+            return found * DEG_PER_HOUR, str(noise.get("gyro_bias_instability_source"))
+        known = typical_of(sensor.model)
+        return known and (known[1].gyro_bias_instability_dph * DEG_PER_HOUR, f"typical of {known[0]}")
 
     def temperature_c(self) -> tuple[float, float] | None:
         """Coldest and warmest of the calibration logs, degC; None where they do not tell.  Reads them."""

@@ -51,7 +51,7 @@ class LinearPart:
 
 
 def linear_part(model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
-    """Of a model that is linear, up to the effects that the format ``carries``.  Raises ExportError for what it cannot."""
+    """Of a model that is linear, up to effects that are ``linear_in`` what the format ``carries``.  Raises ExportError for the rest."""
     if isinstance(model, DenoisedNet):
         raise ExportError(f"{name} has no memory, and this model denoises; {ELSEWHERE}")
     if isinstance(model, CalibrationNet | PublishedNet):
@@ -63,14 +63,14 @@ def linear_part(model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
     if model.kind in NETS_BESIDE:
         raise ExportError(f"{name} cannot carry {NETS_BESIDE[model.kind]}; {ELSEWHERE}")
     if isinstance(model, PhysicsModel):
-        unable = [claim.effect.id for claim in model.claims if claim.effect.id not in carries]
+        unable = [claim.effect.id for claim in model.claims if claim.effect.linear_in not in carries]
         if unable:
             raise ExportError(f"{name} cannot carry {', '.join(unable)}; {ELSEWHERE}")
         for claim in model.claims:
-            if claim.effect.id == "gyro.g_sensitivity":
-                K = claim.theta.reshape(3, 3) / G
+            if claim.effect.linear_in == "force":
+                K = K + claim.theta.reshape(3, 3) / G
             else:
-                k, first_c = claim.theta, model.known.first_temp_c
+                k, first_c = k + claim.theta, model.known.first_temp_c
         model = model.linear
     return LinearPart(np.asarray(model.E, dtype=float), np.asarray(model.B, dtype=float), K, k, float(first_c))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tinygc
+from session.common.version import VERSION
 from tinygc.deploy.embedded.program import program
 from tinygc.deploy.embedded.register_input import Registers
 from tinygc.deploy.embedded.source import source_files
@@ -25,4 +25,4 @@ def export(model, context: Context) -> dict[str, str]:
         facts["denoiser"] = f"made for {model.rate_hz:g} Hz, {1e3 * model.delay_s:.2f} ms late"
     for name in [*context.hashes][:1]:  # the model's own file
         facts["sha256"] = f"{context.hashes[name]} {name}"
-    return source_files(chosen, Registers.of(context.config), f"A gyroscope's calibration, by TinyGC {tinygc.__version__}.", facts)
+    return source_files(chosen, Registers.of(context.config), f"A gyroscope's calibration, by TinyGC {VERSION}.", facts)

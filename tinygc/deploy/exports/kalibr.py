@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG_PER_HOUR
-from tinygc.closure.bias_wander import BIAS_INSTABILITY_RPS
 from tinygc.deploy.exports import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import LinearPart, linear_part, words
@@ -26,9 +25,11 @@ ACCEL_INSTABILITY_MPS2 = 4e-4
 
 def export(model, context: Context) -> dict[str, str]:
     """Linear models, with g-sensitivity."""
-    part = linear_part(model, NAME, carries=("gyro.g_sensitivity",))
+    part = linear_part(model, NAME, carries=("force",))
     if context.gyro_noise is None or context.accel_noise is None:
         raise ExportError("kalibr needs the noise that `calibrate.py fit` measured (fit.json beside the model)")
+    if context.gyro_instability is None:
+        raise ExportError("kalibr needs a bias instability: give sensor.gyro_bias_instability_dph in session.toml")
     context.say("kalibr: the random walks in imu.yaml are guesses from bias instability; minutes of recording do not show them")
     return {"imu.yaml": _imu(context), "imu-intrinsics.yaml": _intrinsics(part, context)}
 
@@ -45,12 +46,14 @@ def _imu(context: Context) -> str:
     # Kalibr's densities are two-sided, as IEEE 952's random walks are: the one-sided ones that the stills show, over sqrt 2.
     gyro, accel = context.gyro_noise / np.sqrt(2), context.accel_noise / np.sqrt(2)
     walk = np.sqrt(3 / WALK_S) * FLOOR
+    instability, source = context.gyro_instability
+    said = f" (the gyroscope's: {source})" if not source.startswith("typical") else ""
     return remarks(
         context,
         "Densities are sigma_continuous = sigma_sample * sqrt(dt), measured in the stills; the worst axis is given:",
         f"gyroscope {words(gyro)}, accelerometer {words(accel)} (x, y, z).",
         f"Random walks are NOT MEASURED: they have the Allan deviation at {WALK_S:g} s of bias instabilities of "
-        f"{BIAS_INSTABILITY_RPS / DEG_PER_HOUR:g} deg/h and {ACCEL_INSTABILITY_MPS2:g} m/s^2.  Replace them by an hour's recording.",
+        f"{instability / DEG_PER_HOUR:.4g} deg/h and {ACCEL_INSTABILITY_MPS2:g} m/s^2{said}.  Replace them by an hour's recording.",
         "Vibration, temperature and scale error are in none of these: users inflate them 5 to 10 times.",
     ) + "".join(
         f"{key}: {value}\n"
@@ -58,7 +61,7 @@ def _imu(context: Context) -> str:
             "rostopic": "/imu0",
             "update_rate": words(context.config.sensor.odr_hz),
             "gyroscope_noise_density": words(gyro.max()) + "  # rad/s/sqrt(Hz)",
-            "gyroscope_random_walk": words(walk * BIAS_INSTABILITY_RPS) + "  # rad/s^2/sqrt(Hz)",
+            "gyroscope_random_walk": words(walk * instability) + "  # rad/s^2/sqrt(Hz)",
             "accelerometer_noise_density": words(accel.max()) + "  # m/s^2/sqrt(Hz)",
             "accelerometer_random_walk": words(walk * ACCEL_INSTABILITY_MPS2) + "  # m/s^3/sqrt(Hz)",
         }.items()

@@ -16,7 +16,7 @@ SUMMARY = "a ROS 2 parameter file with sensor_msgs/Imu covariances"
 
 def export(model, context: Context) -> dict[str, str]:
     """Linear models, with g-sensitivity."""
-    part = linear_part(model, NAME, carries=("gyro.g_sensitivity",))
+    part = linear_part(model, NAME, carries=("force",))
     if context.gyro_noise is None or context.accel_noise is None:
         raise ExportError("ros needs the noise that `calibrate.py fit` measured (fit.json beside the model)")
     accelerometer = context.config.accelerometer

@@ -1,9 +1,8 @@
 """The accelerometer's pre-calibration no longer holds: a bias has crept in.  It bends the reference, not the rate."""
 
-import numpy as np
-
 from session.common.units import MG
-from tinygc.effects.effect import Effect, Parameter, axis_of, largest
+from tinygc.effects import Effect, Parameter, axis_of, largest, nothing
+from tinygc.effects.picture import GRAVITY_LENGTH
 
 EFFECT = Effect(
     id="reference.accelerometer",
@@ -11,11 +10,12 @@ EFFECT = Effect(
     parameter=Parameter("bias_mg", (3,), "mg", MG, plausible=100 * MG),
     seen_in=("reference",),
     kind="force",
-    columns=lambda movement: np.zeros((*movement.rate.shape, 3)),
+    columns=nothing(3),
     says=lambda theta: (
         f"the accelerometer is off by {abs(largest(theta)) / MG:.1f} mg on {axis_of(theta)} since its pre-calibration: "
         "calibrate it again before trusting the gyro's"
     ),
     splits="hold each axis of the accelerometer up and down: gravity's length must not change",
     regime=("attitude", "g"),
+    picture=GRAVITY_LENGTH,
 )

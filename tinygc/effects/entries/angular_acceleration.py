@@ -1,6 +1,6 @@
 """The output follows angular acceleration, cross-axis too (IEEE 528: sensitivity to angular acceleration)."""
 
-from tinygc.effects.effect import Effect, Parameter, full, largest
+from tinygc.effects import AHEAD, NEIGHBOURS, CommonDelay, Effect, Parameter, full, largest
 
 EFFECT = Effect(
     id="gyro.angular_acceleration",
@@ -13,5 +13,8 @@ EFFECT = Effect(
         "keep dω/dt in the model, or turn more gently"
     ),
     splits="turn about one axis at a time, with sharp starts and stops",
+    reach=NEIGHBOURS,
     regime=("angular acceleration", "rad/s²"),
+    gauge=CommonDelay((0, 4, 8), late=-1.0),  # the diagonal is a common delay plus differences
+    device=AHEAD,
 )

@@ -3,7 +3,10 @@
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from tinygc.effects.effect import Effect, Movement, Parameter, axis_of, diagonal, largest
+from tinygc.effects import AHEAD, Convention, Effect, Movement, Parameter, Reach, axis_of, diagonal, largest
+
+#: a cubic spline forgets a sample by a factor of 3.7 with each one between
+SPLINE_SAMPLES = 48
 
 
 def _shifted(rate: np.ndarray, movement: Movement, seconds: np.ndarray) -> np.ndarray:
@@ -26,5 +29,12 @@ EFFECT = Effect(
         "read all axes in one burst, or shift them back"
     ),
     splits="shake the table about each axis at several speeds: a delay keeps the shape of fast movements, a lag rounds it off",
+    reach=lambda theta: Reach.around(samples=SPLINE_SAMPLES, seconds=float(np.abs(theta).max())),
     regime=("angular acceleration", "rad/s²"),
+    gauge=Convention(
+        settle=lambda theta: theta - theta.min(),  # counted from the earliest axis
+        slope=lambda theta: np.eye(3) - np.eye(3)[int(np.argmin(theta))],
+        delays=(0, 1, 2),
+    ),
+    device=AHEAD,
 )

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from tinygc.effects.effect import Effect, Movement, Parameter, axis_of, diagonal, largest
+from tinygc.effects import AHEAD, NEIGHBOURS, CommonDelay, Effect, Movement, Parameter, axis_of, diagonal, largest
 
 
 def _correct(measured: np.ndarray, movement: Movement, theta: np.ndarray) -> np.ndarray:
@@ -40,5 +40,9 @@ EFFECT = Effect(
         "check the low-pass setting of each axis"
     ),
     splits="shake the table about each axis at several speeds: a lag rounds off fast movements, a delay does not",
+    # The way back looks at both neighbours; the way there remembers, which nobody undoes live.
+    reach=NEIGHBOURS,
     regime=("angular acceleration", "rad/s²"),
+    gauge=CommonDelay((0, 1, 2), never_negative=True),
+    device=AHEAD,
 )

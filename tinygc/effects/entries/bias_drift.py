@@ -1,7 +1,7 @@
 """The gyro's zero wanders with time, not with temperature; to first order, steadily over the session."""
 
 from session.common.units import DEG
-from tinygc.effects.effect import Effect, Parameter, axis_of, diagonal, largest
+from tinygc.effects import BYGONE, Effect, Parameter, axis_of, diagonal, largest
 
 EFFECT = Effect(
     id="gyro.bias_drift",
@@ -14,5 +14,7 @@ EFFECT = Effect(
         "take the bias afresh before each use"
     ),
     splits="let temperature rise and fall within one session: drift goes on, temperature's part comes back",
+    inputs=("time",),
     regime=("time", "s"),
+    device=BYGONE,
 )

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.effects.effect import Effect, Movement, Parameter, axis_of, largest, per_axis
+from tinygc.effects import BYGONE, Effect, Movement, Parameter, Scan, axis_of, largest, per_axis
 
 
 def _at(at_s: float) -> Effect:
@@ -20,7 +20,7 @@ def _at(at_s: float) -> Effect:
             "look for a shock, a supply change or a change of mode then"
         )
 
-    return replace(EFFECT, columns=per_axis(basis), basis=basis, says=says, shape={"at_s": at_s})
+    return replace(EFFECT, columns=per_axis(basis), basis=basis, says=says)
 
 
 def _halfway(movement: Movement) -> np.ndarray:
@@ -36,6 +36,8 @@ EFFECT = Effect(
     basis=_halfway,
     says=lambda theta: "the gyro's zero jumps",
     splits="leave the table still for a minute: a step shows as one edge",
+    inputs=("time",),
     regime=("time", "s"),
-    variants=lambda times: [_at(float(time)) for time in times],
+    scan=Scan("at_s", "s", make=_at),
+    device=BYGONE,
 )

@@ -1,8 +1,8 @@
 """Samples were lost and the stamps closed up over the loss, so that no gap shows."""
 
-import numpy as np
-
-from tinygc.effects.effect import Effect, Parameter
+from tinygc.effects import Effect, Occurrence, Parameter, nothing
+from tinygc.effects.occurrence import SECONDS
+from tinygc.effects.picture import LOST_SAMPLES
 
 EFFECT = Effect(
     id="timing.dropped_samples",
@@ -10,11 +10,13 @@ EFFECT = Effect(
     parameter=Parameter("length", (), "samples"),
     seen_in=("timing", "turn"),
     kind="register",
-    columns=lambda movement: np.zeros((*movement.rate.shape, 1)),
+    columns=nothing(1),
     says=lambda theta: (
         f"{theta[0]:.0f} samples at a time are lost without a gap in the stamps: "
         "stamp in the sensor, count the frames, empty its FIFO in time"
     ),
     splits="log the sensor's own time stamps beside the samples",
     regime=("time", "s"),
+    occurs=Occurrence("at_s", SECONDS),
+    picture=LOST_SAMPLES,
 )

@@ -3,7 +3,8 @@
 import numpy as np
 
 from session.common.units import DEG, EARTH_RATE_RPS
-from tinygc.effects.effect import Effect, Parameter
+from tinygc.effects import Derived, Effect, Parameter, nothing
+from tinygc.effects.picture import EARTH
 
 
 def latitude_deg(rate_t: np.ndarray) -> float:
@@ -17,10 +18,12 @@ EFFECT = Effect(
     parameter=Parameter("rate_dps", (3,), "dps", DEG, plausible=2 * EARTH_RATE_RPS),
     seen_in=("still",),
     kind="earth",
-    columns=lambda movement: np.zeros((*movement.rate.shape, 3)),
+    columns=nothing(3),
     says=lambda theta: (
         f"the stills turn with the Earth, as at a latitude of about {latitude_deg(theta):.0f}°: put site.latitude_deg into session.toml"
     ),
     splits="record stills with each axis up and down and pointing each way",
     regime=("attitude", "g"),
+    derived=Derived("latitude_deg", "deg", latitude_deg),
+    picture=EARTH,
 )

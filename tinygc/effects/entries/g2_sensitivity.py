@@ -1,7 +1,7 @@
 """The gyro's zero moves with the square of the specific force along each axis (vibration and gravity alike)."""
 
-from session.common.units import DEG
-from tinygc.effects.effect import Effect, Parameter, axis_of, diagonal, largest
+from session.common.units import DEG, G
+from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
 
 EFFECT = Effect(
     id="gyro.g2_sensitivity",
@@ -14,5 +14,15 @@ EFFECT = Effect(
         "keep the square of the specific force in the model"
     ),
     splits="hold each axis up, down and level: g² agrees up and down, g changes sign",
+    inputs=("force",),
     regime=("attitude", "g"),
+    device=PerAxisC(
+        name="G2_SENSITIVITY",
+        says="r -= k f^2 (gyro.g2_sensitivity)",
+        term="G2_SENSITIVITY[i] * (in->force[i] * in->force[i])",
+        constants=lambda theta, known: {"G2_SENSITIVITY": theta / G**2},
+        numpy=lambda c, w, inputs: c["G2_SENSITIVITY"] * (inputs.force * inputs.force),
+        cost=Cost(2, 1),
+        passes=1,
+    ),
 )

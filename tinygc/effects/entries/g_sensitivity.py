@@ -1,7 +1,7 @@
 """The gyro's zero moves with specific force (IEEE 528: acceleration-sensitive drift rate)."""
 
-from session.common.units import DEG
-from tinygc.effects.effect import Effect, Parameter, axis_of, full, largest
+from session.common.units import DEG, G
+from tinygc.effects import Effect, MatrixC, Parameter, axis_of, full, largest
 
 EFFECT = Effect(
     id="gyro.g_sensitivity",
@@ -13,5 +13,8 @@ EFFECT = Effect(
         f"the gyro's zero moves {abs(largest(theta)) / DEG:.3f} dps per g (most on {axis_of(theta)}): keep gravity's direction in the model"
     ),
     splits="hold stills in at least six attitudes, each axis up and down",
+    inputs=("force",),
     regime=("attitude", "g"),
+    device=MatrixC("G_SENSITIVITY", "r -= K f (gyro.g_sensitivity)", lambda theta, known: theta.reshape(3, 3) / G),
+    linear_in="force",
 )

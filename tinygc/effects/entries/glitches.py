@@ -1,8 +1,8 @@
 """Isolated false readings of the gyro."""
 
-import numpy as np
-
-from tinygc.effects.effect import Effect, Parameter
+from tinygc.effects import Effect, Occurrence, Parameter, nothing
+from tinygc.effects.occurrence import ROWS
+from tinygc.effects.picture import FALSE_READINGS
 
 EFFECT = Effect(
     id="data.glitches",
@@ -10,11 +10,13 @@ EFFECT = Effect(
     parameter=Parameter("samples", (), "samples"),
     seen_in=("timing",),
     kind="register",
-    columns=lambda movement: np.zeros((*movement.rate.shape, 1)),
+    columns=nothing(1),
     says=lambda theta: (
         f"isolated false readings, {theta[0]:.0f} samples long each: they are bridged here; "
         "look at the bus and the cable, and check each word"
     ),
     splits="log the raw bus words beside the samples",
     regime=("time", "s"),
+    occurs=Occurrence("at", ROWS),
+    picture=FALSE_READINGS,
 )

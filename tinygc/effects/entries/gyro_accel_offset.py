@@ -1,8 +1,7 @@
 """Gyroscope and accelerometer clocks differ.  Closure does not see it; gravity during the turns does."""
 
-import numpy as np
-
-from tinygc.effects.effect import Effect, Parameter
+from tinygc.effects import Effect, Parameter, nothing
+from tinygc.effects.picture import CLOCKS
 
 EFFECT = Effect(
     id="timing.gyro_accel_offset",
@@ -10,11 +9,12 @@ EFFECT = Effect(
     parameter=Parameter("seconds", (), "s"),
     seen_in=("timing",),
     kind="register",
-    columns=lambda movement: np.zeros((*movement.rate.shape, 1)),
+    columns=nothing(1),
     says=lambda theta: (
         f"the gyro comes {1e3 * abs(theta[0]):.1f} ms {'after' if theta[0] > 0 else 'before'} the accelerometer: "
         "shift one against the other before fusing them; the closure does not mind"
     ),
     splits="shake the table: rate and centripetal force must peak together",
     regime=("rate", "dps"),  # gravity turns in the body as fast as the body turns
+    picture=CLOCKS,
 )

@@ -1,8 +1,8 @@
 """The sensor turned slowly while it was meant to be still."""
 
-import numpy as np
-
-from tinygc.effects.effect import Effect, Parameter
+from tinygc.effects import Effect, Occurrence, Parameter, nothing
+from tinygc.effects.occurrence import STILLS
+from tinygc.effects.picture import CREEPING_STILLS
 
 EFFECT = Effect(
     id="reference.not_still",
@@ -10,8 +10,10 @@ EFFECT = Effect(
     parameter=Parameter("stills", (), ""),
     seen_in=("still", "reference"),
     kind="register",
-    columns=lambda movement: np.zeros((*movement.rate.shape, 1)),
+    columns=nothing(1),
     says=lambda theta: f"{theta[0]:.0f} stills were not still: lock the table before each still; they are passed over here",
     splits="lock the table, and record again",
     regime=("time", "s"),
+    occurs=Occurrence("stills", STILLS),
+    picture=CREEPING_STILLS,
 )

@@ -3,7 +3,9 @@
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.effects.effect import Effect, Movement, Parameter
+from tinygc.effects import Effect, Movement, Occurrence, Parameter, nothing
+from tinygc.effects.occurrence import LEVEL
+from tinygc.effects.picture import CLIPPED_TURN
 
 EFFECT = Effect(
     id="gyro.saturation",
@@ -11,11 +13,13 @@ EFFECT = Effect(
     parameter=Parameter("dps", (), "dps", DEG),
     seen_in=("turn",),
     kind="register",
-    columns=lambda movement: np.zeros((*movement.rate.shape, 1)),
+    columns=nothing(1),
     exact_distort=lambda movement, theta: _clip(movement, float(theta[0])),
     says=lambda theta: f"the gyro does not go beyond {float(theta[0]) / DEG:.0f} dps: turn slower, or look for the limit in its settings",
     splits="turn each axis faster than the level, slowly increasing",
     regime=("rate", "dps"),
+    occurs=Occurrence("dps", LEVEL),
+    picture=CLIPPED_TURN,
 )
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tinygc.effects.effect import Effect, Parameter, axis_of, diagonal, largest
+from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
 
 EFFECT = Effect(
     id="gyro.scale_asymmetry",
@@ -16,4 +16,11 @@ EFFECT = Effect(
     ),
     splits="record the same turn both ways about each axis, slow and fast",
     regime=("rate", "dps"),
+    device=PerAxisC(
+        name="SCALE_ASYMMETRY",
+        says="r -= k |r| (gyro.scale_asymmetry)",
+        term="SCALE_ASYMMETRY[i] * (w < 0.0f ? -w : w)",
+        numpy=lambda c, w, inputs: c["SCALE_ASYMMETRY"] * np.where(w < 0, -w, w),
+        cost=Cost(1, 1, 1),
+    ),
 )

@@ -1,6 +1,8 @@
 """The sensitivity moves with temperature (IEEE 528: scale factor temperature sensitivity)."""
 
-from tinygc.effects.effect import Effect, Parameter, axis_of, diagonal, largest
+import numpy as np
+
+from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
 
 EFFECT = Effect(
     id="gyro.thermal_scale",
@@ -14,5 +16,13 @@ EFFECT = Effect(
     ),
     splits="let the sensor cool while you turn it: temperature then falls while time goes on",
     regime=("temperature", "°C"),
-    needs="temperature",
+    inputs=("temperature",),
+    device=PerAxisC(
+        name="THERMAL_SCALE",
+        says="r -= k (T - T0) r (gyro.thermal_scale)",
+        term="THERMAL_SCALE[i] * (in->temp_c - THERMAL_SCALE_AT_C[0]) * w",
+        constants=lambda theta, known: {"THERMAL_SCALE": theta, "THERMAL_SCALE_AT_C": np.array([known.first_temp_c])},
+        numpy=lambda c, w, inputs: c["THERMAL_SCALE"] * (inputs.temp_c - c["THERMAL_SCALE_AT_C"])[:, None] * w,
+        cost=Cost(2, 2),
+    ),
 )

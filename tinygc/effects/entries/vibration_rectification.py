@@ -1,7 +1,7 @@
 """The gyro's zero moves with vibration energy (vibration rectification error)."""
 
 from session.common.units import DEG
-from tinygc.effects.effect import Effect, Parameter, axis_of, diagonal, largest
+from tinygc.effects import AHEAD, Effect, Parameter, axis_of, diagonal, largest
 
 EFFECT = Effect(
     id="gyro.vibration_rectification",
@@ -14,6 +14,8 @@ EFFECT = Effect(
         "damp the table, or mount the sensor softly"
     ),
     splits="repeat the same turns with and without the vibration",
+    inputs=("vibration",),
     regime=("vibration", "g²"),
+    device=AHEAD,
     known_to=0.1,  # the accelerometer's low-pass hides a part of the energy that is not known, and a hand's own movement adds one
 )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.common.runs import runs_of
 from session.log.samples import Samples
 from tinygc.explain.mends import interpolation, lost_samples
 
@@ -84,8 +85,8 @@ def _impossible(samples: Samples) -> list[tuple[int, int, bool]]:
 
 def _runs(mask: np.ndarray, fewest: int) -> list[tuple[int, int, bool]]:
     """(first row, samples, True) of each run of at least ``fewest``, of those that are short enough and have neighbours."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.view(np.int8), [0]])))
-    runs = zip(edges[::2].tolist(), (edges[1::2] - edges[::2]).tolist(), strict=True)
+    starts, stops = runs_of(mask)
+    runs = zip(starts.tolist(), (stops - starts).tolist(), strict=True)
     return [(first, count, True) for first, count in runs if fewest <= count <= LONGEST and SIDE <= first <= len(mask) - count - SIDE]
 
 

@@ -13,6 +13,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from session.common.robust import sigma_of, sigma_of_steps
+from session.common.runs import runs_of
+from session.common.units import NS_PER_S
 from session.detect.clipping import run_bar
 from session.detect.pace import pace_of
 from session.log.samples import Samples
@@ -96,8 +99,8 @@ def _neighbourhood(absolute: np.ndarray, period_s: float) -> np.ndarray:
     step = max(round(NEIGHBOURHOOD_S / period_s), 4)
     count = len(absolute) // step
     if count < 5:
-        return np.broadcast_to(np.maximum(np.median(absolute, axis=0) / 0.6745, 1e-12), absolute.shape)
-    coarse = np.median(absolute[: count * step].reshape(count, step, -1), axis=1) / 0.6745
+        return np.broadcast_to(np.maximum(sigma_of(absolute), 1e-12), absolute.shape)
+    coarse = sigma_of(absolute[: count * step].reshape(count, step, -1), axis=1)
     coarse = np.maximum(maximum_filter1d(coarse, 3, axis=0), np.median(coarse, axis=0))
     return np.maximum(coarse, 1e-12)[np.minimum(np.arange(len(absolute)) // step, count - 1)]
 
@@ -120,8 +123,7 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> Ceiling | None:
             top = values.max()
             if top > 0.05 * full_scale_rps:
                 at = values >= top - lsb(samples.gyro[:, axis])
-                quiet = np.diff(samples.gyro[:, axis])
-                bar = run_bar(float(np.median(np.abs(quiet))) / 0.6745 / np.sqrt(2), 2 * lsb(samples.gyro[:, axis]))
+                bar = run_bar(float(sigma_of_steps(samples.gyro[:, axis])), 2 * lsb(samples.gyro[:, axis]))
                 start, stop = _longest_run(at)
                 if stop - start >= bar:
                     found.append((top, at, _has_corners(values, start, stop, lsb(samples.gyro[:, axis]))))
@@ -139,9 +141,9 @@ def lsb(values: np.ndarray) -> float:
 
 def _longest_run(mask: np.ndarray) -> tuple[int, int]:
     """start, stop"""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.view(np.int8), [0]])))
-    longest = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[2 * longest]), int(edges[2 * longest + 1])
+    starts, stops = runs_of(mask)
+    longest = int(np.argmax(stops - starts))
+    return int(starts[longest]), int(stops[longest])
 
 
 def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
@@ -151,7 +153,7 @@ def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
 
 def with_lost(samples: Samples, rows: np.ndarray, count: int, order: int) -> Samples:
     """``count`` samples put back after each of the rows, by a polynomial through their neighbours, and the later stamps moved on."""
-    period_ns = round(samples.period_s * 1e9)
+    period_ns = round(samples.period_s * NS_PER_S)
     names = ["gyro", "accel"] + (["temp_c"] if samples.temp_c is not None else [])
     pieces: dict[str, list] = {name: [] for name in ["t_ns", *names]}
     bounds = [0, *(rows + 1), len(samples)]

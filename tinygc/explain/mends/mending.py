@@ -12,6 +12,7 @@ from session.common.errors import CalibrationError
 from session.common.units import DEG
 from session.detect.clipping import FALSE_ALARM
 from session.detect.segments import Segment
+from session.detect.session_stills import SessionStills
 from session.detect.stills import CREEP_SIGMAS
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -135,7 +136,7 @@ def _without_glitches(problem: Problem, found: dict, chances: dict) -> Problem:
         logs.append(log)
     if not rows:
         return problem
-    found["data.glitches"] = ({"at": rows, "samples": int(np.median(lengths))}, {"samples": 0.0})
+    found["data.glitches"] = ({"at": rows, "samples": int(np.median(lengths))}, {})  # counted, not measured: no std
     chances["data.glitches"] = min(1.0, before * float(chi2.sf(lost_samples.JUMP**2, 6)))
     return _again(problem, _with_logs(problem.session, logs))
 
@@ -143,11 +144,13 @@ def _without_glitches(problem: Problem, found: dict, chances: dict) -> Problem:
 def _again(problem: Problem, session: Session, *, clipped: tuple[int, ...] = (), moving: tuple[int, ...] = ()) -> Problem:
     """The problem of a mended session, or with clipped segments or moving stills, without what was left out before."""
     out = {why: [segment for segment in problem.segments if segment.problem == why] for why in (LEFT_OUT, CLIPPED)}
+    found = SessionStills(session, problem.found)
     if moving:  # a still less joins two turns, and shifts the numbers behind it
-        segments = build_problem(session, use_earth=False, moving=moving).segments
+        segments = build_problem(session, use_earth=False, moving=moving, found=found).segments
         out = {why: [new for new in segments if any(_inside(old, new) for old in gone)] for why, gone in out.items()}
     asked, at_level = (tuple(segment.number for segment in out[why]) for why in (LEFT_OUT, CLIPPED))
-    return build_problem(session, use_earth=problem.earth.source != "none", exclude=asked, clipped=clipped + at_level, moving=moving)
+    use_earth = problem.earth.source != "none"
+    return build_problem(session, use_earth=use_earth, exclude=asked, clipped=clipped + at_level, moving=moving, found=found)
 
 
 def _inside(old: Segment, new: Segment) -> bool:
@@ -174,10 +177,13 @@ def _with_lost(problem: Problem, found: dict, chances: dict) -> tuple[Problem, l
             gaps += [Gap(number, int(row) + 1 + i * count, missed_rad) for i, row in enumerate(rows)]
             log = replace(log, samples=lost_samples.with_lost(log.samples, rows, count, order))
         logs.append(log)
-        began += log.samples.duration_s
+        began += log.samples.duration_s  # with what was put back
     tried = LONGEST_LOSS_S / float(np.median([log.samples.period_s for log in problem.session.logs]))
     chances["timing.dropped_samples"] = min(1.0, tried * float(chi2.sf(gain, 1)))
-    found["timing.dropped_samples"] = ({"at_s": [round(float(time), 3) for time in times], "length": count}, {"length": 0.5})
+    found["timing.dropped_samples"] = (
+        {"at_s": [round(float(time), 3) for time in times], "length": count},
+        {"length": 0.5},
+    )  # whole samples: half a step
     return _again(problem, _with_logs(problem.session, logs)), gaps
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.common.robust import sigma_of_steps
+from session.common.runs import runs_of
 from session.log.samples import Samples
 from tinygc.explain.mends.lost_samples import Ceiling
 
@@ -23,7 +25,7 @@ LEAST = 0.05
 
 def find_plateaus(samples: Samples, full_scale_rps: float) -> Ceiling | None:
     """The level of rates that were clipped before they were misaligned, filtered or made noisy; the same for all axes."""
-    noise = np.median(np.abs(np.diff(samples.gyro, axis=0)), axis=0) / 0.6745 / np.sqrt(2)
+    noise = sigma_of_steps(samples.gyro)
     levels, masks = [], []
     for axis in range(3):
         for sign in (1.0, -1.0):
@@ -48,8 +50,7 @@ def _plateaus(values: np.ndarray, noise: float, least: float, shortest: float) -
     """(level, start, stop) of the flat top of each stroke that has one."""
     found = []
     high = values > max(least, 0.5 * values.max())
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], high.view(np.int8), [0]])))
-    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for begin, end in zip(*(edges.tolist() for edges in runs_of(high)), strict=True):
         stroke = values[begin:end]
         top = float(np.quantile(stroke, 0.9, method="lower"))  # one of its readings
         within = max(FLAT * top, NOISES * noise)

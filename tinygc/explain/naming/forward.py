@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tinygc.effects import catalogue
-from tinygc.effects.effect import Effect
+from tinygc.effects import Effect, catalogue
 from tinygc.explain.naming.selection import FAMILY_WISE, SHAPE_SHARE, Selection
 from tinygc.explain.twin.common_delay import in_gauge
 from tinygc.explain.twin.refit import ENOUGH, Refit, refit
@@ -56,12 +55,19 @@ def candidates(twin: Twin) -> list[Effect]:
     has_temp = all(np.isfinite(movement.temp_c).all() for movement in twin.movements)
     found = []
     for effect in catalogue().values():
-        if effect.kind == "register" or (effect.needs == "temperature" and not has_temp):
+        if effect.kind == "register" or ("temperature" in effect.inputs and not has_temp):
             continue
         if effect.kind == "earth" and twin.problem.earth.source != "none":
             continue
-        found += effect.variants(segment_times(twin)) if effect.variants else [effect]
+        found += effect.variants(scanned(twin, effect))
     return found
+
+
+def scanned(twin: Twin, effect: Effect) -> np.ndarray:
+    """(K,) values of an effect's scanned shape, SI, that are tried: its own grid, or the middles of the turns."""
+    if effect.scan is None or effect.scan.grid is None:
+        return segment_times(twin)
+    return np.asarray(effect.scan.grid(twin.movements), dtype=float)
 
 
 def segment_times(twin: Twin) -> np.ndarray:
@@ -148,7 +154,7 @@ def _best_exact(twin, whiten, fit: Refit, effects, rest, selection: Selection, l
         effect = rest[selection.groups[g].name]
         if effect.id in trials or len(trials) >= MOST_LOOKALIKES:
             continue
-        effect = _sharpened(twin, whiten, fit, effect)
+        effect = sharpened(twin, whiten, fit, effect)
         trial, gauged = _settled(twin, whiten, refit(twin, whiten, [*effects, effect], start))
         # In its gauge: a lag may not win by what its sign and its common part are free to do.
         trials[effect.id] = (gauged.chi_square + effect.parameter.size * np.log(len(fit.r)), effect, trial)
@@ -166,28 +172,36 @@ def _settled(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[Refit, Refit]:
     return again, in_gauge(twin, whiten, again)
 
 
-def _sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effect:
+def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effect:
     """A scanned shape between its neighbours on the coarse grid, found on finer and finer ones."""
-    if not effect.shape:
+    if effect.scan is None:
         return effect
-    times = segment_times(twin)
-    reach = float(np.median(np.diff(times)))
+    values = scanned(twin, effect)
+    at = effect.shape[effect.scan.name] * effect.scan.si
+    reach = float(np.median(np.diff(values))) if effect.scan.grid is None else _spacing(values, at)
     for _ in range(3):
-        (at,) = effect.shape.values()
-        trials = catalogue()[effect.id].variants(np.linspace(at - reach, at + reach, 15))
+        at = effect.shape[effect.scan.name] * effect.scan.si
+        trials = effect.variants(np.linspace(at - reach, at + reach, 15))
         gains = selection_of(twin, whiten, fit, trials, 0).gains(fit.r)
         effect = trials[max(gains, key=gains.get)]
         reach /= 6
     return effect
 
 
+def _spacing(values: np.ndarray, at: float) -> float:
+    """To the farther neighbour of a value on its grid, but never so far as zero: what is searched keeps its sign."""
+    number = int(np.argmin(np.abs(values - at)))
+    reach = float(np.max(np.abs(np.delete(values, number)[max(number - 1, 0) : number + 1] - at), initial=0.0))
+    return min(reach, 0.9 * abs(at)) if at else reach
+
+
 def _sharpened_again(twin: Twin, whiten: Whitener, effects: list[Effect], fit: Refit) -> tuple[list[Effect], Refit]:
     """The shapes of the earlier effects, found while the latest was still in their way, once more with it in the fit."""
     for number, effect in enumerate(effects[:-1]):
-        if not effect.shape:
+        if effect.scan is None:
             continue
         others = refit(twin, whiten, [other for other in effects if other is not effect], fit.state)
-        trials = [*effects[:number], _sharpened(twin, whiten, others, effect), *effects[number + 1 :]]
+        trials = [*effects[:number], sharpened(twin, whiten, others, effect), *effects[number + 1 :]]
         trial = refit(twin, whiten, trials, fit.state)
         if trial.chi_square < fit.chi_square - ENOUGH:
             effects, fit = trials, trial
@@ -220,7 +234,7 @@ def _replacements(twin, whiten, effects, effect: Effect, fit: Refit, tried: list
         candidate = rest[number]
         if gains[number] < bar or candidate.id in found or len(found) >= MOST_LOOKALIKES:
             continue
-        candidate = _sharpened(twin, whiten, base, candidate)
+        candidate = sharpened(twin, whiten, base, candidate)
         found[candidate.id] = candidate, in_gauge(twin, whiten, refit(twin, whiten, [*others, candidate], base.state))
     return list(found.values())
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.effects.effect import Effect
+from tinygc.effects import Effect
 from tinygc.explain.naming.forward import STAND_IN, Naming, selection_of
 from tinygc.explain.twin.refit import refit
 from tinygc.explain.twin.twin import Twin

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.effects import catalogue
-from tinygc.effects.effect import Effect
+from tinygc.effects import Effect, catalogue
 from tinygc.explain.naming.forward import candidates
 from tinygc.explain.twin.refit import Refit
 from tinygc.explain.twin.twin import Twin

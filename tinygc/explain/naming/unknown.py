@@ -12,8 +12,8 @@ import numpy as np
 
 from session.common.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude.earth import EarthRate
-from tinygc.effects.conditions import without_vibration
-from tinygc.effects.effect import Effect, Movement, Parameter, diagonal, per_axis
+from tinygc.effects import Effect, Movement, Parameter, diagonal, per_axis, without_vibration
+from tinygc.effects.picture import WORLD
 from tinygc.explain.twin.twin import Twin
 
 #: orders of the smooth curves
@@ -138,6 +138,7 @@ def _world(earth: EarthRate, latitude_deg: float | None) -> Effect:
         says=says,
         splits="correct site.latitude_deg in session.toml; if it is right, record stills with each axis up and down and pointing each way",
         regime=("attitude", "g"),
+        picture=WORLD,
     )
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from session.common.units import DEG, MG
 from tinygc.explain.pictures.canvas import canvas, save
 from tinygc.explain.pictures.channel_values import lengths_per_still, rates_per_still
-from tinygc.explain.pictures.panels import panels_of
+from tinygc.explain.pictures.panels import draw_claim
 from tinygc.explain.pictures.panels.palette import AFTER, AXES, BEFORE, FLOOR
 from tinygc.explain.twin.channels import own_residuals
 from tinygc.explain.twin.variable import Regime
@@ -17,19 +18,26 @@ from tinygc.explain.verdict.explain import Explanation
 from tinygc.explain.verdict.proof import tilt_rms
 from tinygc.explain.verdict.words import VERDICTS
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 MOST_ROWS = 4  #: of causes that are drawn, strongest first
 
 
 def draw(e: Explanation, path: Path) -> None:
     """Write the page as PNG.  Raises CalibrationError where matplotlib is missing."""
+    save(figure_of(e), path)
+
+
+def figure_of(e: Explanation) -> Figure:
+    """The page as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
     told = [*e.claimed, *e.findings]
     shown = told[:MOST_ROWS]
     rows = max(len(shown), 1) + 1
     headline = f"{e.session.name}: {VERDICTS[e.verdict][0]}"
     figure, grid = canvas(rows, headline, [claim.effect.id for claim in told], [claim.says for claim in told])
     for claim, row in zip(shown, grid, strict=False):
-        for panel, axes in zip(panels_of(claim), row, strict=True):
-            panel(e, claim, axes)
+        draw_claim(e, claim, *row)
         if len(shown) > 1:
             row[0].set_title(f"{claim.effect.id}\n{row[0].get_title()}")
     if not shown:
@@ -40,7 +48,7 @@ def draw(e: Explanation, path: Path) -> None:
         _stills_in_time(e, grid[-1, 1])
     else:
         _channels(e, grid[-1, 1])
-    save(figure, path)
+    return figure
 
 
 def _closure(e: Explanation, axes) -> None:

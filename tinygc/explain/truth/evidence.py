@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import nnls
 
-from session.common.units import DEG
-from session.detect.rests import find_rests
+from session.common.robust import sigma_of
+from session.common.units import DEG, NS
 from session.detect.truth_segments import cut_at_truth, moments_inside
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
-from tinygc.effects.conditions import movement_of
+from tinygc.effects import movement_of
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.problem.conditions import conditions
@@ -104,7 +104,7 @@ def growth(problem: Problem, model: LinearModel) -> tuple[np.ndarray, np.ndarray
         batch = batch_of(problem.logs, [s for s, _ in cut], [ends for _, ends in cut])
         angles = error_angles(batch, model)
         lengths.append(length)
-        closures.append(1.4826 * np.median(np.abs(angles - np.median(angles, axis=0)), axis=0))
+        closures.append(sigma_of(angles - np.median(angles, axis=0)))
     return np.array(lengths), np.array(closures).reshape(-1, 3)
 
 
@@ -169,7 +169,7 @@ def force_against_truth(problem: Problem, turned: np.ndarray) -> Force | None:
     spin = rotation.matrix(rotation.exp(np.nan_to_num(turned)))
     for log, truth in zip(problem.logs, problem.session.truths, strict=True):
         at, q = moments_inside(log.samples, truth)
-        force, size = log.samples.accel[at], int(FORCE_WINDOW_S / np.median(np.diff(log.samples.t_ns[at]) * 1e-9))
+        force, size = log.samples.accel[at], int(FORCE_WINDOW_S / np.median(np.diff(log.samples.t_ns[at]) * NS))
         turn, has = rotation.matrix(q), np.abs(force).sum(axis=1) > 0
         weight = np.hanning(size) / np.hanning(size).sum() if size > 10 else None
         for start in range(0, len(at) - size, max(size // 2, 1)):
@@ -207,7 +207,7 @@ def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
     for log in problem.logs:
         movement = movement_of(log.samples, model(log.samples.gyro), conditions(problem))
         moving = np.ones(len(log.samples), dtype=bool)
-        for rest in find_rests(log.samples):
+        for rest in log.rests:
             part = slice(rest.start, rest.stop)
             rates.append(np.asarray(model(rest.gyro_mean[None]))[0])
             weights.append(rest.stop - rest.start)

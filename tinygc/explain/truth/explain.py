@@ -19,15 +19,12 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from session.checks.findings import stop_at_errors
-from session.checks.first_look import Finding, check_session
+from session.checks.findings import Finding
 from session.common.units import DEG
-from session.log.folder import read_session
+from session.log.folder import Session
 from tinygc import closure
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.effects import catalogue
-from tinygc.effects.conditions import movement_of
-from tinygc.effects.effect import Effect
+from tinygc.effects import Effect, catalogue, movement_of
 from tinygc.explain.naming.selection import FAMILY_WISE, Selection
 from tinygc.explain.truth.evidence import (
     Force,
@@ -41,12 +38,12 @@ from tinygc.explain.truth.evidence import (
     short_segments,
     zero_at_rest,
 )
-from tinygc.explain.truth.truth_effects import FRAME, JUMPS, OFFSET, wander
+from tinygc.explain.truth.truth_effects import FRAME, OFFSET, wander, wrong_moments
 from tinygc.explain.truth.wrong_moments import without_wrong_moments
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
-from tinygc.problem.build import build_problem
 from tinygc.problem.conditions import conditions
+from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
 MOST_EFFECTS = 4
@@ -67,13 +64,14 @@ SLOW = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """An effect with its parameters theta (P,) SI, their sigma, a family-wise p-value, and the share of chi-square it takes up."""
+    """An effect with its parameters theta (P,) SI, their sigma (None of moments, which are stamps), a p-value, and the share of chi-square
+    it takes up (None of what was found beside the selection)."""
 
     effect: Effect
     theta: np.ndarray
-    sigma: np.ndarray
+    sigma: np.ndarray | None
     p_value: float
-    share: float
+    share: float | None
 
     @property
     def says(self) -> str:
@@ -81,7 +79,7 @@ class Claim:
 
     @property
     def idle(self) -> bool:
-        return bool(np.abs(self.theta / self.sigma).max() < KEPT_SIGMAS)
+        return self.sigma is not None and bool(np.abs(self.theta / self.sigma).max() < KEPT_SIGMAS)
 
     @property
     def implausible(self) -> bool:
@@ -132,15 +130,18 @@ class TruthExplanation:
 
 
 def explain_truth(
-    folder: Path, *, seed: int = 0, use_earth: bool = True, progress: Callable[[str, int, int], None] = lambda what, done, of: None
+    session: Session | Path,
+    *,
+    seed: int = 0,
+    use_earth: bool = True,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    prepared: Prepared | None = None,
 ) -> TruthExplanation:
-    """Explain a session with a truth file.  Raises what ``read_session`` and ``build_problem`` raise, and DataError for a boring cause."""
-    session = read_session(folder, lambda name: progress(f"reading {name}", 0, 5))
-    findings = check_session(session)
-    stop_at_errors(findings)
-    problem = build_problem(session, use_earth=use_earth)
+    """Explain a session with a truth file.  prepared: the session, where somebody has it already.  Raises what ``prepare`` raises."""
+    prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 5))
+    problem = prepared.problem
     progress("moments of truth", 1, 5)
-    sound, jumps = without_wrong_moments(problem)
+    sound, jumps, jumps_p = without_wrong_moments(problem)
     progress("naming", 2, 5)
     fit = fit_least_squares(sound.batch, sound.floor.sigma, problem.first)
     p_value, claims, refused, chi, rms, left = _select(sound, fit.model, seed)
@@ -153,8 +154,9 @@ def explain_truth(
     force = force_against_truth(sound, turned)
     claims = _frame_claim(turned, turned_sigma, force) + claims
     if jumps:
-        bar = Claim(JUMPS, np.array([float(len(jumps))]), np.zeros(1), 1e-9, 0.0)
-        claims = [bar, *claims]
+        began = np.cumsum([0.0] + [log.samples.duration_s for log in problem.logs])
+        at_s = np.array([round(float(began[log]) + at, 3) for log, at in jumps])
+        claims = [Claim(wrong_moments(len(at_s)), at_s, None, jumps_p, None), *claims]
     return TruthExplanation(
         problem=sound,
         model=fit.model,
@@ -176,7 +178,7 @@ def explain_truth(
         turned_sigma=turned_sigma,
         rests=zero_at_rest(sound, fit.model),
         force=force,
-        warnings=[finding for finding in findings if finding.level == "warning"],
+        warnings=prepared.warnings,
     )
 
 
@@ -255,7 +257,7 @@ def _project(columns: np.ndarray) -> np.ndarray:
 
 def _candidates(problem: Problem, model: LinearModel, sensitivity: np.ndarray) -> list[tuple[Effect, np.ndarray]]:
     """(S, 3, P) columns, in the closure, of each effect that can be tried: how the residual changes with its parameters."""
-    known, began = conditions(problem), np.cumsum([0.0] + [log.samples.duration_s for log in problem.logs])
+    known, began = conditions(problem), problem.began_s
     movements = [
         movement_of(log.samples, model(log.samples.gyro), known, start) for log, start in zip(problem.logs, began[:-1], strict=True)
     ]
@@ -264,9 +266,10 @@ def _candidates(problem: Problem, model: LinearModel, sensitivity: np.ndarray) -
     duration = float(began[-1])
     tried = [wander(np.linspace(0, duration, max(3, min(round(duration / WANDER_S) + 1, len(problem.batch) // 6))))]
     for effect in catalogue().values():
-        if effect.kind != "rate" or (effect.needs == "temperature" and any(log.samples.temp_c is None for log in problem.logs)):
+        if effect.kind != "rate" or ("temperature" in effect.inputs and any(log.samples.temp_c is None for log in problem.logs)):
             continue
-        tried += effect.variants(times) if effect.variants else [effect]
+        own_grid = effect.scan is not None and effect.scan.grid is not None
+        tried += effect.variants(effect.scan.grid(movements) if own_grid else times)
     found = []
     for effect in tried:
         columns = np.zeros((len(problem.batch), 3, effect.parameter.size))
@@ -291,4 +294,4 @@ def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> 
         return []
     if np.linalg.norm(force.turned) > 0.7 * np.linalg.norm(force.bias):
         return []
-    return [Claim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), 0.0)]
+    return [Claim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), None)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +13,20 @@ from tinygc.explain.pictures.panels.palette import AFTER, AXES, BEFORE, FLOOR
 from tinygc.explain.truth.evidence import neighbours
 from tinygc.explain.truth.explain import TruthExplanation
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 #: segments in the running median that shows what is slow
 SLOW_SEGMENTS = 9
 
 
 def draw_truth(e: TruthExplanation, path: Path) -> None:
     """Write the page as PNG.  Raises CalibrationError where matplotlib is missing."""
+    save(figure_of(e), path)
+
+
+def figure_of(e: TruthExplanation) -> Figure:
+    """The page as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
     headline = f"{e.problem.session.name}: {e.verdict.replace('_', ' ')}"
     ids, says = [claim.effect.id for claim in e.claims], [claim.says for claim in e.claims]
     figure, grid = canvas(3, headline, ids, says)
@@ -28,7 +37,7 @@ def draw_truth(e: TruthExplanation, path: Path) -> None:
     _neighbours(e, grid[1, 1])
     _frame(e, grid[2, 0])
     _force(e, grid[2, 1])
-    save(figure, path)
+    return figure
 
 
 def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes, when: str) -> None:
@@ -41,7 +50,7 @@ def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes, when: str) -> N
             windows = np.lib.stride_tricks.sliding_window_view(rate[:, i], SLOW_SEGMENTS)
             half = SLOW_SEGMENTS // 2
             axes.plot(t_s[half : len(t_s) - half], np.median(windows, axis=1), color=AXES[axis], lw=1.5)
-    began = np.cumsum([0.0] + [log.samples.duration_s for log in e.problem.logs])
+    began = e.problem.began_s
     for number, (log, at) in enumerate(e.jumps):
         axes.axvline(began[log] + at, color=FLOOR, ls=":", label=None if number else "wrong moment of truth, left out")
     axes.axhline(0, color=FLOOR, lw=0.8)

@@ -9,15 +9,15 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-import tinygc
 from session.common.files import write_whole
 from session.common.units import DEG, MG
+from session.common.version import VERSION
 from session.common.writing import result_folder
-from tinygc.effects.effect import largest
+from tinygc.effects import largest
 from tinygc.explain.truth.explain import Claim, TruthExplanation
+from tinygc.explain.verdict.measured import p_entry, p_words
 
 SCHEMA = "tinygc-explain/1"
-SMALLEST_P = 1e-300
 CANNOT = (
     "cannot know: an error of the gyro's sensitivity from one of the truth's scale of angles; a common rotation of gyro and accelerometer "
     "from one of the truth's body; temperature, which is not recorded; clocks of gyro and accelerometer, where no still gives gravity"
@@ -32,7 +32,7 @@ def truth_to_json(e: TruthExplanation) -> dict:
         "session": e.problem.session.name,
         "verdict": e.verdict,
         "mismatch": {
-            "p_value": max(e.p_value, SMALLEST_P),
+            **p_entry("p_value", e.p_value),
             "closure_rms_deg": e.closure_rms[0] / DEG,
             "expected_rms_deg": float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG,
             "where": {
@@ -73,7 +73,7 @@ def truth_to_json(e: TruthExplanation) -> dict:
         },
         "excess": {"before": e.excess[0], "after": e.excess[1]},
         "next": None,
-        "version": tinygc.__version__,
+        "version": VERSION,
     }
 
 
@@ -83,13 +83,13 @@ def _number(value: float) -> float | None:
 
 def _effect(claim: Claim) -> dict:
     parameter = claim.effect.parameter
-    values, std = ((x / parameter.si).reshape(parameter.shape).tolist() for x in (claim.theta, claim.sigma))
+    values, std = (None if x is None else (x / parameter.si).reshape(parameter.shape).tolist() for x in (claim.theta, claim.sigma))
     return {
         "id": claim.effect.id,
         "equation": claim.effect.equation,
         "parameters": {parameter.name: values, **claim.effect.shape},
         "std": {parameter.name: std},
-        "p_value": max(claim.p_value, SMALLEST_P),
+        **p_entry("p_value", claim.p_value),
         "share": claim.share,
         "equivalent": [],
         "says": claim.says,
@@ -110,17 +110,23 @@ def save_truth(e: TruthExplanation, folder: Path | None = None, pictures: bool =
 
 def truth_page(e: TruthExplanation) -> Group:
     """Verdict, claims, and the evidence of sensor, truth and clocks."""
-    parts: list = [Text.assemble((f"{e.problem.session.name}: ", "bold"), e.verdict.replace("_", " "), f"   (p = {e.p_value:.2g})\n")]
+    parts: list = [Text.assemble((f"{e.problem.session.name}: ", "bold"), e.verdict.replace("_", " "), f"   (p {p_words(e.p_value)})\n")]
     for claim in e.claims:
         share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
-        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p = {claim.p_value:.2g}{share}"))
+        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value)}{share}"))
         parts.append(Text(f"  {claim.says}"))
-        values, sigmas = (x[:9] / claim.effect.parameter.si for x in (claim.theta, claim.sigma))
-        shown = "   ".join(f"{v:.4g} ± {s:.2g}" for v, s in zip(values, sigmas, strict=True))
-        parts.append(Text(f"  {claim.effect.parameter.name}: {shown}\n"))
+        parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:9])}\n"))
     parts += [Text(f"{sentence}\n") for sentence in refusals(e)]
     parts += [_evidence(e), Text(CANNOT)]
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
+
+
+def values_of(claim: Claim) -> list[str]:
+    """Each parameter in people's units, with its sigma where it has one."""
+    si = claim.effect.parameter.si
+    if claim.sigma is None:
+        return [f"{value:g}" for value in claim.theta / si]
+    return [f"{value:.4g} ± {sigma:.2g}" for value, sigma in zip(claim.theta / si, claim.sigma / si, strict=True)]
 
 
 def refusals(e: TruthExplanation) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.effects.effect import Effect, Movement, Parameter, largest
+from tinygc.effects import Effect, Movement, Parameter, largest
 
 
 def _nothing(movement: Movement) -> np.ndarray:
@@ -65,13 +65,15 @@ def wander(knots_s: np.ndarray) -> Effect:
     )
 
 
-JUMPS = Effect(
-    id="reference.truth_jump",
-    equation="single attitudes of the truth are wrong: the segment before misses by what the segment after makes good",
-    parameter=Parameter("at_s", (), "s"),
-    seen_in=("reference",),
-    kind="register",
-    columns=_nothing,
-    says=lambda theta: f"{int(theta[0])} moments of truth are wrong by more than chance allows: leave them out",
-    splits="look at the truth's own residuals there",
-)
+def wrong_moments(count: int) -> Effect:
+    """So many wrong moments; the parameter is when, s of the session."""
+    return Effect(
+        id="reference.truth_jump",
+        equation="single attitudes of the truth are wrong: the segment before misses by what the segment after makes good",
+        parameter=Parameter("at_s", (count,), "s"),
+        seen_in=("reference",),
+        kind="register",
+        columns=_nothing,
+        says=lambda theta: f"{len(theta)} moments of truth are wrong by more than chance allows: leave them out",
+        splits="look at the truth's own residuals there",
+    )

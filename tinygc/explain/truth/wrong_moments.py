@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy import stats
 
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.explain.truth.evidence import error_angles, neighbours
@@ -15,8 +16,13 @@ JUMP = 5.0
 OPPOSITE = -0.7
 
 
-def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, float]]]:
-    """The problem without the segments at both sides of a wrong moment of truth, and log and s of each such moment."""
+#: median length of a vector of three normal deviates; and how many squares a scale from a median of N such lengths is worth, over N
+MEDIAN_LENGTH, FREEDOM_SHARE = float(stats.chi.median(3)), 1.58
+
+
+def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, float]], float]:
+    """The problem without the segments at both sides of a wrong moment of truth, log and s of each such moment, and an upper bound of the
+    chance that noise alone makes one as large as the largest; 1 where there is none."""
     model = problem.first
     keep = np.ones(len(problem.batch), dtype=bool)
     for _ in range(3):
@@ -31,7 +37,7 @@ def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, fl
         keep = np.ones(len(problem.batch), dtype=bool)
         keep[wrong] = keep[wrong + 1] = False
     if not len(wrong) or keep.sum() < len(keep) / 2:
-        return problem, []
+        return problem, [], 1.0
     numbers = {segment.number for segment, ok in zip(problem.used, keep, strict=True) if not ok}
     segments = [replace(s, problem="one of its moments of truth is wrong") if s.number in numbers else s for s in problem.segments]
     jumps = [(problem.used[i].log, problem.used[i].start_s + problem.used[i].duration_s) for i in wrong]
@@ -41,4 +47,11 @@ def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, fl
     both = np.flatnonzero(keep[:-1] & keep[1:])
     new = np.cumsum(keep) - 1
     floor.shared[new[both]] = problem.floor.shared[both]
-    return kept, jumps
+    return kept, jumps, chance_of(float(size[np.isin(at, wrong)].max() / usual), len(at), len(angles))
+
+
+def chance_of(times_usual: float, pairs: int, segments: int) -> float:
+    """Upper bound of the chance that normal errors, of the scale that the median length of ``segments`` of them tells, miss on both sides
+    of one of ``pairs`` moments by so many times that length: that one side of one does, over all moments (Bonferroni)."""
+    ratio = (times_usual * MEDIAN_LENGTH) ** 2 / 3
+    return float(min(1.0, pairs * stats.f.sf(ratio, 3, FREEDOM_SHARE * segments)))

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.common.units import EARTH_RATE_RPS, MG
-from tinygc.effects.applied import Claim
-from tinygc.effects.effect import Effect
+from tinygc.effects import Claim, Effect
 from tinygc.explain.twin.twin import Channels, State, Twin
 from tinygc.explain.twin.whitening import Whitener
 from tinygc.models.linear import PRIOR_SIGMA

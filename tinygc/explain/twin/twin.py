@@ -16,9 +16,7 @@ from session.detect.stills import Still
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
-from tinygc.effects.applied import Claim
-from tinygc.effects.conditions import movement_of
-from tinygc.effects.effect import Effect, Movement
+from tinygc.effects import Claim, Effect, Movement, movement_of
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.problem.conditions import conditions
@@ -279,5 +277,4 @@ def _square(sensitivity: np.ndarray) -> np.ndarray:
 
 def _movement(problem: Problem, number: int) -> Movement:
     log = problem.logs[number]
-    began = sum(before.samples.duration_s for before in problem.logs[:number])
-    return movement_of(log.samples, problem.first(log.samples.gyro), conditions(problem), began)
+    return movement_of(log.samples, problem.first(log.samples.gyro), conditions(problem), float(problem.began_s[number]))

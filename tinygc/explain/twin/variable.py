@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.effects.effect import Effect, Movement
+from tinygc.effects import Effect, Movement
 from tinygc.explain.twin.twin import Twin
 
 X, Y, Z = range(3)

@@ -1,7 +1,7 @@
 """The known covariance of all channels together, and whitening with it.
 
 Gyro and accelerometer noise are measured in the stills' own short-time scatter.  The segments contain part of the stills at their ends,
-so their gyro noise is shared.  The bias wanders by the sensor's bias instability (datasheet, 3 deg/h): it is part of what noise
+so their gyro noise is shared.  The bias wanders by the sensor's bias instability (``Problem.instability``): it is part of what noise
 allows, as flicker noise between the moments at which stills and segments were recorded.
 """
 
@@ -24,8 +24,8 @@ ACCEL_INSTABILITY_MPS2 = 0.03 * MG
 PRECALIBRATION_MPS2 = 0.1 * MG
 
 
-#: a unit's bias instability in the datasheet's: that is a typical one, and stills of seconds do not show the unit's own.  The middle of
-#: what units have (1 to 1.4 times): p-values are a little careful with the best and a little bold with the worst
+#: a unit's bias instability in the datasheet's, which is a typical one.  The middle of what units have (1 to 1.4 times): p-values are a
+#: little careful with the best and a little bold with the worst.  Not where it was estimated from the recording: that is the unit's own
 UNIT_INSTABILITY = 1.2
 
 
@@ -111,7 +111,9 @@ def _flicker(twin: Twin) -> np.ndarray:
     segment_s = [starts[segment.log] + segment.start_s + segment.duration_s / 2 for segment in twin.segments]
     still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
     spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
-    wander = UNIT_INSTABILITY**2 * wander_covariance(np.array(segment_s + still_s), np.array(spans))
+    known = twin.problem.instability
+    widen = 1.0 if known.of_unit else UNIT_INSTABILITY
+    wander = widen**2 * wander_covariance(np.array(segment_s + still_s), np.array(spans), instability_rps=known.rps)
     # A bias error turns a segment's end by its mean attitude times its duration, and shows in a still as it is.
     sensitivity = twin.sensitivity(twin.start(), twin.rates(twin.start()))
     response = np.concatenate([sensitivity.sum(axis=1).reshape(s * d, 3), np.tile(np.eye(3), (q, 1))])

@@ -7,15 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from tinygc.effects import catalogue
-from tinygc.effects.effect import Effect
+from tinygc.effects import Effect, catalogue
 from tinygc.explain.mends.mending import Mended
 from tinygc.explain.naming.forward import Naming
 from tinygc.explain.twin.turn_gravity import TurnGravity
 from tinygc.explain.verdict.readable import readable
-
-#: to first order each of them delays an axis; what all axes share of that is a delay of the gyro
-LAGS = {"gyro.angular_acceleration", "gyro.bandwidth", "timing.axis_skew"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +42,11 @@ def mended_claims(mended: Mended) -> list[Claimed]:
     return claims
 
 
+def _delays(effect: Effect) -> bool:
+    """Whether to first order it delays each axis: what all axes share of that is a delay of the gyro."""
+    return effect.gauge is not None and bool(effect.gauge.delays)
+
+
 def offset_claim(gravity: TurnGravity, named: list[Claimed]) -> list[Claimed]:
     """The delay between gyro and accelerometer, which closure does not see.
 
@@ -53,8 +54,10 @@ def offset_claim(gravity: TurnGravity, named: list[Claimed]) -> list[Claimed]:
     """
     if not gravity.is_offset:
         return []
-    lags = sorted({name for claim in named for name in (claim.effect.id, *claim.equivalent)} & LAGS)
-    effect = catalogue()["timing.gyro_accel_offset"]
+    known = catalogue()
+    names = {name for claim in named for name in (claim.effect.id, *claim.equivalent)}
+    lags = sorted(name for name in names if name in known and _delays(known[name]))
+    effect = known["timing.gyro_accel_offset"]
     sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
     p_value = float(2 * stats.norm.sf(abs(gravity.offset_s) / gravity.sigma_s))
     return [

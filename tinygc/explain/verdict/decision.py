@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tinygc.effects.effect import Effect
+from tinygc.effects import Effect
 from tinygc.explain.mends.mending import Mended
 from tinygc.explain.naming.forward import Naming, candidates, name_effects
 from tinygc.explain.naming.rivals import BETTER, best_rival

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common.units import DEG
+from session.log.samples import start_times
+from tinygc.effects.occurrence import LEVEL, ROWS, SECONDS, STILLS
 from tinygc.explain.verdict.claims import Claimed
 from tinygc.explain.verdict.explain import Explanation
 
@@ -21,33 +23,32 @@ class Clipped:
 
 def moments_s(e: Explanation, claim: Claimed) -> np.ndarray | None:
     """(K,) of an effect that has moments, at least two for a span; None for one that has not."""
-    if claim.effect.id == "gyro.saturation":
+    occurs = claim.effect.occurs
+    if occurs is None:
+        return None
+    if occurs.counts == LEVEL:
         return clipped_readings(e, claim).t_s
-    if claim.effect.id == "data.glitches":
-        return reading_s(e, np.array(claim.parameters["at"], dtype=int))
-    if claim.effect.id == "timing.dropped_samples":
-        return np.array(claim.parameters["at_s"], dtype=float)
-    if claim.effect.id == "reference.not_still":
-        began = _began_s([log.samples for log in e.problem.logs])
+    if occurs.counts == ROWS:
+        return reading_s(e, np.array(claim.parameters[occurs.key], dtype=int))
+    if occurs.counts == SECONDS:
+        return np.array(claim.parameters[occurs.key], dtype=float)
+    if occurs.counts == STILLS:
+        began = e.problem.began_s
         spans = [(began[i] + s.start_s, began[i] + s.start_s + s.duration_s) for i, log in enumerate(e.problem.logs) for s in log.stills]
-        return np.ravel([spans[number] for number in claim.parameters["stills"]])
-    return None
+        return np.ravel([spans[number] for number in claim.parameters[occurs.key]])
+    raise ValueError(f"{claim.effect.id}: occurs counts {occurs.counts!r}")
 
 
 def clipped_readings(e: Explanation, claim: Claimed) -> Clipped:
-    """All readings at the level of a ``gyro.saturation``."""
-    level = claim.parameters["dps"] * DEG
+    """All readings at the level of a claim that happens there."""
+    key = claim.effect.occurs.key
+    level = claim.parameters[key] * DEG
     magnitude = np.concatenate([np.abs(log.samples.gyro).max(axis=1) for log in e.session.logs])
-    rows = np.flatnonzero(magnitude >= level - claim.std["dps"] * DEG)
+    rows = np.flatnonzero(magnitude >= level - claim.std[key] * DEG)
     return Clipped(reading_s(e, rows), magnitude[rows])
 
 
 def reading_s(e: Explanation, rows: np.ndarray) -> np.ndarray:
     """(K,) of rows that are counted over all logs."""
     logs = [log.samples for log in e.session.logs]
-    return np.concatenate([began + samples.t_s for began, samples in zip(_began_s(logs), logs, strict=True)])[rows]
-
-
-def _began_s(logs) -> np.ndarray:
-    """(L,) s of the session at which each log begins."""
-    return np.cumsum([0.0] + [samples.duration_s for samples in logs[:-1]])
+    return np.concatenate([began + samples.t_s for began, samples in zip(start_times(logs)[:-1], logs, strict=True)])[rows]

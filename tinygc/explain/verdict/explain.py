@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from session.checks.first_look import Finding, check_session
-from session.common.errors import DataError
+from session.checks.findings import Finding
 from session.common.units import DEG
-from session.log.folder import Session, read_session
+from session.log.folder import Session
 from tinygc.explain.mends.mending import Mended, mend
 from tinygc.explain.naming.forward import Naming
 from tinygc.explain.naming.seen_from import seen_from
@@ -23,7 +22,7 @@ from tinygc.explain.twin.within_stills import WithinStills, within_stills
 from tinygc.explain.verdict.claims import Claimed, mended_claims, named_claims, offset_claim
 from tinygc.explain.verdict.decision import LEAST_FINDING, LEFT_P, decide
 from tinygc.explain.verdict.proof import Proof, prove
-from tinygc.problem.build import build_problem
+from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
 
@@ -56,16 +55,16 @@ class Explanation:
 
 
 def explain_session(
-    folder: Path, *, seed: int = 0, use_earth: bool = True, progress: Callable[[str, int, int], None] = lambda what, done, of: None
+    session: Session | Path,
+    *,
+    seed: int = 0,
+    use_earth: bool = True,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    prepared: Prepared | None = None,
 ) -> Explanation:
-    """Explain a session's mismatch.  Raises what ``read_session`` and ``build_problem`` raise, and DataError for a boring cause."""
-    session = read_session(folder, lambda name: progress(f"reading {name}", 0, 6))
-    progress("boring causes first", 1, 6)
-    findings = check_session(session)
-    for finding in findings:
-        if finding.level == "error":
-            raise DataError(f"{finding.where}: {finding.what}: {finding.says}" + (f"; {finding.do}" if finding.do else ""))
-    problem = build_problem(session, use_earth=use_earth)
+    """Explain a session's mismatch.  prepared: the session, where somebody has it already.  Raises what ``prepare`` raises."""
+    prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 6))
+    session, problem = prepared.session, prepared.problem
     mended = mend(problem, lambda what: progress(what, 2, 6))
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
@@ -87,7 +86,7 @@ def explain_session(
     explanation.own_p = {name: (before[name], after[name]) for name in before}
     explanation.within = within_stills(twin)
     explanation.seen_from = seen_from(twin, whiten, naming.fit)
-    explanation.warnings = [finding for finding in findings if finding.level == "warning"] + _heading_not_used(problem)
+    explanation.warnings = prepared.warnings + _heading_not_used(problem)
     explanation.verdict = _verdict(explanation)
     return explanation
 

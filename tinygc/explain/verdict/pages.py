@@ -8,11 +8,12 @@ from rich.table import Table
 from rich.text import Text
 
 from session.common.units import DEG, MG
+from tinygc.effects.occurrence import STILLS
 from tinygc.explain.naming.seen_from import in_words
 from tinygc.explain.twin.channels import own_residuals
 from tinygc.explain.twin.variable import Regime
 from tinygc.explain.verdict.explain import Explanation
-from tinygc.explain.verdict.measured import measured
+from tinygc.explain.verdict.measured import measured, p_words
 from tinygc.explain.verdict.next_step import what_next
 from tinygc.explain.verdict.proof import tilt_rms
 from tinygc.explain.verdict.where import where
@@ -24,18 +25,18 @@ MOST_SAID = 6
 def explanation_page(e: Explanation) -> Group:
     """Verdict, effects with their parameters, where it lives, proof, and what to do next."""
     words, style = VERDICTS[e.verdict]
-    parts: list = [Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {_p(e.p_value)})\n")]
+    parts: list = [Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {p_words(e.p_value)})\n")]
     # The first look's own suspicions stand before what has no name: they are the likelier cause.
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
     for claim in e.claimed:
-        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {_p(claim.p_value)}"))
+        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value)}"))
         parts.append(Text(f"  {claim.says}"))
         parts += [Text(f"  {line}") for line in parameter_lines(claim)]
         if claim.equivalent:
             parts.append(Text(f"  could as well be: {', '.join(claim.equivalent)}", "yellow"))
         parts.append(Text(""))
     for claim in e.findings:
-        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, f"   p {_p(claim.p_value)}"))
+        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, f"   p {p_words(claim.p_value)}"))
         parts.append(Text(f"  {claim.says}; it carries {100 * (claim.share or 0):.0f} % of the misfit\n"))
     parts += [
         Text("Recorded less predicted, in sigmas of the noise (rms; 1 is noise alone)", "italic"),
@@ -44,6 +45,8 @@ def explanation_page(e: Explanation) -> Group:
         _stamps(e),
         Text(""),
     ]
+    if not e.problem.instability.source.startswith("typical"):
+        parts.append(Text(f"bias instability, which noise allows for: {e.problem.instability.words}"))
     parts += [*_where(e), _proof(e)]
     if e.verdict == "no_mismatch":
         parts += [Text(line) for line in in_words(e.seen_from)]
@@ -93,7 +96,7 @@ def _channels(e: Explanation) -> Table:
 def _stamps(e: Explanation) -> Text:
     """Registers and stamps: what is predicted is none that is false, and one sample a period."""
     longest = max(float(log.samples.dt_s.max() / log.samples.period_s) for log in e.problem.logs)
-    found = [claim.effect.id for claim in e.claimed if claim.effect.id in e.mended.found and claim.effect.id != "reference.not_still"]
+    found = [claim.effect.id for claim in e.claimed if claim.effect.id in e.mended.found and claim.effect.occurs.counts != STILLS]
     return Text(
         f"registers: {', '.join(found) or 'none at a limit, none false, none lost unseen'}; stamps: longest interval {longest:.2f} periods"
     )
@@ -146,7 +149,3 @@ def _proof(e: Explanation) -> Text:
         return Text(f"held-out closure: {before:.4f}°, floor {floor:.4f}°")
     removed = f"; {100 * e.proof.removed:.1f} % of the excess is gone" if e.proof.removed is not None else ""
     return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")
-
-
-def _p(p_value: float) -> str:
-    return f"= {p_value:.2g}" if p_value > 1e-99 else "< 1e-99"

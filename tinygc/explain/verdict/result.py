@@ -6,20 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
-import tinygc
 from session.common.files import write_whole
 from session.common.units import DEG, G
+from session.common.version import VERSION
 from session.common.writing import result_folder
-from session.log.hashes import sha256_of
+from session.log.hashes import hash_of_log
 from tinygc.effects import catalogue
 from tinygc.explain.verdict.claims import Claimed
 from tinygc.explain.verdict.explain import Explanation
+from tinygc.explain.verdict.measured import p_entry
 from tinygc.explain.verdict.next_step import what_next
 from tinygc.explain.verdict.proof import tilt_rms
 from tinygc.explain.verdict.where import where
 
 SCHEMA = "tinygc-explain/1"
-SMALLEST_P = 1e-300
 
 
 def to_json(e: Explanation) -> dict:
@@ -29,7 +29,7 @@ def to_json(e: Explanation) -> dict:
         "session": e.session.name,
         "verdict": e.verdict,
         "mismatch": {
-            "p_value": max(e.p_value, SMALLEST_P),
+            **p_entry("p_value", e.p_value),
             "closure_rms_deg": tilt_rms(e.proof.before) / DEG,
             "expected_rms_deg": e.problem.floor.tilt_rms / DEG,
             "where": where(e),
@@ -45,15 +45,14 @@ def to_json(e: Explanation) -> dict:
             "excess_removed": e.proof.removed,
             "segments_after": len(e.proof.after_numbers),
         },
-        "channels": {
-            name: {"p_before": max(before, SMALLEST_P), "p_after": max(after, SMALLEST_P)} for name, (before, after) in e.own_p.items()
-        },
+        "channels": {name: p_entry("p_before", before) | p_entry("p_after", after) for name, (before, after) in e.own_p.items()},
         "turn_gravity": {
             "lever_m": e.gravity.lever_m.tolist(),
             "offset_s": e.gravity.offset_s,
             "offset_std_s": e.gravity.sigma_s,
             "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
         },
+        "noise": e.problem.instability.to_json(),
         "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
         "seen_from": {
             name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
@@ -61,8 +60,8 @@ def to_json(e: Explanation) -> dict:
         },
         "warnings": [vars(warning) for warning in e.warnings],
         "next": what_next(e),
-        "logs": {log.path.name: sha256_of(log.path) for log in e.session.logs},
-        "version": tinygc.__version__,
+        "logs": {log.path.name: hash_of_log(log) for log in e.session.logs},
+        "version": VERSION,
     }
 
 
@@ -84,7 +83,7 @@ def _effect(claim: Claimed) -> dict:
         "equation": claim.effect.equation,
         "parameters": claim.parameters,
         "std": claim.std,
-        "p_value": max(claim.p_value, SMALLEST_P),
+        **p_entry("p_value", claim.p_value),
         "equivalent": list(claim.equivalent),
         "says": claim.says,
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
+from tinygc.effects.occurrence import LEVEL
 from tinygc.explain.twin.channels import own_residuals
 from tinygc.explain.twin.variable import Regime, regime_of
 from tinygc.explain.verdict.claims import Claimed
@@ -68,7 +69,7 @@ def _axes(e: Explanation, told: list[Claimed]) -> list[str]:
 
 def _spans(e: Explanation, numbers: list[int]) -> list[list[float]]:
     """[from, to] of each segment, s of the session."""
-    began = np.cumsum([0.0] + [log.samples.duration_s for log in e.problem.logs])
+    began = e.problem.began_s
     at = {segment.number: segment for segment in e.problem.segments}
     found = []
     for number in numbers:
@@ -100,7 +101,7 @@ def _range(e: Explanation, claim: Claimed) -> dict | None:
 
 
 def _values(e: Explanation, claim: Claimed, regime: Regime) -> np.ndarray:
-    if claim.effect.id == "gyro.saturation":
+    if claim.effect.occurs is not None and claim.effect.occurs.counts == LEVEL:
         return clipped_readings(e, claim).magnitude / DEG
     if regime.variable == "time" and (times := moments_s(e, claim)) is not None:
         return times

@@ -19,7 +19,8 @@ from itertools import pairwise
 import numpy as np
 
 from session.common.errors import FitError
-from session.common.units import DEG, STANDARD_GRAVITY_MPS2
+from session.common.runs import runs_of
+from session.common.units import DEG, NS, STANDARD_GRAVITY_MPS2
 from session.log.samples import Samples
 from tinygc.attitude import rotation
 from tinygc.attitude.integrate import steps
@@ -146,10 +147,9 @@ class _Run:
 
     def _pieces(self, whole: np.ndarray, samples: Samples) -> list[slice]:
         """Blocks that follow one another without a gap, in stamps or in specific force."""
-        late = np.diff(samples.t_ns[: self.blocks * self.size : self.size]) * 1e-9 > 1.5 * self.size * samples.period_s
-        cut = np.flatnonzero(np.diff(np.concatenate([[0], whole.astype(int), [0]])))
+        late = np.diff(samples.t_ns[: self.blocks * self.size : self.size]) * NS > 1.5 * self.size * samples.period_s
         found = []
-        for start, stop in zip(cut[::2], cut[1::2], strict=True):
+        for start, stop in zip(*runs_of(whole), strict=True):
             inner = [start, *(int(k) + 1 for k in np.flatnonzero(late) if start <= k < stop - 1), stop]
             found += [slice(int(a), int(b)) for a, b in pairwise(inner)]
         return [piece for piece in found if self.span[piece].sum() >= SHORTEST_S]

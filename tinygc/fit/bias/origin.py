@@ -8,7 +8,7 @@ from pathlib import Path
 from session.common.errors import FormatError
 from session.common.files import read_json
 from session.log.folder import Session
-from session.log.hashes import sha256_of
+from session.log.hashes import hash_of_log
 from tinygc.fit import saved_fit
 
 
@@ -25,7 +25,7 @@ class Origin:
 def origin_of(path: Path, session: Session) -> Origin:
     """Compare the hashes that the model file, or ``fit``'s record beside it, has of its logs with those of the session's logs."""
     table = read_json(path)
-    logs = {sha256_of(log.path) for log in session.logs}
+    logs = {hash_of_log(log) for log in session.logs}
     stored = table["stored"] if isinstance(table.get("stored"), dict) else table
     name = stored.get("session") if isinstance(stored.get("session"), str) else None
     known = _hashes(stored.get("sha256")) or (_beside(path) if stored is table else set())

@@ -9,17 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import tinygc
-from session.checks.findings import stop_at_errors
-from session.checks.first_look import check_session
 from session.common.errors import SegmentError
 from session.common.files import read_json, write_whole
 from session.common.units import DEG, G
+from session.common.version import VERSION
 from session.common.writing import result_folder
 from session.detect.rests import find_rests
 from session.detect.truth_segments import moments_inside
 from session.log import hashes
-from session.log.folder import Session, read_session
+from session.log.folder import Session
 from tinygc import models
 from tinygc.closure.residual import closure_angles
 from tinygc.fit.bias import FIGURES, MODEL
@@ -29,8 +27,8 @@ from tinygc.fit.figures import closure_figures, run_figures
 from tinygc.fit.fit_json import SCHEMA
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.model import Model
-from tinygc.problem.build import build_problem
 from tinygc.problem.closure_run import ClosureRun, read_closure_runs
+from tinygc.problem.prepared import prepare
 from tinygc.problem.problem import Problem
 from tinygc.problem.still_set import StillSet
 
@@ -88,11 +86,10 @@ def rebias_session(
     given_dps (3,): what the sensor reads at rest; exclude: numbers of segments that the closure is not judged by.
     Raises SegmentError where ``source`` needs a still or a rest and there is none.
     """
-    session = read_session(folder, lambda name: progress(f"reading {name}", 0, 3))
-    stop_at_errors(check_session(session))
     stored = models.load(path)
     stored.with_bias_moved(np.zeros(3))  # a kind whose bias cannot be moved is refused before the work
-    problem = build_problem(session, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 1, 3))
+    problem = prepare(folder, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 0, 3)).problem
+    session = problem.session
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]] = {}
     if (start := from_start(problem, stored)) is not None:
         changes["start"] = start
@@ -208,6 +205,7 @@ def rebias_to_json(result: Rebiased) -> dict:
         "noise": {
             "gyro_dps_rthz": (result.problem.noise.gyro / DEG).tolist(),
             "accel_g_rthz": (result.problem.noise.accel / G).tolist(),
+            **result.problem.instability.to_json(),
             "closure_floor_rms_deg": result.problem.floor.tilt_rms / DEG,
         },
         "methods": {name if name == "stored" else f"stored_{name}": figures(name) for name in result.angles},
@@ -224,7 +222,7 @@ def rebias_to_json(result: Rebiased) -> dict:
             | {name if name == "stored" else f"stored_{name}": run_figures(error) for name, error in errors.items()}
             for run, errors in zip(result.runs, result.run_errors, strict=True)
         ],
-        "version": tinygc.__version__,
+        "version": VERSION,
     }
 
 
@@ -242,7 +240,7 @@ def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
         "session": session.name,
         "sha256": hashes.input_hashes(session),
         "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
-        "version": tinygc.__version__,
+        "version": VERSION,
     }
     with result_folder(folder):
         write_whole(folder / MODEL, models.to_dict(result.model, **more))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.effects.applied import Claim
+from tinygc.effects import Claim
 from tinygc.explain.twin.refit import Refit
 from tinygc.explain.twin.twin import State
 from tinygc.models.linear import NAMES

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from session.common.errors import FitError
-from tinygc.effects import catalogue
-from tinygc.effects.effect import Effect
+from tinygc.effects import Effect, catalogue
 from tinygc.explain.mends.mending import mend
 from tinygc.explain.naming.forward import candidates
 from tinygc.explain.twin.common_delay import in_gauge
@@ -56,9 +55,9 @@ def fit_physics(
 def _effect(twin: Twin, name: str) -> Effect:
     known = {effect.id: effect for effect in candidates(twin)}
     if name not in catalogue():
-        raise FitError(f"--physics: {name!r} is no effect; known are {', '.join(catalogue())}")
+        raise FitError(f"--physics: {name!r} is no effect; known are {', '.join(catalogue())}; another folder's: --effects DIR")
     if name not in known:
         raise FitError(f"--physics: {name} cannot be fitted to this session (it needs what the log lacks, or is found without a fit)")
-    if known[name].shape:
-        raise FitError(f"--physics: {name} has a time that must be searched for; use --physics auto")
+    if (scan := known[name].scan) is not None:
+        raise FitError(f"--physics: {name} has a value ({scan.name}) that must be searched for; use --physics auto")
     return known[name]

@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from session.common.errors import FormatError
-from tinygc.effects import catalogue
-from tinygc.effects.applied import Claim
-from tinygc.effects.conditions import Conditions
+from tinygc.effects import Claim, Conditions, EffectError, effect_of
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
@@ -45,6 +43,8 @@ def from_table(table: dict, where: str, read: Callable[..., Any]) -> PhysicsMode
         E, B = (np.asarray(table["linear"][name], dtype=float).reshape(shape) for name, shape in (("E", (3, 3)), ("B", (3,))))
         known = Conditions(**{name: float("nan") if value is None else float(value) for name, value in table["conditions"].items()})
         claims = tuple(_read_claim(entry) for entry in table["effects"])
+    except EffectError as error:
+        raise FormatError(f"{where}: {error}") from None
     except (KeyError, TypeError, ValueError) as error:
         raise FormatError(f"{where}: the physics cannot be read: {error}") from None
     if not (np.isfinite(E).all() and np.isfinite(B).all() and all(np.isfinite(claim.theta).all() for claim in claims)):
@@ -54,9 +54,7 @@ def from_table(table: dict, where: str, read: Callable[..., Any]) -> PhysicsMode
 
 
 def _read_claim(entry: dict) -> Claim:
-    if entry["id"] not in catalogue():
-        raise ValueError(f"no effect {entry['id']!r} in the catalogue")
-    effect = catalogue()[entry["id"]]
-    if effect.variants:
-        (effect,) = effect.variants(np.array([float(entry["at_s"])]))
+    effect = effect_of(entry["id"])
+    if effect.scan is not None:
+        effect = effect.at(float(entry[effect.scan.name]) * effect.scan.si)
     return Claim(effect, np.asarray(entry["theta_si"], dtype=float))

@@ -11,7 +11,7 @@ from session.log.hashes import input_hashes
 from tinygc import models
 from tinygc.closure.bias_wander import wander_covariance
 from tinygc.closure.uncertainty import MISMATCH_P
-from tinygc.effects.applied import Claim
+from tinygc.effects import Claim
 from tinygc.explain.verdict.explain import Explanation
 from tinygc.fit.physics.covariance import covariance_table, rate_covariance, rows_of_rates
 from tinygc.fit.physics.lost_in_runs import loss_words, lost_in
@@ -155,7 +155,8 @@ def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Ca
 def _wander_since(fit: FitResult, run: ClosureRun) -> float:
     """(rad/s)^2: variance of the bias in the run less its mean in the session."""
     moments = np.r_[run.began_s + run.duration_s / 2, fit.problem.middle_s]
-    wander = wander_covariance(moments, np.r_[run.duration_s, fit.problem.batch.duration_s])
+    spans = np.r_[run.duration_s, fit.problem.batch.duration_s]
+    wander = wander_covariance(moments, spans, instability_rps=fit.problem.instability.rps)
     contrast = np.r_[1.0, np.full(len(moments) - 1, -1 / (len(moments) - 1))]
     return float(contrast @ wander @ contrast)
 
@@ -167,10 +168,10 @@ def agrees(p_value: float) -> bool:
 
 def model_table(adopted: Adopted, fit: FitResult) -> dict:
     """The calibration as ``tinygc-model/1``, as ``fit`` saves it."""
-    import tinygc
+    from session.common.version import VERSION
 
     hashes = input_hashes(fit.session)
-    more = {"method": adopted.name, "session": fit.session.name, "sha256": hashes, "version": tinygc.__version__}
+    more = {"method": adopted.name, "session": fit.session.name, "sha256": hashes, "version": VERSION}
     if adopted.name == LINEAR:
         more |= {"covariance": adopted.covariance.tolist(), "unobserved": fit.linear.notes.get("unobserved", [])}
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ from tinygc.fit.session import fit_session
 from tinygc.fit.versions import versions
 from tinygc.methods.options import FitOptions
 from tinygc.models.field_parameters import COVERAGE_FACTOR, Quantity
+from tinygc.problem.build import build_problem
+from tinygc.problem.prepared import prepare
 from tinygc.problem.problem import Problem
 from tinygc.report.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
 from tinygc.report.beyond_linear import beyond_linear
@@ -73,11 +75,15 @@ def gather(
 ) -> Evidence:
     """Run fit, and explain; fit_folder: where ``fit`` may have saved the same already (the session's ``fit``).
 
-    Raises what ``fit_session`` and ``explain_session`` raise.
+    The session is read, checked and made a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
     """
-    fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit")
+    prepared = prepare(folder, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
+    fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit", prepared=prepared)
     truth = fit.session.config.protocol.reference == "truth"
-    how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress}
+    if options.exclude and explain:  # what a fit leaves out is looked at all the same
+        problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
+        prepared = replace(prepared, problem=problem)
+    how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}
     explanation = explain_session(folder, **how) if explain and not truth else None
     against_truth = explain_truth(folder, **how) if explain and truth else None
     progress("what the session shows besides", 0, 1)

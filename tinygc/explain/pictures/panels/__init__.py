@@ -1,12 +1,16 @@
 """One panel for each idea of what a cause looks like; each draws an explanation's claim into a pair of axes.
 
-An effect that adds to the rates is drawn along its variable; what the registers or the stills themselves tell has a panel of its own.
+An effect names its pair (``tinygc.effects.picture``), or draws its own from plain data; one that adds to the rates is drawn along its
+variable unless it says otherwise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
+from tinygc.effects import picture as named
+from tinygc.explain.pictures.own_picture import draw_own
 from tinygc.explain.pictures.panels import (
     clipped_turn,
     clock_offset,
@@ -19,23 +23,29 @@ from tinygc.explain.pictures.panels import (
     lost_samples,
 )
 from tinygc.explain.verdict.claims import Claimed
+from tinygc.explain.verdict.explain import Explanation
 
 #: (explanation, claim, matplotlib axes)
 Panel = Callable[..., None]
 
-OWN: dict[str, tuple[Panel, Panel]] = {
-    "gyro.saturation": (clipped_turn.one_turn, clipped_turn.closure_over_peak),
-    "data.glitches": (false_reading.one_reading, false_reading.all_readings),
-    "timing.dropped_samples": (lost_samples.one_loss, lost_samples.closure_over_losses),
-    "reference.not_still": (creeping_stills.turned_angle, creeping_stills.rate_against_bar),
-    "timing.gyro_accel_offset": (clock_offset.misfit_over_offset, clock_offset.misfit_by_turn),
-    "reference.accelerometer": (gravity_length.over_attitude, gravity_length.against_explained),
-    "earth.rotation": (earth.in_the_table, in_stills.against_explained),
-    "unknown.world_direction": (earth.in_the_table, in_stills.against_explained),
+PAIRS: dict[str, tuple[Panel, Panel]] = {
+    named.STILLS: (in_stills.along, in_stills.against_explained),
+    named.TURNS: (in_turns.along, in_turns.against_explained),
+    named.CLIPPED_TURN: (clipped_turn.one_turn, clipped_turn.closure_over_peak),
+    named.FALSE_READINGS: (false_reading.one_reading, false_reading.all_readings),
+    named.LOST_SAMPLES: (lost_samples.one_loss, lost_samples.closure_over_losses),
+    named.CREEPING_STILLS: (creeping_stills.turned_angle, creeping_stills.rate_against_bar),
+    named.CLOCKS: (clock_offset.misfit_over_offset, clock_offset.misfit_by_turn),
+    named.GRAVITY_LENGTH: (gravity_length.over_attitude, gravity_length.against_explained),
+    named.WORLD: (earth.in_the_table, in_stills.against_explained),
+    named.EARTH: (partial(earth.in_the_table, as_the_earths=True), in_stills.against_explained),
 }
 
 
-def panels_of(claim: Claimed) -> tuple[Panel, Panel]:
-    """The mismatch where it lives, and a second look at it."""
-    usual = in_stills if "still" in claim.effect.seen_in else in_turns
-    return OWN.get(claim.effect.id, (usual.along, usual.against_explained))
+def draw_claim(e: Explanation, claim: Claimed, left, right) -> None:
+    """The mismatch where it lives, and a second look at it, into two axes.  EffectError where an effect's own picture fails."""
+    if callable(claim.effect.pair):
+        draw_own(e, claim, left, right)
+        return
+    for panel, axes in zip(PAIRS[claim.effect.pair], (left, right), strict=True):
+        panel(e, claim, axes)

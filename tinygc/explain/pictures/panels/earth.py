@@ -14,8 +14,8 @@ from tinygc.explain.verdict.explain import Explanation
 MDPS = 1e-3 * DEG
 
 
-def in_the_table(e: Explanation, claim: Claimed, axes) -> None:
-    """Horizontal, along the found rate's own horizontal direction, and down; the circle is as large as the Earth's rate."""
+def in_the_table(e: Explanation, claim: Claimed, axes, as_the_earths: bool = False) -> None:
+    """Horizontal, along the found rate's own horizontal direction, and down; with a circle as large as the Earth's rate."""
     turn, fixed = rotation.matrix(e.twin.q_tb), theta(e, claim)
     size = np.hypot(*fixed[:2])
     ahead = np.array([*fixed[:2], 0]) / size if size > 0 else np.array([1.0, 0, 0])
@@ -27,7 +27,7 @@ def in_the_table(e: Explanation, claim: Claimed, axes) -> None:
         x, y = in_table @ ahead, in_table[:, 2]
         axes.plot(x, y, "o", color=colour, mfc=fill, ms=4, alpha=0.6)
         axes.plot(x.mean(), y.mean(), "P", color=colour, mec="black", ms=13, label=f"mean {name}")
-    if claim.effect.id == "earth.rotation":
+    if as_the_earths:
         angle = np.linspace(0, 2 * np.pi, 200)
         earth = EARTH_RATE_RPS / MDPS
         axes.plot(earth * np.cos(angle), earth * np.sin(angle), color=FLOOR, ls="--", label="the Earth's rate, 15.04 °/h")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
+from session.log.samples import start_times
 from tinygc.explain.pictures.channel_values import closure_as_recorded, closure_by_segment
 from tinygc.explain.pictures.panels.palette import AFTER, AXES, BEFORE, FLOOR
 from tinygc.explain.verdict.claims import Claimed
@@ -70,7 +71,7 @@ def closure_over_losses(e: Explanation, claim: Claimed, axes) -> None:
 def _losses(e: Explanation, claim: Claimed) -> list[tuple[int, int, int]]:
     """(log, last mended row before the loss, samples put back before it in this log) of each loss, in order."""
     logs = [log.samples for log in e.mended.problem.session.logs]
-    began = np.cumsum([0.0] + [samples.duration_s for samples in logs[:-1]])
+    began = start_times(logs)[:-1]
     found: list[tuple[int, int, int]] = []
     for at_s in claim.parameters["at_s"]:
         log = int(np.searchsorted(began, at_s, side="right")) - 1

@@ -122,7 +122,7 @@ def _effects(evidence: Evidence) -> str:
         "Where it depends on the rate itself, begin with the linear result and repeat three times."
     )
     html += f"<ul>{lines}</ul>"
-    force = [claim for claim in claims if claim.effect.id == "gyro.g_sensitivity"]
+    force = [claim for claim in claims if claim.effect.linear_in == "force"]
     for claim in force:
         rows = ",\n              ".join(f"[{row}]" for row in _rows(claim.theta.reshape(3, 3)))
         html += code(

@@ -6,7 +6,7 @@ import numpy as np
 
 from session.common.units import DEG
 from tinygc.explain.truth.explain import Claim, TruthExplanation
-from tinygc.explain.truth.result import CANNOT, evidence_rows, refusals
+from tinygc.explain.truth.result import CANNOT, evidence_rows, refusals, values_of
 from tinygc.report.html.chart import Chart, log_axis
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, code, escape, figure, key, paragraph, table
@@ -33,13 +33,10 @@ def section(evidence: Evidence) -> Section | None:
 
 
 def _claim(claim: Claim) -> str:
-    parameter = claim.effect.parameter
-    values, sigmas = (x / parameter.si for x in (claim.theta, claim.sigma))
-    lines = ", ".join(f"{value:.4g} ± {sigma:.2g}" for value, sigma in zip(values, sigmas, strict=True))
     return (
         f'<div class="found"><h3>{escape(claim.effect.id)}</h3>{paragraph(f"{escape(claim.says[:1].upper() + claim.says[1:])}.")}'
         + paragraph(f"<code>{escape(claim.effect.equation)}</code>, {probability(claim.p_value)}", "soft")
-        + code(f"{parameter.name}: {lines}")
+        + code(f"{claim.effect.parameter.name}: {', '.join(values_of(claim))}")
         + "</div>"
     )
 

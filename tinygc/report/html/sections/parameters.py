@@ -6,6 +6,7 @@ from math import isfinite
 
 import numpy as np
 
+from session.common.units import DEG_PER_HOUR
 from tinygc.models.field_parameters import Quantity
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, escape, figure, key, paragraph
@@ -64,10 +65,15 @@ def section(evidence: Evidence) -> Section:
     )
     html += paragraph(
         f"Uncertainties include the noise measured in the stills, the Earth’s heading where it was estimated{has}, and a bias that "
-        f"wanders by 3 °/h (data sheet). They do not include {lacks}, nor a bias that is another one after the next switch-on.",
+        f"wanders by {_instability(evidence)}. They do not include {lacks}, nor a bias that is another one after the next switch-on.",
         "soft",
     )
     return Section("parameters", "Parameters", html)
+
+
+def _instability(evidence: Evidence) -> str:
+    known = evidence.problem.instability
+    return f"{known.rps / DEG_PER_HOUR:.2g} °/h ({'data sheet' if known.source.startswith('typical') else escape(known.source)})"
 
 
 def _at(temperature: str) -> str:

@@ -48,7 +48,7 @@ def _facts(evidence: Evidence) -> str:
     used, found = len(problem.used), len(problem.segments)
     good = [still for still in problem.stills if still.problem is None]
     periods = [log.samples.period_s for log in problem.logs]
-    seconds = sum(log.samples.duration_s for log in problem.logs)
+    seconds = problem.began_s[-1]
     pairs = [
         ("Length", f"{seconds / 60:.1f} min in {len(problem.logs)} log{'s' * (len(problem.logs) != 1)}"),
         ("Stills", f"{len(good)}, median {np.median([still.duration_s for still in good]):.1f} s" if good else "none"),
@@ -80,11 +80,6 @@ def _temperature_of(samples: Samples) -> np.ndarray | None:
     return samples.temp_c if samples.temp_c is not None and np.isfinite(samples.temp_c).any() else None
 
 
-def _began(problem: Problem) -> np.ndarray:
-    """(logs + 1,) s of the session when each log began, and when the last ended."""
-    return np.cumsum([0.0] + [log.samples.duration_s for log in problem.logs])
-
-
 def _envelope(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middle, lowest, highest of each of so many stretches of time."""
     edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], columns + 1)[:-1]))
@@ -92,7 +87,7 @@ def _envelope(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarr
 
 
 def _over_time(problem: Problem, width: int) -> str:
-    began = _began(problem)
+    began = problem.began_s
     minutes = began[-1] > 600
     unit = 60.0 if minutes else 1.0
     sizes = [np.linalg.norm(log.samples.gyro, axis=1) / DEG for log in problem.logs]
@@ -123,7 +118,7 @@ def _over_time(problem: Problem, width: int) -> str:
 
 
 def _temperature(problem: Problem, width: int) -> str:
-    began = _began(problem)
+    began = problem.began_s
     minutes = began[-1] > 600
     unit = 60.0 if minutes else 1.0
     parts = []

@@ -1,4 +1,4 @@
-"""The same log again, from the raw bytes."""
+"""The raw bytes of a recording, decoded into the same logs again."""
 
 from __future__ import annotations
 

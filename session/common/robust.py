@@ -1,0 +1,18 @@
+"""Scatter from medians, which a few wild values do not move."""
+
+from __future__ import annotations
+
+import numpy as np
+
+#: the median of |x| of a normal x, in standard deviations
+MEDIAN_SIGMAS = 0.6745
+
+
+def sigma_of(deviations: np.ndarray, axis: int | None = 0) -> np.ndarray:
+    """Standard deviation of normal deviations (…) about zero, from the median of their sizes along an axis (None: of all)."""
+    return np.median(np.abs(deviations), axis=axis) / MEDIAN_SIGMAS
+
+
+def sigma_of_steps(values: np.ndarray) -> np.ndarray:
+    """Standard deviation of white noise in values (N, …), from their steps: what changes slowly does not count."""
+    return sigma_of(np.diff(values, axis=0)) / np.sqrt(2)

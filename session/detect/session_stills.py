@@ -1,0 +1,38 @@
+"""The stills of a session's logs and closure runs, each looked for once, whoever asks for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from session.detect.stills import Noise, Still, find_stills
+from session.log.folder import Session
+from session.log.logfile import Log
+from session.log.samples import Samples
+
+
+@dataclass(frozen=True, eq=False)
+class LogStills:
+    """One log: samples with the accelerometer's pre-calibration applied, stills in them, their noise (None where nothing is still)."""
+
+    samples: Samples
+    stills: list[Still]
+    noise: Noise | None
+
+
+class SessionStills:
+    """Made once where a session is read, and handed on: to the first look, the problem, the closure runs."""
+
+    def __init__(self, session: Session, known: SessionStills | None = None):
+        """known: of the same session before some of its logs were mended; the others are not looked at again."""
+        self._session = session
+        self._found: list[tuple[Log, LogStills]] = [] if known is None else list(known._found)
+
+    def of(self, log: Log) -> LogStills:
+        """What is found in a log or closure run of the session: looked for when it is first asked for."""
+        for looked_at, found in self._found:
+            if looked_at is log:
+                return found
+        samples = self._session.calibrated(log)
+        found = LogStills(samples, *find_stills(samples, self._session.config.protocol.still_s))
+        self._found.append((log, found))
+        return found

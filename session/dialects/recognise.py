@@ -1,0 +1,182 @@
+"""From a file's first lines to a layout: which column is what, in which unit; or one line that asks for what they do not tell."""
+
+from __future__ import annotations
+
+import re
+
+from session.common.errors import FormatError
+from session.dialects.columns import DELIMITERS, from_columns, split
+from session.dialects.layout import Answers, Layout, Triad
+from session.dialects.standard import OWN, parse_header
+from session.dialects.table import DIALECTS, Dialect
+from session.dialects.units import STAMP_NS, Unit, known, parse_unit
+
+UNIT = re.compile(r"\s*[\[(]([^\])]*[^\W\d_][^\])]*)[\])]$")
+
+
+def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
+    """The layout of a file that begins with these lines.  Raises FormatError, which asks in the words of the options."""
+    if answers.columns is not None:
+        delimiter, first, names, wanted = from_columns(answers.columns, lines, name)
+        return _layout(name, "other", delimiter, first, names, wanted, answers, "", lines)
+    found = max(_matches(lines), key=lambda match: match[0], default=None)
+    if found is None:
+        own = _own_header(lines)
+        if own is not None:
+            number, names = own
+            parse_header(",".join(names), f"{name} line {number + 1}")  # says what is wrong with it
+        known_ones = ", ".join(dialect.name for dialect in DIALECTS)
+        raise FormatError(
+            f"{name}: no header of a log that is known ({known_ones}); it begins {_first(lines)!r}: "
+            "name its columns, --columns t_us=NAME,gx_dps=NAME,…,az_g=NAME"
+        )
+    _, number, delimiter, dialect, columns, names = found
+    if dialect is None:
+        columns = _own_columns(names, f"{name} line {number + 1}")
+    return _layout(
+        name, dialect.name if dialect else OWN, delimiter, number + 1, names, columns, answers, dialect.frame if dialect else "", lines
+    )
+
+
+def _first(lines: list[str]) -> str:
+    return next((line.strip()[:60] for line in lines if line.strip()), "")
+
+
+def _matches(lines: list[str]):
+    """(strength, line, delimiter, dialect or None for our own, {what: (column, unit)}, names) of every header that fits."""
+    for number, line in enumerate(lines):
+        if not re.search(r"[A-Za-z]", line):
+            continue
+        for delimiter in DELIMITERS:
+            names = split(line, delimiter)
+            if len(names) < 2:
+                continue
+            if not line.lstrip().startswith("#") and _is_own(names):
+                yield (9, -number), number, delimiter, None, {}, names
+            for dialect in DIALECTS:
+                columns = _columns_of(dialect, [_name_and_unit(text) for text in names])
+                if columns:
+                    yield (len(columns), -number), number, delimiter, dialect, columns, names
+
+
+def _name_and_unit(text: str) -> tuple[str, str]:
+    match = UNIT.search(text)
+    return (text[: match.start()] if match else text).strip().lower(), match[1] if match else ""
+
+
+def _columns_of(dialect: Dialect, names: list[tuple[str, str]]) -> dict:
+    """{time: (column, unit), gx: …, temp: …} where the header is of this dialect; empty where it is not."""
+    at = {}
+    for column, (name, unit) in enumerate(names):
+        at.setdefault(name, (column, unit))
+    time = next((at[name] for name in dialect.time if name in at), None)
+    if time is None or not all(name in at for name in dialect.signature):
+        return {}
+    found = {}
+    for letter, pattern, unit in (("g", dialect.gyro, dialect.gyro_unit), ("a", dialect.accel, dialect.accel_unit)):
+        triad = [pattern.format(axis) for axis in dialect.axes]
+        if all(name in at for name in triad):
+            found |= {f"{letter}{axis}": (at[name][0], at[name][1] or unit) for axis, name in zip("xyz", triad, strict=True)}
+    if dialect.temp in at:
+        found["temp"] = at[dialect.temp][0], at[dialect.temp][1] or "degc"
+    return {"t": (time[0], time[1] or dialect.time_unit), **found} if found else {}
+
+
+def _is_own(names: tuple[str, ...]) -> bool:
+    return sum(name in STAMP_NS for name in names) == 1 and any(name.startswith("gx") for name in names)
+
+
+def _own_header(lines: list[str]) -> tuple[int, tuple[str, ...]] | None:
+    """A line, and its names, that names one of our columns, though it is no whole header."""
+    ours = {*STAMP_NS, "gx", "gx_dps", "gx_rps"}
+    named = ((number, split(line, delimiter)) for number, line in enumerate(lines) for delimiter in DELIMITERS)
+    return next((found for found in named if len(found[1]) > 1 and ours & set(found[1])), None)
+
+
+def _own_columns(names: tuple[str, ...], where: str) -> dict:
+    own = parse_header(",".join(names), where)
+    columns = {"t": (own.time, own.name(own.time).removeprefix("t_"))}
+    for letter, triad in (("g", own.gyro), ("a", own.accel)):
+        columns |= {f"{letter}{axis}": (column, triad.unit.word) for axis, column in zip("xyz", triad.columns, strict=True)}
+    if own.temp is not None:
+        columns["temp"] = own.temp, own.temp_unit.word
+    return columns
+
+
+def _layout(name, dialect, delimiter, first, names, columns, answers, frame, lines) -> Layout:
+    """columns: {t, gx, …, temp: (column, unit as text, sign)}; what has no unit is asked for."""
+    time_column, time_unit = (*columns["t"][:1], columns["t"][1]) if "t" in columns else (None, "none")
+    time_unit = answers.time_unit or time_unit
+    if time_unit == "none":
+        time_column, unit = None, Unit(0, "")
+        if answers.odr_hz is None and ("gx" in columns or "ax" in columns):
+            raise FormatError(f"{name}: it has no time stamps; give the true data rate, --odr HZ")
+    elif time_column is not None and _is_clock(names, time_column, delimiter, lines[first:]):
+        unit = Unit(1, "clock")
+    else:
+        unit = _unit("time", time_unit, "--time-unit", name, dialect)
+    triads = {
+        letter: _triad(columns, letter, kind, option, said, axes, name, dialect)
+        for letter, kind, option, said, axes in (
+            ("g", "gyro", "--gyro-unit", answers.gyro_unit, answers.gyro_axes),
+            ("a", "accel", "--accel-unit", answers.accel_unit, answers.accel_axes),
+        )
+    }
+    temp = columns.get("temp")
+    return Layout(
+        dialect=dialect,
+        delimiter=delimiter,
+        first=first,
+        time=time_column,
+        time_ns=int(unit.si or 1),
+        clock=unit.word == "clock",
+        gyro=triads["g"],
+        accel=triads["a"],
+        temp=None if temp is None else temp[0],
+        temp_unit=None if temp is None else _unit("temp", temp[1], "--columns temp_c=", name, dialect),
+        names=names,
+        frame=frame,
+        header_line=lines[first - 1].strip() if first else "",
+    )
+
+
+def _is_clock(names, column: int, delimiter, rows: list[str]) -> bool:
+    """Whether the stamps are a time of day."""
+    row = next((row for row in rows if row.strip()), "").split(delimiter)
+    return column < len(row) and ":" in row[column]
+
+
+def _triad(columns, letter, kind, option, said, axes, name, dialect) -> Triad | None:
+    if f"{letter}x" not in columns:
+        return None
+    found = [columns[f"{letter}{axis}"] for axis in "xyz"]
+    units = {entry[1] for entry in found}
+    if len(units) > 1 and not said:
+        raise FormatError(f"{name}: the three axes are in different units ({', '.join(sorted(units))}); expected one")
+    unit = _unit(kind, said or found[0][1], option, name, dialect)
+    signs = [entry[2] if len(entry) > 2 else 1 for entry in found]
+    order, turned = parse_axes(axes, f"--{kind}-axes")
+    return Triad(
+        tuple(found[i][0] for i in order),
+        tuple(signs[i] * sign for i, sign in zip(order, turned, strict=True)),
+        unit,
+    )
+
+
+def parse_axes(text: str, option: str) -> tuple[list[int], list[int]]:
+    """``y,-x,z``: which of the log's axes becomes x, y, z, and its sign."""
+    words = [word.strip().lower() for word in text.split(",")]
+    order = ["xyz".find(word.lstrip("+-")) if len(word.lstrip("+-")) == 1 else -1 for word in words]
+    if sorted(order) != [0, 1, 2]:
+        raise FormatError(f"{option} is {text!r}; expected the log's axes that become x, y, z, such as y,-x,z")
+    return order, [-1 if word.startswith("-") else 1 for word in words]
+
+
+def _unit(kind: str, text: str, option: str, name: str, dialect: str) -> Unit:
+    what = {"time": "time stamps", "gyro": "gyroscope", "accel": "accelerometer", "temp": "temperature"}[kind]
+    if not text:
+        raise FormatError(f"{name} ({dialect}) does not say the unit of the {what}; give {option} ({known(kind)}, or one count: 0.061dps)")
+    unit = parse_unit(kind, text)
+    if unit is None:
+        raise FormatError(f"{name}: {text[:30]!r} is no unit of the {what} that is known; give {option} ({known(kind)})")
+    return unit

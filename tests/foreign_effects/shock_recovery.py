@@ -1,0 +1,55 @@
+"""After a shock the zero is off, and comes back: the moment is searched for, and told in minutes.  It draws its own picture."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from session.common.units import DEG
+from tinygc.effects import BYGONE, Drawn, Effect, Movement, Parameter, Scan, axis_of, largest, per_axis
+
+RECOVERS_S = 25.0
+MINUTE_S = 60.0
+
+
+def _grid(movements) -> np.ndarray:
+    """Every two seconds of the session."""
+    return np.arange(2.0, movements[0].duration_s - 2.0, 2.0)
+
+
+def _draw(data: Drawn, left, right) -> None:
+    for axis, name in enumerate("xyz"):
+        left.plot(data.stills_s / MINUTE_S, data.before[:, axis] / DEG, "o", label=name)
+        right.plot(data.says[:, axis] / DEG, (data.says + data.after)[:, axis] / DEG, "o", label=name)
+    left.axvline(data.parameters["shock_min"], color="black")
+    left.set(xlabel="time (min)", ylabel="rate in the still (dps)", title="The shock, and the way back")
+    right.set(xlabel="says (dps)", ylabel="recorded (dps)")
+    left.legend()
+
+
+def _at(shock_s: float) -> Effect:
+    def basis(movement: Movement) -> np.ndarray:
+        since = movement.t_s - shock_s
+        return np.where(since >= 0, np.exp(-np.maximum(since, 0) / RECOVERS_S), 0.0)[:, None]
+
+    def says(theta: np.ndarray) -> str:
+        return (
+            f"a shock at {shock_s / MINUTE_S:.2f} min moves the zero of {axis_of(theta)} by {abs(largest(theta)) / DEG:.3f} dps for a while"
+        )
+
+    return replace(EFFECT, columns=per_axis(basis), basis=basis, says=says)
+
+
+EFFECT = Effect(
+    id="gyro.shock_recovery",
+    equation="ω += b exp(−(t − t₀) / 25 s) from the shock t₀ on",
+    parameter=Parameter("dps", (3,), "dps", DEG, plausible=5 * DEG),
+    seen_in=("still", "turn"),
+    columns=lambda movement: _at(movement.duration_s / 2).columns(movement),
+    says=lambda theta: "a shock moves the zero for a while, 1 time",
+    splits="leave the table still for a minute",
+    inputs=("time",),
+    regime=("time", "s"),
+    scan=Scan("shock_min", "min", make=_at, si=MINUTE_S, grid=_grid),
+    picture=_draw,
+    device=BYGONE,
+)

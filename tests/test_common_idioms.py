@@ -1,0 +1,67 @@
+"""What many modules need stands once: the edges of runs, a scatter from medians, where logs begin, nanoseconds in seconds."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from session.common.robust import sigma_of, sigma_of_steps
+from session.common.runs import runs_of
+from session.common.units import NS, NS_PER_S
+from session.dialects.stamps import fresh
+from session.log.samples import Samples, start_times
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for p in ("session", "tinygc") for path in (ROOT / p).rglob("*.py")
+}
+
+
+@pytest.mark.parametrize(
+    ("mask", "runs"),
+    [("", []), ("000", []), ("111", [(0, 3)]), ("1", [(0, 1)]), ("0110", [(1, 3)]), ("1011001", [(0, 1), (2, 4), (6, 7)])],
+)
+def test_runs(mask, runs):
+    assert list(zip(*(edges.tolist() for edges in runs_of(np.array([c == "1" for c in mask], dtype=bool))), strict=True)) == runs
+
+
+def test_scatter_is_that_of_the_noise_and_wild_values_do_not_move_it():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0, [1.0, 2.0, 3.0], (40_000, 3))
+    noise[::50] = 1e6
+    assert sigma_of(noise) == pytest.approx([1, 2, 3], rel=0.04)
+    assert sigma_of(noise[:, 0], axis=None) == sigma_of(noise)[0]
+    ramp = np.linspace(0, 100, 40_000)[:, None]
+    assert sigma_of_steps(ramp + rng.normal(0, [1.0, 2.0, 3.0], (40_000, 3))) == pytest.approx([1, 2, 3], rel=0.03)
+
+
+def test_logs_lie_one_after_the_other():
+    logs = [Samples(np.array(t) * NS_PER_S, np.zeros((2, 3)), np.zeros((2, 3))) for t in ([5, 7], [100, 103], [0, 4])]
+    assert start_times(logs).tolist() == [0, 2, 5, 9]
+    assert start_times([]).tolist() == [0]
+
+
+def test_a_stamp_is_fresh_if_it_is_later():
+    assert fresh(np.array([3, 3, 4, 4, 4, 9])).tolist() == [True, False, True, False, False, True]
+    assert fresh(np.zeros(0, dtype=np.int64)).tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("idiom", "home"),
+    [
+        (r"0\.6745|1\.4826", "session/common/robust.py"),
+        (r"flatnonzero\(np\.diff\(np\.concatenate", "session/common/runs.py"),
+        (r"cumsum\(\[0", "session/log/samples.py"),
+        (r"= 1e-9  #: s per", "session/common/units.py"),
+    ],
+)
+def test_each_has_one_home(idiom, home):
+    assert [name for name, text in SOURCES.items() if re.search(idiom, text)] == [home]
+
+
+def test_no_module_writes_nanoseconds_out():
+    """Stamps become seconds by ``NS``, and seconds stamps by ``NS_PER_S``."""
+    assert NS * NS_PER_S == 1
+    written = re.compile(r"_ns\b.*\* ?1e-9|ticks \* 1e-9|\b1e9 /|(_s|rows\]) \* 1e9")
+    assert [(name, line) for name, text in SOURCES.items() for line in text.splitlines() if written.search(line)] == []

@@ -1,0 +1,167 @@
+"""What a notebook calls: sessions of arrays, fit, explain, simulate, load; the same answers as from files and commands."""
+
+import json
+import runpy
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import DEG, ROOT
+
+import calibrate
+import tinygc
+from session.common.errors import CalibrationError, DataError, FitError
+
+HIDDEN = {"gyro.g_sensitivity": {"matrix_dps_per_g": [[0.10, 0.0, 0.0], [0.0, -0.08, 0.0], [0.0, 0.02, 0.06]]}}
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return tinygc.simulate(segments=12, closure_s=30.0, seed=4)
+
+
+@pytest.fixture(scope="module")
+def fitted(simulated):
+    return tinygc.fit(simulated.session, methods=("raw", "least_squares"))
+
+
+def test_a_session_of_arrays_is_the_session_of_its_files(simulated, fitted, tmp_path):
+    folder = simulated.save(tmp_path / "session")
+    read = tinygc.read_session(folder)
+    for mine, theirs in zip((*simulated.session.logs, *simulated.session.closures), (*read.logs, *read.closures), strict=True):
+        np.testing.assert_array_equal(mine.samples.t_ns, theirs.samples.t_ns)
+        np.testing.assert_allclose(mine.samples.gyro, theirs.samples.gyro, rtol=1e-15)
+    from_files = tinygc.fit(folder, methods=("least_squares",))
+    for name, estimate in fitted.parameters.items():
+        assert estimate.value == pytest.approx(from_files.parameters[name].value, rel=1e-9, abs=1e-12)
+        assert estimate.sigma == pytest.approx(from_files.parameters[name].sigma, rel=1e-9)
+    assert fitted.closure_runs.keys() != from_files.closure_runs.keys()  # a run of arrays has no file's name
+    (mine,), (theirs,) = fitted.closure_runs.values(), from_files.closure_runs.values()
+    assert mine["least_squares"]["rmse_deg"] == pytest.approx(theirs["least_squares"]["rmse_deg"], rel=1e-6)
+
+
+def test_the_truth_lies_within_the_sigmas(simulated, fitted):
+    truth = {f"E_{i}{j}": simulated.truth["E"][n][m] for n, i in enumerate("xyz") for m, j in enumerate("xyz")}
+    pulls = [(fitted.parameters[name].value - value) / fitted.parameters[name].sigma for name, value in truth.items()]
+    assert np.abs(pulls).max() < 4
+    assert np.sqrt(np.mean(np.square(pulls))) < 2
+    assert fitted.parameters["B_x"].unit == "rad/s"
+    assert fitted.parameters["E_xx"].unit == "1"
+
+
+def test_the_command_says_what_the_library_says(simulated, fitted, tmp_path, capsys):
+    folder = simulated.save(tmp_path / "session")
+    assert calibrate.main(["fit", str(folder), "--methods", "raw,least_squares", "--json", str(tmp_path / "fit.json")]) == 0
+    printed = capsys.readouterr().out
+    ours, theirs = fitted.to_json(), json.loads((tmp_path / "fit.json").read_text())
+    assert theirs["methods"]["least_squares"]["holdout"] == pytest.approx(ours["methods"]["least_squares"]["holdout"], rel=1e-6)
+    shown = [line for line in fitted.summary().splitlines() if line.startswith("scale correction")]
+    assert shown
+    assert shown[0].split() == next(line for line in printed.splitlines() if line.startswith("scale correction")).split()
+
+
+def test_what_is_hidden_is_found_and_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    why = tinygc.explain(tinygc.simulate(segments=24, closure_s=0.0, seed=5, effects=HIDDEN).session)
+    assert why.verdict == "explained"
+    (effect,) = why.effects
+    assert effect.id == "gyro.g_sensitivity"
+    off = np.subtract(effect.parameters["matrix_dps_per_g"], HIDDEN[effect.id]["matrix_dps_per_g"])
+    assert (np.abs(off) < 4 * np.array(effect.std["matrix_dps_per_g"])).all()
+    figure = why.plot(tmp_path / "why.png")
+    assert (tmp_path / "why.png").read_bytes().startswith(b"\x89PNG")
+    assert len(figure.axes) >= 4
+    assert "gyro.g_sensitivity" in why.summary()
+    assert why.to_json()["verdict"] == "explained"
+
+
+def test_everything_has_a_short_name_and_a_table(simulated, fitted):
+    for thing in (simulated, simulated.session, fitted, fitted.parameters["E_xx"], fitted.model):
+        assert len(repr(thing)) < 140
+        assert "array(" not in repr(thing)
+    assert "<pre" in fitted._repr_html_()
+    assert "least squares" in fitted._repr_html_()
+    assert "\x1b" not in fitted.summary()
+
+
+def test_a_saved_model_says_how_well_it_is_known(fitted, simulated, tmp_path):
+    table = json.loads(fitted.model.save(tmp_path / "gyro.json").read_text())
+    np.testing.assert_array_equal(table["covariance"], fitted.covariance)
+    model, rate = tinygc.load(tmp_path / "gyro.json"), simulated.session.logs[0].samples.gyro[:50]
+    np.testing.assert_array_equal(model(rate), fitted.model(rate))
+    np.testing.assert_array_equal(model(rate), model(rate))  # nothing is remembered
+
+
+def test_arrays_have_no_folder_to_save_into(fitted, tmp_path):
+    with pytest.raises(CalibrationError, match="has no folder of its own; give one"):
+        fitted.save()
+    assert (fitted.save(tmp_path / "fit") / "model_least_squares.json").exists()
+
+
+def test_a_method_that_was_not_fitted_is_not_invented(simulated):
+    with pytest.raises(FitError, match="least_squares was not fitted; take one of models: raw"):
+        tinygc.fit(simulated.session, methods=("raw",)).model  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"t_s": [0.0]}, "t_s has 1 samples, expected at least 2"),
+        ({"t_s": [0.0, 0.01, 0.01]}, r"t_s\[2\] = 0.01 s does not go on"),
+        ({"gyro_rps": np.zeros((3, 2))}, r"gyro_rps has shape \(3, 2\), expected \(3, 3\)"),
+        ({"accel_mps2": [[0, 0, "g"]] * 3}, "accel_mps2 is not made of numbers"),
+        ({"gyro_rps": [[0, 0, 0], [0, np.nan, 0], [0, 0, 0]]}, r"gyro_rps\[1, 1\] is nan"),
+        ({"temp_c": [20.0, 21.0]}, r"temp_c has shape \(2,\), expected \(3,\)"),
+        ({"t_s": [0.0, 1e10, 2e10]}, "expected seconds"),
+    ],
+)
+def test_arrays_that_are_no_log_are_refused_in_one_line(changes, complaint):
+    arrays = {"t_s": [0.0, 0.01, 0.02], "gyro_rps": np.zeros((3, 3)), "accel_mps2": np.zeros((3, 3))} | changes
+    with pytest.raises(DataError, match=complaint) as caught:
+        tinygc.Session.from_arrays(**arrays)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "complaint"),
+    [
+        ({"reference.accelerometer": {"bias_mg": [1, 0, 0]}}, "does not add to the rate"),
+        ({"gyro.bias_drift": {"dps": [1, 0, 0]}}, "parameters are dps, expected dps_over_log"),
+        ({"gyro.bias_drift": {"dps_over_log": [1, 0]}}, r"has shape \(2,\), expected \(3,\)"),
+    ],
+)
+def test_what_cannot_be_hidden_is_refused(hidden, complaint):
+    with pytest.raises(DataError, match=complaint):
+        tinygc.simulate(segments=8, effects=hidden)
+
+
+def test_full_scales_that_nobody_gave_hold_what_was_measured():
+    rate = np.zeros((200, 3))
+    rate[50] = [300 * DEG, 0, 0]
+    session = tinygc.Session.from_arrays(np.arange(200) / 100, rate, np.tile([0, 0, -9.8], (200, 1)))
+    assert (session.config.sensor.gyro_fs_dps, session.config.sensor.accel_fs_g) == (500, 2)
+    assert session.config.sensor.odr_hz == pytest.approx(100)
+
+
+def test_the_package_loads_nothing_heavy_before_it_is_asked():
+    code = "import sys, tinygc; print(sorted({'numpy', 'torch', 'scipy', 'rich'} & set(sys.modules)))"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT).strip() == "[]"
+
+
+def test_all_names_are_there_and_no_other():
+    for name in tinygc.__all__:
+        assert getattr(tinygc, name) is not None
+    assert set(tinygc.__all__) <= set(dir(tinygc))
+    with pytest.raises(AttributeError, match="has no attribute 'fitt'"):
+        tinygc.fitt  # noqa: B018
+
+
+def test_the_story_runs(capsys):
+    pytest.importorskip("matplotlib")
+    known = runpy.run_path(str(ROOT / "docs" / "story.py"))
+    assert known["why"].effects[0].id == "gyro.g_sensitivity"
+    assert known["better"].closure["physics"]["tilt_rms_deg"] < 0.5 * known["better"].closure["least_squares"]["tilt_rms_deg"]
+    assert known["again"].parameters["E_xx"].value == known["result"].parameters["E_xx"].value
+    np.testing.assert_allclose(known["first"], known["omega"][0], atol=1e-12)
+    assert "explained" in capsys.readouterr().out

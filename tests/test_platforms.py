@@ -1,0 +1,141 @@
+"""Windows and macOS: what only POSIX systems have is needed by the virtual board alone.
+
+The modules that Windows lacks are hidden in a process of its own.  pyserial would then look for them itself, where on Windows it takes its
+own back end: a stand-in of the same names is put in its place.
+"""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from session.recording.rawfile import RawFile, read_marks
+from tinygc.cli.commands import COMMANDS
+
+ROOT = Path(__file__).resolve().parent.parent
+HIDE = """
+import errno, os, select, signal, sys, types
+for name in ("termios", "fcntl", "pty", "tty", "resource", "pwd", "grp", "syslog", "posix_ipc", "readline", "curses"):
+    sys.modules[name] = None
+for module, names in (
+    (os, ("openpty", "forkpty", "pread", "pwrite", "mkfifo", "ttyname", "set_blocking", "fchmod", "fchown", "chown", "killpg", "setsid",
+          "getpgid", "nice")),
+    (select, ("poll", "epoll")),
+    (signal, ("SIGHUP", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGPIPE", "SIGKILL", "SIGCHLD", "setitimer", "alarm", "pthread_sigmask")),
+    (errno, ("EDQUOT",)),
+):
+    for name in names:
+        if hasattr(module, name):
+            delattr(module, name)
+port = types.SimpleNamespace(device="COM3", vid=0x0483, pid=0x374E, serial_number="42", manufacturer="ST", product="ST-LINK/V3",
+                             description="ST-LINK")
+serial = types.ModuleType("serial")
+serial.SerialException = type("SerialException", (OSError,), {})
+serial.Serial = object
+tools = types.ModuleType("serial.tools")
+tools.list_ports = types.ModuleType("serial.tools.list_ports")
+tools.list_ports.comports = lambda: [port]
+serial.tools = tools
+sys.modules.update({"serial": serial, "serial.tools": tools, "serial.tools.list_ports": tools.list_ports})
+"""
+
+
+def hidden(code: str, **more) -> subprocess.CompletedProcess:
+    """Run Python in which the POSIX modules are not there."""
+    return subprocess.run([sys.executable, "-c", HIDE + code], cwd=ROOT, capture_output=True, text=True, timeout=300, **more)
+
+
+def calibrate(*arguments) -> subprocess.CompletedProcess:
+    return hidden(f"import calibrate; sys.exit(calibrate.main({[str(argument) for argument in arguments]!r}))")
+
+
+def test_what_is_hidden_is_not_there():
+    code = """
+for name in ("termios", "fcntl", "pty"):
+    try:
+        __import__(name)
+    except ImportError:
+        print(name)
+print(hasattr(os, "pread"), hasattr(signal, "SIGHUP"))
+"""
+    assert hidden(code).stdout.split() == ["termios", "fcntl", "pty", "False", "False"]
+
+
+def test_every_module_but_the_boards_terminal_can_be_imported():
+    code = """
+import importlib, pathlib
+failed = []
+for path in sorted(pathlib.Path(".").glob("session/**/*.py")) + sorted(pathlib.Path(".").glob("tinygc/**/*.py")):
+    name = ".".join(path.with_suffix("").parts).removesuffix(".__init__")
+    try:
+        importlib.import_module(name)
+    except ImportError as error:
+        failed.append(name)
+print(*failed)
+"""
+    done = hidden(code)
+    assert done.stdout.split() == ["tinygc.simulation.board.board", "tinygc.simulation.board.terminal"], done.stderr
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_says_its_help(name):
+    done = calibrate(name, "--help")
+    assert "usage:" in done.stdout, done.stderr
+
+
+def test_a_session_is_simulated_checked_fitted_replayed_and_applied(tmp_path):
+    folder = tmp_path / "s"
+    made = calibrate("simulate", "--out", folder, "--segments", "10", "--closure", "20", "--odr-hz", "104", "--quiet")
+    assert made.returncode == 0, made.stderr
+    assert calibrate("check", folder).returncode == 0
+    fit = calibrate("fit", folder, "--methods", "raw,least_squares", "--folds", "2")
+    assert fit.returncode == 0, fit.stderr
+    assert "least squares" in fit.stdout.replace("_", " ")
+    log, out = folder / "log0001.csv.gz", tmp_path / "again"
+    replay = calibrate("replay", log, "--out", out, "--gyro-fs", "500", "--accel-fs", "4")
+    assert replay.returncode == 0, replay.stderr
+    assert (out / "session.toml").is_file()
+    model = folder / "fit" / "model_least_squares.json"
+    assert calibrate("apply", model, log, "-o", tmp_path / "out.csv").returncode == 0
+    assert (tmp_path / "out.csv").stat().st_size > 0
+
+
+def test_a_real_port_is_listed():
+    done = calibrate("ports")
+    assert done.returncode == 0, done.stderr
+    assert "COM3" in done.stdout
+
+
+def test_a_raw_file_is_written_and_gone_on_with(tmp_path):
+    code = f"""
+from pathlib import Path
+from session.recording.rawfile import RawFile
+for part in (b"a\\n", b"b\\r\\n"):
+    raw = RawFile(Path({str(tmp_path)!r}))
+    raw.append(1, part)
+    raw.close()
+"""
+    done = hidden(code)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "raw.bin").read_bytes() == b"a\nb\r\n"
+    assert [mark.offset for mark in read_marks(tmp_path / "raw.bin")] == [2, 5]
+
+
+def test_a_line_that_was_cut_off_is_ended(tmp_path):
+    (tmp_path / "raw.times").write_bytes(b"host_ns,bytes,event\n12,3")
+    RawFile(tmp_path).close()
+    assert (tmp_path / "raw.times").read_bytes() == b"host_ns,bytes,event\n12,3\n"
+
+
+def test_the_virtual_board_says_in_one_line_that_it_is_posix_only():
+    done = calibrate("board")
+    assert done.returncode == 2
+    assert re.fullmatch(r"calibrate: board: .*POSIX.*\n", done.stderr), done.stderr
+
+
+def test_the_page_names_what_is_posix_only():
+    text = (ROOT / "docs" / "platforms.md").read_text(encoding="utf-8")
+    assert "`board`" in text
+    assert all(f"`{name}`" in text for name in COMMANDS)

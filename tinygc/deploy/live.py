@@ -1,0 +1,27 @@
+"""A model fed one sample after another, as a driver does: it remembers what it was given."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from session.common.errors import CalibrationError
+from tinygc.deploy.needs import Needs
+from tinygc.deploy.stream import Stream
+from tinygc.models.model import Model
+
+
+class Live:
+    """One live stream: ``omega = live(raw, acc, temp)`` for each sample as it comes; a stream after a pause is a new object."""
+
+    def __init__(self, model: Model, needs: Needs, rate_hz: float | None):
+        """Raises CalibrationError where the model looks at what comes after a sample, or needs a rate and has none."""
+        self._stream = Stream(model, needs, rate_hz, live=True)
+
+    def __call__(self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
+        """Calibrated rate (3,) rad/s of the next sample: raw (3,) rad/s, acc (3,) m/s^2, temp degC; CalibrationError for other shapes."""
+        sample = np.asarray(raw, dtype=float)
+        if sample.shape != (3,):
+            raise CalibrationError(f"raw has shape {sample.shape}, expected (3,), rad/s: a live stream takes one sample at a time")
+        acc, temp = (None if value is None else np.asarray(value, dtype=float)[None] for value in (acc, temp))
+        return self._stream.push(sample[None], acc, temp)[0]

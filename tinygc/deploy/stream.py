@@ -1,0 +1,108 @@
+"""One log through a model, piece by piece, in constant memory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.common.errors import CalibrationError
+from session.common.units import NS
+from session.log.samples import Samples
+from tinygc.deploy.needs import Needs
+from tinygc.models.denoiser import DenoisedNet
+from tinygc.models.model import Model
+
+
+class Stream:
+    """One log, piece by piece, in constant memory: ``push`` gives what is certain by now, ``flush`` the rest."""
+
+    def __init__(self, model: Model, needs: Needs, rate_hz: float | None, live: bool = False):
+        """Raises CalibrationError where the model needs a rate and has none, or looks ahead and is to go live."""
+        self._model, self._needs, self._rate_hz = model, needs, rate_hz
+        self._whole = not model.rates_only  # physics: it looks at time, force, temperature
+        self._live = live
+        if live and (ahead := needs.looks_ahead):
+            raise CalibrationError(f"{', '.join(ahead)} is undone from what comes after a sample: no live use; give whole arrays")
+        self._behind, self._ahead = needs.around(rate_hz, live)
+        if "rate_hz" in needs.told and rate_hz is None:
+            raise CalibrationError(f"{', '.join(needs.effects)}: time matters to this model; load it with rate_hz=")
+        self._denoiser = model.denoiser if isinstance(model, DenoisedNet) else None
+        self._tail: np.ndarray | None = None  # what the denoiser remembers: calibrated rates
+        self._held = _Rows.none()
+        self._before = 0  # of the held rows: how many are given out already
+        self._first = 0  # number of the first held row in the log
+
+    def push(self, raw: np.ndarray, acc=None, temp=None) -> np.ndarray:
+        """The next rows (N, 3) rad/s, with force (N, 3) m/s^2 and temperature (N,) degC where needed; (M, 3), those now calibrated."""
+        if self._denoiser is not None:
+            return self._denoised(raw)
+        if not self._whole:
+            return self._model(raw)
+        self._held = self._held.plus(_Rows.of(raw, acc, temp, self._needs.told))
+        ready = len(self._held.raw) - self._ahead
+        # A piece at least as long as its margins, or the margins would be computed again and again; live each sample is wanted at once.
+        long_enough = 0 if self._live else max(self._ahead, self._behind)
+        return self._give(ready) if ready - self._before >= long_enough else np.zeros((0, 3))
+
+    def _denoised(self, raw: np.ndarray) -> np.ndarray:
+        """Causal: each rate from its window, the log's first rate standing before it."""
+        if not len(raw):
+            return np.zeros((0, 3))
+        rate, reach = self._model.without_denoiser()(raw), self._denoiser.reach
+        before = np.repeat(rate[:1], reach, axis=0) if self._tail is None else self._tail
+        held = np.concatenate([before, rate])
+        self._tail = held[len(held) - reach :]
+        return self._denoiser.windowed(held)
+
+    def flush(self) -> np.ndarray:
+        """What was still waiting for its neighbours, at the end of the log."""
+        return self._give(len(self._held.raw)) if self._whole else np.zeros((0, 3))
+
+    def _give(self, stop: int) -> np.ndarray:
+        if stop <= self._before:
+            return np.zeros((0, 3))
+        rate_hz = self._rate_hz or 1.0
+        omega = self._held.calibrated(self._model, rate_hz, self._first / rate_hz, self._live)[self._before : stop]
+        drop = max(stop - self._behind, 0)
+        self._held, self._before, self._first = self._held.since(drop), stop - drop, self._first + drop
+        return omega
+
+
+class _Rows:
+    """Rows of a log: raw (N, 3), acc (N, 3) and temp (N,), NaN where they are neither given nor needed."""
+
+    def __init__(self, raw: np.ndarray, acc: np.ndarray, temp: np.ndarray):
+        self.raw, self.acc, self.temp = raw, acc, temp
+
+    @classmethod
+    def none(cls) -> _Rows:
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+
+    @classmethod
+    def of(cls, raw, acc, temp, needs: tuple[str, ...]) -> _Rows:
+        parts = {"acc": (acc, (len(raw), 3), "m/s^2, pre-calibrated"), "temp": (temp, (len(raw),), "degC")}
+        arrays = []
+        for name, (value, shape, unit) in parts.items():
+            if value is None and name in needs:
+                raise CalibrationError(f"the model needs {name} of shape {shape}, {unit}")
+            array = np.full(shape, np.nan) if value is None else np.asarray(value, dtype=float)
+            if array.shape != shape:
+                raise CalibrationError(f"{name} has shape {array.shape}, expected {shape}, {unit}")
+            arrays.append(array)
+        return cls(raw, *arrays)
+
+    def plus(self, more: _Rows) -> _Rows:
+        return _Rows(*(np.concatenate(pair) for pair in zip(self._parts, more._parts, strict=True)))
+
+    def since(self, start: int) -> _Rows:
+        return _Rows(*(part[start:] for part in self._parts))
+
+    @property
+    def _parts(self) -> tuple[np.ndarray, ...]:
+        return self.raw, self.acc, self.temp
+
+    def calibrated(self, model, rate_hz: float, began_s: float, live: bool) -> np.ndarray:
+        step_ns = 1 / rate_hz / NS
+        stamps = np.rint(np.arange(len(self.raw) + 1) * step_ns).astype(np.int64)
+        samples = Samples(stamps[:-1], self.raw, np.nan_to_num(self.acc), None if np.isnan(self.temp).all() else self.temp)
+        samples.__dict__["period_s"] = 1 / rate_hz  # of the log, not of the piece
+        return model.calibrate(samples, began_s, live)

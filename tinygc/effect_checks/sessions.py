@@ -1,0 +1,153 @@
+"""Small simulated sessions with the effect in them, and the explanation that names it and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from session.common.units import DEG, G
+from session.log.folder import read_session
+from tinygc.effect_checks.report import NotChecked
+from tinygc.effect_checks.scene import drawn_theta, middle_value
+from tinygc.effects import Claim, Effect, Movement
+from tinygc.effects.conditions import vibration
+from tinygc.explain.mends.mending import mend
+from tinygc.explain.naming.forward import Named, Naming, scanned, selection_of, sharpened
+from tinygc.explain.twin.common_delay import in_gauge
+from tinygc.explain.twin.refit import Refit, refit
+from tinygc.explain.twin.turn_gravity import turn_gravity
+from tinygc.explain.twin.twin import Twin
+from tinygc.explain.twin.whitening import PRECALIBRATION_MPS2, Whitener
+from tinygc.explain.twin.within_stills import within_stills
+from tinygc.explain.verdict.claims import named_claims
+from tinygc.explain.verdict.explain import Explanation
+from tinygc.explain.verdict.proof import prove
+from tinygc.problem.build import build_problem
+from tinygc.simulation.motion import earth_rate_table
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.simulate import plan_of, simulate_session
+from tinygc.simulation.write import config_text, write_files
+
+SEGMENTS, ODR_HZ, WARM_UP_C = 16, 208.0, 10.0
+#: rms in g of each axis, and its band: in every other turn, where an effect follows vibration
+VIBRATION_G, VIBRATION_HZ = 0.4, (20.0, 45.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Injected:
+    """A session folder with an effect in it: theta (P,) SI; value of its scanned shape, SI, or None."""
+
+    folder: Path
+    theta: np.ndarray
+    value: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a fit with the effect makes of it: twin, whitener, and the fits without and with it, in its gauge."""
+
+    injected: Injected
+    twin: Twin
+    whiten: Whitener
+    first: Refit
+    fit: Refit
+
+    @property
+    def claim(self) -> Claim:
+        """The effect as it was fitted."""
+        return self.fit.state.claims[0]
+
+
+def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | None = None) -> Injected:
+    """Simulate a session with the effect.  NotChecked for one that is found before any fit."""
+    if effect.kind not in ("rate", "force", "earth"):
+        raise NotChecked(f"of kind {effect.kind}: it is found before any fit")
+    warm = {"warm_up_c": WARM_UP_C} if "temperature" in effect.inputs else {}
+    # The Earth is always there: it is hidden by leaving out where the table stands.
+    bench = {"latitude_deg": 60.0, "segments": 3 * SEGMENTS} if effect.kind == "earth" else {}
+    chosen = {"segments": SEGMENTS, "closure_s": 0.0, "odr_hz": ODR_HZ, "seed": seed, "warm_up_c": 1.5} | warm | bench
+    options = SimulationOptions(**chosen)
+    plan, theta = plan_of(options), drawn_theta(effect, size, seed)
+    clean = _Scene(effect, plan, options)
+    if effect.scan is not None:
+        value = middle_value(effect, [clean.whole()]) if value is None else value
+        clean = replace(clean, effect=effect.at(value))
+    distort = (lambda t, rate, force, temp: clean.distorted(t, rate, force, temp, theta)) if effect.kind == "rate" else None
+    simulation = simulate_session(options, distort, plan=plan, disturb=clean.disturb(theta))
+    text = config_text(simulation, concealed=False)
+    if effect.kind == "earth":
+        text = "\n".join(line for line in text.split("\n") if not line.startswith(("latitude_deg", "heading_deg")))
+        theta = earth_rate_table(options.latitude_deg * DEG, simulation.unit.heading_deg * DEG)
+    return Injected(write_files(simulation, folder, text) or folder, theta, value)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    effect: Effect
+    plan: object
+    options: SimulationOptions
+
+    def distorted(self, t, rate, force, temp, theta: np.ndarray) -> np.ndarray:
+        return self.effect.distort(self.movement(t, rate, self.shaken(t, force), temp), theta)
+
+    def movement(self, t, rate, force, temp) -> Movement:
+        dt_s, force_g, options = float(t[1] - t[0]), force / G, self.options
+        first_c, full_scale = options.temperature_start_c, options.gyro_fs_dps * DEG
+        return Movement(t, dt_s, rate, force_g, temp, vibration(force_g, dt_s), self.plan.log_s, full_scale, first_c)
+
+    def whole(self) -> Movement:
+        """The session's length without its movement, for a grid to be laid over."""
+        t = np.arange(0, self.plan.log_s, 1 / ODR_HZ)
+        still = np.zeros((len(t), 3))
+        return self.movement(t, still, still - [0, 0, G], np.full(len(t), self.options.temperature_start_c))
+
+    def disturb(self, theta: np.ndarray):
+        """What the accelerometer alone feels."""
+        if self.effect.kind == "force":
+            # A fit allows for a pre-calibration that nobody knows better than this; so this one is as good, and no better.
+            rng = np.random.default_rng(self.options.seed)
+            bias, matrix = (PRECALIBRATION_MPS2 * rng.standard_normal(shape) for shape in (3, (3, 3)))
+            return lambda t, force: force + theta + bias + force @ matrix.T / G
+        return self.shaken if "vibration" in self.effect.inputs else None
+
+    def shaken(self, t: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """(N, 3) m/s^2 with every other turn vibrated, where the effect follows vibration."""
+        if "vibration" not in self.effect.inputs:
+            return force
+        noise = np.random.default_rng(self.options.seed).standard_normal(force.shape)
+        noise = sosfiltfilt(butter(2, VIBRATION_HZ, "bandpass", fs=1 / (t[1] - t[0]), output="sos"), noise, axis=0)
+        rms = np.zeros(len(t))
+        for start, stop in self.plan.turns[::2]:
+            first, last = np.searchsorted(t, (start, stop))
+            along = np.linspace(0, 1, last - first)
+            rms[first:last] = VIBRATION_G * np.clip(10 * np.minimum(along, 1 - along), 0, 1)
+        return force + G * rms[:, None] * noise / noise.std(axis=0)
+
+
+def fitted(effect: Effect, injected: Injected) -> Found:
+    """Read the session and fit linear model and effect together, a scanned shape searched for as naming does it."""
+    problem = build_problem(read_session(injected.folder))
+    twin = Twin(problem)
+    whiten = Whitener(twin)
+    first = refit(twin, whiten, [], twin.start())
+    if effect.scan is not None:
+        variants = effect.variants(scanned(twin, effect))
+        gains = selection_of(twin, whiten, first, variants, 0).gains(first.r)
+        effect = sharpened(twin, whiten, first, variants[max(gains, key=gains.get)])
+    fit = in_gauge(twin, whiten, refit(twin, whiten, [effect], twin.start()))
+    return Found(injected, twin, whiten, first, fit)
+
+
+def explanation_of(found: Found) -> Explanation:
+    """As ``explain`` gives it, with the effect named and nothing else looked for."""
+    twin, whiten, fit = found.twin, found.whiten, found.fit
+    problem = twin.problem
+    naming = Naming(found.first, 0.0, fit, [Named(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square)])
+    mended = mend(problem)
+    proof = prove(problem, twin, whiten, fit)
+    e = Explanation(problem.session, problem, mended, twin, whiten, naming, turn_gravity(twin, fit), proof, "explained", 0.0)
+    e.claimed, e.within = named_claims(naming), within_stills(twin)
+    return e

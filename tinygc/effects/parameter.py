@@ -1,0 +1,64 @@
+"""An effect's numbers: its parameter, what a person reads instead of it, and one shape number that is searched for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tinygc.effects.movement import Movement
+
+if TYPE_CHECKING:
+    from tinygc.effects.effect import Effect
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """name in the JSON; shape; unit for a person and its size in SI; plausible: a generous sigma, SI, that keeps a fit from wandering."""
+
+    name: str
+    shape: tuple[int, ...]
+    unit: str
+    si: float = 1.0
+    plausible: float = 1.0
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has."""
+        return int(np.prod(self.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Derived:
+    """What the JSON says instead of the parameter: name with its unit, and ``of``, from theta (P,) SI to that number.
+
+    Its std follows from theta's covariance to first order.
+    """
+
+    name: str
+    unit: str
+    of: Callable[[np.ndarray], float]
+
+    def values(self, theta: np.ndarray, covariance: np.ndarray) -> tuple[dict, dict]:
+        """JSON parameters and their std, of theta (P,) with covariance (P, P)."""
+        small = 1e-3 * np.linalg.norm(theta)
+        steps = np.eye(len(theta))
+        slope = np.array([(self.of(theta + small * e) - self.of(theta - small * e)) / (2 * small) for e in steps])
+        return {self.name: self.of(theta)}, {self.name: float(np.sqrt(slope @ covariance @ slope))}
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """A shape number beside the parameter that no linear fit can find, such as the moment of a step: it is searched on a grid.
+
+    name in the JSON; unit for a person and its size in SI; make(value) -> the effect with that value, SI;
+    grid(movements) -> the values (K,), SI, to try on a recording, increasing; without it the middles of its turns, s of the session.
+    """
+
+    name: str
+    unit: str
+    make: Callable[[float], Effect]
+    si: float = 1.0
+    grid: Callable[[Sequence[Movement]], np.ndarray] | None = None

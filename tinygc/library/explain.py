@@ -1,0 +1,138 @@
+"""``tinygc.explain``: why a recording differs from its simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Group
+
+from session.log.config import read_config
+from session.log.folder import Session
+from tinygc.explain.pictures import picture
+from tinygc.explain.pictures.canvas import save as save_figure
+from tinygc.explain.truth import picture as truth_picture
+from tinygc.explain.truth.explain import TruthExplanation, explain_truth
+from tinygc.explain.truth.result import save_truth, truth_page, truth_to_json
+from tinygc.explain.verdict.explain import Explanation, explain_session
+from tinygc.explain.verdict.pages import explanation_page
+from tinygc.explain.verdict.result import save as save_explanation
+from tinygc.explain.verdict.result import to_json
+from tinygc.library.text import as_html, as_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: told what is being done, and how many steps of how many are done
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that is claimed, or a finding without a name: its id and equation; parameters and their std by JSON name, in the units of
+    that name; p_value, or None where none is known; equivalent: ids of what could stand in for it; says: one sentence."""
+
+    id: str
+    equation: str
+    parameters: dict[str, Any]
+    std: dict[str, Any]
+    p_value: float | None
+    equivalent: tuple[str, ...]
+    says: str
+
+    def __repr__(self) -> str:
+        return f"<{self.id}: {self.says}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Why:
+    """What ``tinygc.explain`` gives; ``explanation`` holds everything that was found, in SI."""
+
+    explanation: Explanation | TruthExplanation
+
+    def __repr__(self) -> str:
+        named = ", ".join(effect.id for effect in self.effects)
+        return f"<Why {self.table['session']}: {self.verdict}{f': {named}' if named else ''}>"
+
+    @cached_property
+    def table(self) -> dict:
+        """``tinygc-explain/1`` (docs/formats.md)."""
+        return truth_to_json(self.explanation) if isinstance(self.explanation, TruthExplanation) else to_json(self.explanation)
+
+    @property
+    def verdict(self) -> str:
+        """``no_mismatch``, ``explained``, ``ambiguous``, ``partly_explained`` or ``unexplained``."""
+        return self.explanation.verdict
+
+    @property
+    def p_value(self) -> float:
+        """Of there being no more than noise."""
+        return self.explanation.p_value
+
+    @cached_property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """What is claimed, strongest first."""
+        return tuple(_found(entry) for entry in self.table["effects"])
+
+    @cached_property
+    def findings(self) -> tuple[FoundEffect, ...]:
+        """What was found and has no name."""
+        return tuple(_found(entry) for entry in self.table.get("findings", ()))
+
+    @property
+    def next(self) -> str | None:
+        """The movement that would tell what this recording cannot, or None."""
+        return self.table.get("next")
+
+    @property
+    def page(self) -> Group:
+        """What the command prints, for rich."""
+        return truth_page(self.explanation) if isinstance(self.explanation, TruthExplanation) else explanation_page(self.explanation)
+
+    def summary(self) -> str:
+        """The same as plain text: verdict, effects, where they live, the proof, and what to do next."""
+        return as_text(self.page)
+
+    def _repr_html_(self) -> str:
+        return as_html(self.page)
+
+    def plot(self, path: Path | str | None = None) -> Figure:
+        """The page of pictures as a matplotlib figure, written as PNG where a path is given.  CalibrationError without matplotlib."""
+        found = self.explanation
+        figure = truth_picture.figure_of(found) if isinstance(found, TruthExplanation) else picture.figure_of(found)
+        if path is not None:
+            save_figure(figure, Path(path))
+        return figure
+
+    def to_json(self) -> dict:
+        """``tinygc-explain/1`` (docs/formats.md)."""
+        return self.table
+
+    def save(self, folder: Path | str | None = None, pictures: bool = True) -> Path:
+        """Write the result, and its picture, into a folder (``explain`` in the session's); returns it."""
+        where, found = None if folder is None else Path(folder), self.explanation
+        if isinstance(found, TruthExplanation):
+            return save_truth(found, where, pictures=pictures)
+        return save_explanation(found, where, pictures=pictures)
+
+
+def explain(
+    session: Session | Path | str, *, seed: int = 0, use_earth: bool = True, progress: Progress = lambda what, done, of: None
+) -> Why:
+    """Explain the mismatch of a session, or of a session folder: against its stills' gravity or dials, or against its truth file.
+
+    seed: of the critical values, which are drawn; use_earth: whether the Earth's rotation is taken off; progress is told what is being
+    done.  Raises CalibrationError, in one line, for what cannot be read, and for a boring cause that must be mended first.
+    """
+    where = session if isinstance(session, Session) else Path(session)
+    config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
+    job = explain_truth if config.protocol.reference == "truth" else explain_session
+    return Why(job(where, seed=seed, use_earth=use_earth, progress=progress))
+
+
+def _found(entry: dict) -> FoundEffect:
+    names = ("id", "equation", "parameters", "std", "p_value", "says")
+    return FoundEffect(**{name: entry.get(name) for name in names}, equivalent=tuple(entry.get("equivalent", ())))

@@ -1,0 +1,110 @@
+"""``tinygc.simulate``: a session that the rest of the tool cannot tell from a recorded one, with its truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.common.errors import DataError
+from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
+from session.common.units import DEG, G
+from session.log.config import Accelerometer, Protocol, Site
+from session.log.folder import Session
+from tinygc.effects import Effect, Movement, effect_of
+from tinygc.effects.conditions import vibration
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.simulate import Distort, Recording, Simulation, plan_of, simulate_session
+from tinygc.simulation.unit import BIAS_DIGITS, MATRIX_DIGITS
+from tinygc.simulation.write import truth_table, write_simulation
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulated:
+    """session: what a recorder would have kept; truth: ``tinygc-truth/1`` (docs/formats.md); simulation: all of it, registers too."""
+
+    session: Session
+    truth: dict
+    simulation: Simulation
+
+    def __repr__(self) -> str:
+        hidden = ", ".join(self.truth["effects"]) or "nothing"
+        return f"<Simulated {len(self.simulation.plan.turns)} turns, seed {self.simulation.options.seed}; hides {hidden}>"
+
+    def save(self, folder: Path | str, force: bool = False) -> Path:
+        """Write it as a session folder with truth.json; returns the folder.  FormatError where the folder holds something else."""
+        return write_simulation(self.simulation, Path(folder), force, self.truth["effects"])
+
+
+def simulate(
+    options: SimulationOptions | None = None, *, effects: Mapping[str, Mapping[str, Any]] | None = None, **choices: Any
+) -> Simulated:
+    """Simulate a session; the same arguments give the same registers.
+
+    options, or single ones of them by name (``segments=12``, ``odr_hz=416.0``, ``seed=3``): see ``SimulationOptions``.  effects: what the
+    gyroscope hides, id -> parameters by their JSON names and units (``{"gyro.g_sensitivity": {"matrix_dps_per_g": [[…]]}}``).  Raises
+    CalibrationError for options that cannot be, and for an effect that does not add to the rate.
+    """
+    chosen = replace(options or SimulationOptions(), **choices)
+    hidden = {name: dict(parameters) for name, parameters in (effects or {}).items()}
+    plan = plan_of(chosen)
+    simulation = simulate_session(chosen, _distort(hidden, chosen, plan.log_s), plan=plan)
+    return Simulated(_session(simulation), truth_table(simulation, hidden), simulation)
+
+
+def _distort(hidden: dict[str, dict], options: SimulationOptions, duration_s: float) -> Distort | None:
+    """All hidden effects, one after the other."""
+    effects = [_with_theta(name, parameters) for name, parameters in hidden.items()]
+    if not effects:
+        return None
+
+    def distort(t_s: np.ndarray, rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray) -> np.ndarray:
+        dt_s, force_g, full_scale = float(t_s[1] - t_s[0]), force / G, options.gyro_fs_dps * DEG
+        for effect, theta in effects:
+            shaken = vibration(force_g, dt_s)
+            movement = Movement(t_s, dt_s, rate, force_g, temp_c, shaken, duration_s, full_scale, options.temperature_start_c)
+            rate = effect.distort(movement, theta)
+        return rate
+
+    return distort
+
+
+def _with_theta(name: str, parameters: dict) -> tuple[Effect, np.ndarray]:
+    effect = effect_of(name)
+    if effect.kind != "rate":
+        raise DataError(f"{name} does not add to the rate; simulate hides only effects that do")
+    wanted = [effect.parameter.name, *([] if effect.scan is None else [effect.scan.name])]
+    if set(parameters) != set(wanted):
+        raise DataError(f"{name}: parameters are {', '.join(parameters) or 'none'}, expected {' and '.join(wanted)}")
+    theta = np.asarray(parameters[effect.parameter.name], dtype=float) * effect.parameter.si
+    if theta.shape != effect.parameter.shape or not np.isfinite(theta).all():
+        raise DataError(f"{name}: {effect.parameter.name} has shape {theta.shape}, expected {effect.parameter.shape} of finite numbers")
+    if effect.scan is not None:
+        effect = effect.at(float(parameters[effect.scan.name]) * effect.scan.si)
+    return effect, theta.ravel()
+
+
+def _session(simulation: Simulation) -> Session:
+    """As a reader of its files would have it."""
+    options, unit = simulation.options, simulation.unit
+
+    def arrays(recording: Recording) -> tuple[np.ndarray, ...]:
+        gyro = recording.gyro * gyro_rps_per_lsb(options.gyro_fs_dps)
+        return recording.t_us * 1e-6, gyro, recording.accel * accel_mps2_per_lsb(options.accel_fs_g), temperature_c(recording.temp)
+
+    session = Session.from_arrays(
+        *arrays(simulation.log),
+        closures=[] if simulation.closure is None else [arrays(simulation.closure)],
+        name=f"simulated-{options.seed}",
+        model="ASM330LHH",
+        serial=f"SIM-{options.unit_drawn_from}",
+        gyro_fs_dps=options.gyro_fs_dps,
+        accel_fs_g=options.accel_fs_g,
+        accelerometer=Accelerometer(np.round(unit.accel_matrix, MATRIX_DIGITS), np.round(unit.accel_bias, BIAS_DIGITS)),
+        site=Site(options.latitude_deg, options.gravity_mps2, unit.heading_deg if options.with_heading else None),
+        protocol=Protocol(still_s=options.still_s, segment_s=2 * options.still_s + options.turn_s),
+    )
+    return replace(session, config=replace(session.config, sensor=replace(session.config.sensor, odr_hz=options.odr_hz)))

@@ -18,9 +18,9 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 import tinygc  # noqa: E402
-from session.common.fixed_point import rows  # noqa: E402
 from session.dialects.layout import Answers  # noqa: E402
 from session.dialects.reader import Reader  # noqa: E402
+from session.files.fixed_point import rows  # noqa: E402
 from tinygc import models  # noqa: E402
 from tinygc.models.calibration_net import CalibrationNet  # noqa: E402
 from tinygc.models.denoiser import DenoisedNet, Denoiser  # noqa: E402

@@ -17,7 +17,7 @@ from common import first_still_heading_deg, in_parallel, markdown, simulated, wi
 from session.common.units import DEG
 from session.log.folder import Session, read_session
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.fit.figures import closure_figures, run_figures
+from tinygc.fitting.figures import closure_figures, run_figures
 from tinygc.methods.denoising.material import of_problem
 from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.denoising.training import train_denoiser

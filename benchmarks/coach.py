@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.common.units import DEG, MDPS, MG, G
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
@@ -25,6 +24,7 @@ from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from tinygc.closure.bias_wander import BiasWander
 from tinygc.closure.floor import Floor
 from tinygc.closure.uncertainty import parameter_covariance

@@ -26,7 +26,7 @@ from scipy.signal import butter, lfilter, lfilter_zi, savgol_coeffs
 from session.common.units import DEG
 from session.log.folder import Session, read_session
 from tinygc import closure
-from tinygc.fit.figures import run_figures
+from tinygc.fitting.figures import run_figures
 from tinygc.methods.denoising import risk as denoise_risk
 from tinygc.methods.denoising.material import REACH, Material, of_problem
 from tinygc.methods.denoising.options import DenoiseOptions

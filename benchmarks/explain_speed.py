@@ -31,7 +31,7 @@ K_THERMAL, K_GRAVITY = 0.01 * DEG, 0.02 * DEG
 
 def timed(folder: Path) -> dict:
     """Seconds by step, and MB, of explaining one folder in this process."""
-    from tinygc.explain.verdict.explain import explain_session
+    from tinygc.explanation.verdict.explain import explain_session
 
     seconds, now = dict.fromkeys(STEPS, 0.0), [STEPS[0], time.process_time()]
 

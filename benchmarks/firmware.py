@@ -28,8 +28,8 @@ from tinygc.deploy.embedded.program import Program, program
 from tinygc.deploy.embedded.register_input import Registers
 from tinygc.deploy.embedded.source import source_files
 from tinygc.deploy.embedded.stage import Inputs
-from tinygc.fit.save import save_models
-from tinygc.fit.session import fit_session
+from tinygc.fitting.save import save_models
+from tinygc.fitting.session import fit_session
 from tinygc.methods.options import FitOptions
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 

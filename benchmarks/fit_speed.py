@@ -112,7 +112,7 @@ def _tiled(samples: Samples) -> Samples:
 
 
 def _fast_samples() -> Samples:
-    from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+    from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
     options = SimulationOptions(segments=10, closure_s=0.0, odr_hz=1667)
     log = simulate_session(options).log
@@ -212,7 +212,7 @@ def _whole_job(folder: Path):
 
 
 def _alone(folder: Path, methods: str) -> None:
-    from tinygc.fit.session import fit_session
+    from tinygc.fitting.session import fit_session
 
     fit_session(folder, replace(FitOptions(), methods=tuple(methods.split(","))))
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)

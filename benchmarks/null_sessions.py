@@ -40,7 +40,7 @@ def drawn(seed: int, noise_factor: float) -> SimulationOptions:
 
 def explained(job: tuple[int, float]) -> dict:
     """What ``explain`` says of one null session."""
-    from tinygc.explain.verdict.explain import explain_session
+    from tinygc.explanation.verdict.explain import explain_session
 
     options = drawn(*job)
     began = time.perf_counter()

@@ -18,7 +18,7 @@ from session.common.errors import CalibrationError
 from session.common.units import DEG
 from session.log.folder import read_session
 from tinygc.closure.uncertainty import goodness
-from tinygc.fit.figures import closure_figures
+from tinygc.fitting.figures import closure_figures
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
 from tinygc.problem.build import build_problem

@@ -13,14 +13,14 @@ import numpy as np
 from common import in_parallel, markdown
 from scipy import stats
 
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.uncertainty import goodness, parameter_covariance
-from tinygc.fit.compare import DIFFERS_P, Calibrated, compare
+from tinygc.fitting.compare import DIFFERS_P, Calibrated, compare
 from tinygc.models.linear import bias_only
 from tinygc.problem.build import build_problem
 from tinygc.simulation import simulate

@@ -14,8 +14,8 @@ from common import in_parallel, markdown, simulated
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from session.common.registers import GYRO_MDPS_PER_LSB
 from session.common.units import DEG, G
+from session.sensor.registers import GYRO_MDPS_PER_LSB
 from tinygc.methods.options import FitOptions
 from tinygc.report.html.evidence import gather
 from tinygc.simulation.options import SimulationOptions

@@ -16,11 +16,11 @@ import numpy as np
 from session.common.units import DEG
 from session.public.euroc import write_sequences
 from tinygc.cli.console import output
-from tinygc.explain.truth.explain import explain_truth
-from tinygc.explain.truth.result import save_truth
-from tinygc.explain.verdict.explain import explain_session
-from tinygc.explain.verdict.pages import explanation_page
-from tinygc.explain.verdict.result import save
+from tinygc.explanation.truth.explain import explain_truth
+from tinygc.explanation.truth.result import save_truth
+from tinygc.explanation.verdict.explain import explain_session
+from tinygc.explanation.verdict.pages import explanation_page
+from tinygc.explanation.verdict.result import save
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -14,13 +14,13 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.common.units import DEG
 from session.guide.guide import Guide
 from session.guide.messages import Kind, Stage
 from session.guide.screen import REMEMBERED, view
 from session.log.config import Protocol, Sensor
 from session.log.samples import Samples
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from tinygc.plan.coach import Coach
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session

@@ -20,11 +20,11 @@ sys.path.insert(0, str(ROOT))
 pytest.register_assert_rewrite("commandline", "dialect_logs", "looks")  # whose assertions are the tests'
 
 import calibrate  # noqa: E402
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noqa: E402
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site  # noqa: E402
 from session.log.folder import Session, read_session  # noqa: E402
 from session.log.logfile import Log  # noqa: E402
 from session.log.samples import Samples  # noqa: E402
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noqa: E402
 
 DEG = np.pi / 180
 GRAVITY = 9.7946

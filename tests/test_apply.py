@@ -12,10 +12,10 @@ from conftest import DEG, ROOT, SESSION_TOML, Table, write_session
 
 import calibrate
 import tinygc
-from session.common import fixed_point
 from session.common.errors import CalibrationError
-from session.common.files import write_whole
 from session.common.units import G
+from session.files import fixed_point
+from session.files.results import write_whole
 from session.log.config import Sensor
 from session.log.logfile import read_log
 from session.log.samples import Samples

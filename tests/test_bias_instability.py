@@ -12,8 +12,8 @@ from session.common.units import DEG, DEG_PER_HOUR
 from session.log.config import Site
 from session.log.folder import read_session
 from tinygc.closure.bias_wander import UNKNOWN, BiasInstability
-from tinygc.explain.twin.twin import Twin
-from tinygc.explain.twin.whitening import Whitener
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import Whitener
 from tinygc.problem.bias_instability import ESTIMATED, GIVEN, estimated
 from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions

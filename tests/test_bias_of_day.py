@@ -16,8 +16,8 @@ from session.log.samples import Samples
 from tinygc import models
 from tinygc.attitude.integrate import steps
 from tinygc.attitude.rotation import accumulate, conjugate, log, multiply
-from tinygc.fit.bias.of_day import bias_from_gravity
-from tinygc.fit.bias.origin import origin_of
+from tinygc.fitting.bias.of_day import bias_from_gravity
+from tinygc.fitting.bias.origin import origin_of
 from tinygc.models.linear import LinearModel
 
 RATE_HZ = 200

@@ -9,9 +9,9 @@ from conftest import Table, write_session
 
 import calibrate
 import tinygc
-from session.common import fixed_point
 from session.common.errors import FormatError
-from session.common.files import read_json
+from session.files import fixed_point
+from session.files.results import read_json
 from tinygc import models
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser

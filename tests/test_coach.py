@@ -18,7 +18,7 @@ from tinygc.problem.build import build_problem
 def taken():
     """A simulated session's samples, and its segments as the guide hands them over."""
     samples = simulated(16, seed=3)
-    return samples, [change.taken for change in play(guide_of(), samples) if change.taken]
+    return samples, [change.accepted for change in play(guide_of(), samples) if change.accepted]
 
 
 def test_its_sigmas_are_those_of_the_fit(taken):

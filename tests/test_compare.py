@@ -12,7 +12,7 @@ from scipy import stats
 
 import calibrate
 from session.common.errors import DataError, FormatError
-from tinygc.fit.compare import agreement, compare, read_calibrated
+from tinygc.fitting.compare import agreement, compare, read_calibrated
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 from repeatability import Job, calibrated

@@ -6,10 +6,10 @@ from conftest import SESSION_TOML, Table, write_session
 
 from session.checks.first_look import check_folder, check_keys
 from session.common.errors import CalibrationError, FormatError
-from session.common.typical import typical_of
 from session.common.units import STANDARD_GRAVITY_MPS2
 from session.log.config import Accelerometer, read_config
 from session.recording.session_file import toml_text
+from session.sensor.typical import typical_of
 
 
 def read(tmp_path, text):

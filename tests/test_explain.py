@@ -15,8 +15,8 @@ from session.common.errors import DataError
 from session.common.units import DEG, G
 from session.log.folder import read_session
 from tinygc.effects import catalogue
-from tinygc.explain.verdict.explain import explain_session
-from tinygc.explain.verdict.result import SCHEMA, save, to_json
+from tinygc.explanation.verdict.explain import explain_session
+from tinygc.explanation.verdict.result import SCHEMA, save, to_json
 from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session

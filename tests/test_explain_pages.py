@@ -2,7 +2,7 @@
 
 import pytest
 
-from tinygc.explain.verdict.measured import measured
+from tinygc.explanation.verdict.measured import measured
 
 
 @pytest.mark.parametrize(

@@ -13,14 +13,14 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.bias_wander import wander_covariance
 from tinygc.effects import Claim, catalogue
-from tinygc.explain.naming.forward import candidates
-from tinygc.explain.naming.selection import Selection
-from tinygc.explain.naming.unknown import slow_candidates
-from tinygc.explain.twin.common_delay import in_gauge
-from tinygc.explain.twin.refit import refit
-from tinygc.explain.twin.turn_gravity import turn_gravity
-from tinygc.explain.twin.twin import Channels, State, Twin
-from tinygc.explain.twin.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, UNIT_INSTABILITY, Whitener
+from tinygc.explanation.naming.forward import candidates
+from tinygc.explanation.naming.selection import Selection
+from tinygc.explanation.naming.unknown import slow_candidates
+from tinygc.explanation.twin.common_delay import in_gauge
+from tinygc.explanation.twin.refit import refit
+from tinygc.explanation.twin.turn_gravity import turn_gravity
+from tinygc.explanation.twin.twin import Channels, State, Twin
+from tinygc.explanation.twin.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, UNIT_INSTABILITY, Whitener
 from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session

@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 import calibrate
 from session.log.folder import read_session
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.explain.truth.explain import explain_truth
-from tinygc.explain.truth.picture import draw_truth
-from tinygc.explain.truth.result import refusals, truth_page, truth_to_json
-from tinygc.explain.truth.wrong_moments import chance_of
-from tinygc.explain.verdict.measured import SMALLEST_P, p_entry, p_words
-from tinygc.fit.bias.days import level_days
+from tinygc.explanation.truth.explain import explain_truth
+from tinygc.explanation.truth.picture import draw_truth
+from tinygc.explanation.truth.result import refusals, truth_page, truth_to_json
+from tinygc.explanation.truth.wrong_moments import chance_of
+from tinygc.explanation.verdict.measured import SMALLEST_P, p_entry, p_words
+from tinygc.fitting.bias.days import level_days
 from tinygc.methods.network.distance_loss import fit_distance
 from tinygc.problem.build import build_problem
 from tinygc.problem.truth_orientation import absolute_orientation_error

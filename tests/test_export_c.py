@@ -16,9 +16,9 @@ import pytest
 import torch
 from exported_models import CARRIED, KNOWN, LINEAR, MODELS, NET, RNG, WHOLE, as_inputs, claim, physics, random_inputs
 
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.log.config import Accelerometer
 from session.log.samples import Samples
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from tinygc.deploy.embedded.program import program
 from tinygc.deploy.embedded.register_input import Registers
 from tinygc.deploy.embedded.source import FLAGS, source_files

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from session.common.units import DEG
-from tinygc.explain.mends.false_readings import find_glitches, without_glitches
+from tinygc.explanation.mends.false_readings import find_glitches, without_glitches
 
 
 @pytest.fixture(scope="module")

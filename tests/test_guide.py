@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, config
 
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
 from session.guide.coverage import face_up
@@ -14,6 +13,7 @@ from session.guide.guide import Guide
 from session.guide.messages import Advice, Kind, Stage
 from session.guide.stream_check import stream_problem
 from session.log.samples import Samples, joined
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
 
@@ -58,7 +58,7 @@ def test_what_the_guide_accepts_the_log_holds(odr_hz, seed):
     """Each segment that is accepted live is found, accepted, at the same place by the offline detection of the whole log."""
     samples = simulated(12, odr_hz=odr_hz, seed=seed)
     guide = guide_of(100, odr_hz)
-    taken = [change.taken for change in play(guide, samples) if change.taken]
+    taken = [change.accepted for change in play(guide, samples) if change.accepted]
     segments = [segment for segment in offline(samples, odr_hz) if segment.accepted]
     assert len(taken) == len(segments) == 12
     for mine, theirs in zip(taken, segments, strict=True):
@@ -250,8 +250,8 @@ def test_unplugged_in_any_state_it_goes_on_and_keeps_what_it_has(at_s):
     changes = play(guide, after)
     assert guide.stage is Stage.DONE
     assert guide.accepted == 3
-    assert len([change for change in changes if change.taken]) == 3 - had
-    assert all(change.taken.log == 1 for change in changes if change.taken)
+    assert len([change for change in changes if change.accepted]) == 3 - had
+    assert all(change.accepted.log == 1 for change in changes if change.accepted)
 
 
 def test_silence_within_a_log_costs_the_turn_in_it_only():

@@ -9,10 +9,10 @@ import pytest
 from conftest import Table, config
 
 from session.common.errors import CalibrationError
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.guide.guide import Guide
 from session.guide.guided_session import GuidedRecording
 from session.guide.messages import Kind, Stage
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.stream.events import Chunk, Info, Trouble
 
 INFO = Info(500.0, 4.0, 208.0, "1")

@@ -197,7 +197,7 @@ def test_what_fit_saved_is_taken_again_and_only_if_it_is_the_same(simulated, tmp
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 1}', "[" * 100_000])
 def test_a_saved_fit_that_is_none_is_not_believed(simulated, tmp_path, text):
     from session.log.folder import read_session
-    from tinygc.fit.saved_fit import NAME, saved_methods
+    from tinygc.fitting.saved_fit import NAME, saved_methods
     from tinygc.methods.options import FitOptions
     from tinygc.problem.build import build_problem
 

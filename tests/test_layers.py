@@ -16,12 +16,10 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("session", "tinygc")
 FOLDERS = sorted((package, path.parent.name) for package in PACKAGES for path in (ROOT / package).glob("*/__init__.py"))
-#: what is no part of a layer: the package's own name
-VERSION = "version"
 
 
 def module_of(path: Path, root: Path = ROOT) -> str:
-    """``tinygc/fit/session.py`` → ``tinygc.fit.session``; a package's own file has the package's name."""
+    """``tinygc/fitting/session.py`` → ``tinygc.fitting.session``; a package's own file has the package's name."""
     parts = path.relative_to(root).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
@@ -127,9 +125,9 @@ def test_recording_never_loads_the_estimators():
 
 
 def test_an_import_is_seen_wherever_it_stands():
-    known = frozenset({"tinygc", "tinygc.fit", "tinygc.fit.session", "session.log"})
-    text = "import tinygc.fit.session\ndef f():\n    from tinygc import fit\n    from session.log import Session\nimport numpy\n"
-    assert imports_of(text, known) == {"tinygc.fit.session", "tinygc.fit", "session.log"}
+    known = frozenset({"tinygc", "tinygc.fitting", "tinygc.fitting.session", "session.log"})
+    text = "import tinygc.fitting.session\ndef f():\n    from tinygc import fitting\n    from session.log import Session\nimport numpy\n"
+    assert imports_of(text, known) == {"tinygc.fitting.session", "tinygc.fitting", "session.log"}
 
 
 def test_a_circle_is_seen():
@@ -138,10 +136,10 @@ def test_a_circle_is_seen():
 
 
 def test_every_folder_is_looked_at():
-    assert {"common", "dialects", "log", "detect", "checks", "stream", "recording", "replay", "guide", "public"} <= {
+    assert {"common", "files", "sensor", "dialects", "log", "detect", "checks", "stream", "recording", "replay", "guide", "public"} <= {
         folder for package, folder in FOLDERS if package == "session"
     }
     assert len(graph()) > 200
     assert folder_of("session.log.folder", "tinygc") == "session"
     assert folder_of("tinygc", "tinygc") == ""
-    assert folder_of("tinygc.fit.session", "tinygc") == "fit"
+    assert folder_of("tinygc.fitting.session", "tinygc") == "fitting"

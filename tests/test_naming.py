@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import butter, lfilter
 
 from session.common.units import DEG
-from tinygc.explain.verdict.explain import explain_session
+from tinygc.explanation.verdict.explain import explain_session
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

@@ -8,7 +8,7 @@ import pytest
 import calibrate
 from session.common.units import DEG, G
 from session.log.folder import read_session
-from tinygc.fit.physics.fit_physics import fit_physics
+from tinygc.fitting.physics.fit_physics import fit_physics
 from tinygc.models.files import load
 from tinygc.models.linear import NAMES
 from tinygc.problem.build import build_problem

@@ -8,7 +8,7 @@ import pytest
 
 import calibrate
 from session.log.folder import read_session
-from tinygc.fit.physics.lost_in_runs import loss_words, lost_in
+from tinygc.fitting.physics.lost_in_runs import loss_words, lost_in
 from tinygc.problem.build import build_problem
 from tinygc.problem.closure_run import read_closure_runs
 from tinygc.simulation.options import SimulationOptions

@@ -7,9 +7,9 @@ from test_registers import session_of_logs
 
 from session.common.units import DEG
 from session.log.folder import read_session
-from tinygc.explain.mends.mending import mend
-from tinygc.explain.mends.plateaus import find_plateaus
-from tinygc.explain.verdict.explain import explain_session
+from tinygc.explanation.mends.mending import mend
+from tinygc.explanation.mends.plateaus import find_plateaus
+from tinygc.explanation.verdict.explain import explain_session
 from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session

@@ -4,7 +4,7 @@ import hashlib
 
 from session.log.folder import read_session
 from session.log.hashes import input_hashes, sha256_of
-from tinygc.fit.versions import versions
+from tinygc.fitting.versions import versions
 
 
 def test_every_file_of_a_session_is_hashed(simulated):

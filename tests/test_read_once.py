@@ -10,8 +10,8 @@ from session.detect import rests, stills
 from session.detect.session_stills import SessionStills
 from session.log import logfile
 from session.log.folder import read_session
-from tinygc.explain.verdict.explain import explain_session
-from tinygc.fit.session import fit_session
+from tinygc.explanation.verdict.explain import explain_session
+from tinygc.fitting.session import fit_session
 from tinygc.methods.options import FitOptions
 from tinygc.plan.plan import propose
 from tinygc.problem.build import build_problem

@@ -9,7 +9,7 @@ import pytest
 from session.common.units import DEG
 from session.log.folder import read_session
 from tinygc.closure.uncertainty import goodness, parameter_covariance
-from tinygc.fit.figures import closure_figures, run_figures
+from tinygc.fitting.figures import closure_figures, run_figures
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
 from tinygc.problem.build import build_problem

@@ -10,10 +10,10 @@ from conftest import DEG, Table, config
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
-from tinygc.explain.mends import false_readings, interpolation, lost_samples
-from tinygc.explain.mends.false_readings import find_glitches, without_glitches
-from tinygc.explain.mends.lost_samples import find_ceiling, find_jumps, find_losses, with_lost
-from tinygc.explain.mends.mending import mend
+from tinygc.explanation.mends import false_readings, interpolation, lost_samples
+from tinygc.explanation.mends.false_readings import find_glitches, without_glitches
+from tinygc.explanation.mends.lost_samples import find_ceiling, find_jumps, find_losses, with_lost
+from tinygc.explanation.mends.mending import mend
 from tinygc.problem.build import build_problem
 
 RATES = (104.0, 208.0, 416.0, 833.0)

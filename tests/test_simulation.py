@@ -13,11 +13,11 @@ from conftest import product, turned
 from scipy.spatial.transform import Rotation
 
 from session.common.errors import CalibrationError, FormatError
-from session.common.registers import gyro_rps_per_lsb
 from session.common.units import DEG, EARTH_RATE_RPS
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
 from session.log.folder import read_session
+from session.sensor.registers import gyro_rps_per_lsb
 from tinygc.simulation.motion import earth_rate_table, move, table_to_body
 from tinygc.simulation.noise import bias_instability
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions, command_line

@@ -11,7 +11,7 @@ from tinygc.closure import bias_wander
 from tinygc.closure.bias_wander import TIMES_S
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.uncertainty import parameter_covariance
-from tinygc.fit.session import fit_session
+from tinygc.fitting.session import fit_session
 from tinygc.methods.options import FitOptions
 from tinygc.models.linear import LinearModel, bias_only
 from tinygc.problem.build import build_problem

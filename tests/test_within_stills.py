@@ -7,8 +7,8 @@ import pytest
 
 from session.common.units import DEG
 from session.log.folder import read_session
-from tinygc.explain.twin.twin import Twin
-from tinygc.explain.twin.within_stills import within_stills
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.within_stills import within_stills
 from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session

@@ -9,8 +9,8 @@ import pytest
 
 import calibrate
 from session.common.errors import StorageError
-from session.common.files import write_text_whole
-from session.common.writing import naming, result_folder
+from session.files.results import write_text_whole
+from session.files.writing import naming, result_folder
 
 
 @pytest.fixture

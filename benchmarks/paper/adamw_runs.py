@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from paper.euroc import Euroc
-from session.common.files import write_whole
+from session.files.results import write_whole
 from tinygc.methods.network.adamw_checkpoint import Checkpoint
 from tinygc.methods.network.adamw_training import train_adamw
 from tinygc.models.calibration_net import CalibrationNet

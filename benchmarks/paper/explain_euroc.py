@@ -12,9 +12,9 @@ from paper.euroc import EUROC
 from session.common.units import DEG, MG
 from session.log.folder import read_session
 from session.public.euroc import write_sequences, write_training_windows
-from tinygc.explain.truth.explain import Claim, TruthExplanation, explain_truth
-from tinygc.explain.truth.result import independent
-from tinygc.fit.bias.days import level_days
+from tinygc.explanation.truth.explain import Claim, TruthExplanation, explain_truth
+from tinygc.explanation.truth.result import independent
+from tinygc.fitting.bias.days import level_days
 from tinygc.problem.build import build_problem
 
 SEQUENCES = ("MH_01", "MH_02", "MH_03", "MH_04", "MH_05", "V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03")

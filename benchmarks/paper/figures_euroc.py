@@ -12,7 +12,7 @@ from paper.adamw_runs import adamw_run
 from paper.euroc import EUROC, Euroc, euroc_folders, read_euroc
 from session.common.units import DEG
 from session.public.euroc import true_bias_rps
-from tinygc.fit.bias.rebias import from_gravity, with_change
+from tinygc.fitting.bias.rebias import from_gravity, with_change
 from tinygc.methods.network.distance_loss import fit_distance
 from tinygc.methods.network.training import train_second_order
 from tinygc.problem.truth_orientation import orientation_error

@@ -18,7 +18,7 @@ from paper.euroc import EUROC, TEST, Euroc
 from session.common.units import DEG
 from session.public.euroc import true_bias_rps
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.fit.bias.rebias import from_gravity, from_start, with_change
+from tinygc.fitting.bias.rebias import from_gravity, from_start, with_change
 from tinygc.methods.denoising.material import of_problem
 from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.denoising.training import train_denoiser

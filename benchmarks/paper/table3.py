@@ -15,7 +15,7 @@ from common import in_parallel, markdown, simulated, with_heading
 
 from session.common.units import DEG
 from session.log.folder import Session, read_session
-from tinygc.fit.figures import run_figures
+from tinygc.fitting.figures import run_figures
 from tinygc.problem.build import build_problem
 from tinygc.problem.closure_run import read_closure_runs
 from tinygc.simulation.options import SimulationOptions

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from session.checks.findings import Finding
-from session.common.registers import GYRO_MDPS_PER_LSB
 from session.common.units import DEG
 from session.detect.stills import Still
 from session.detect.tilt import Agreement, agreement
 from session.log.config import Config
 from session.log.samples import Samples
+from session.sensor.registers import GYRO_MDPS_PER_LSB
 
 CLEARLY = 0.5  #: another order of axes must halve what is unexplained
 EXPLAINED = 0.5  #: of gravity's movement, or nothing is said of axes

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from session.checks.findings import Finding, xyz_text
-from session.common.registers import ACCEL_MG_PER_LSB
-from session.common.typical import typical_of
 from session.common.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.stills import Noise, Still
 from session.log.config import Config, Sensor
+from session.sensor.registers import ACCEL_MG_PER_LSB
+from session.sensor.typical import typical_of
 
 NOISE_RATIO = 3.0  #: units differ by 1.4 at most
 GRAVITY_OK = 0.02  #: an accelerometer's sensitivity tolerance

@@ -1,4 +1,4 @@
-"""What every other folder of the bench side uses: errors, units, registers, files that are written whole.
+"""What every other folder uses: errors, units, the version, and two idioms of arrays (runs of a mask, a scatter from medians).
 
 May import: nothing.
 """

@@ -1,4 +1,4 @@
 """What is found in samples: stills, segments, clipping, the pace of the stamps, rests.
 
-May import: common, log.
+May import: common, sensor, log.
 """

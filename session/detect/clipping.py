@@ -6,8 +6,8 @@ from math import ceil, log, pi, sqrt
 
 import numpy as np
 
-from session.common import registers
 from session.common.runs import runs_of
+from session.sensor import registers
 
 FALSE_ALARM = 1e-4  #: chance that an extreme of pure noise is taken for a plateau
 LEAST_RUN = 4

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.common import registers
 from session.common.units import NS_PER_S
 from session.dialects.units import Unit
+from session.sensor import registers
 
 #: the order of the axes as they are
 AXES = "x,y,z"

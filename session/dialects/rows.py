@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 
 import numpy as np
 
-from session.common.plausible import beyond_any_sensor, complaint
 from session.dialects.layout import Layout
 from session.dialects.stamps import ERA_NS, exact_ns
+from session.sensor.plausible import beyond_any_sensor, complaint
 
 #: whole numbers up to here survive a float64
 EXACT = 2**53
@@ -53,7 +54,10 @@ def _with_time(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray
     if all(whole):
         rows = _load(lines, layout.used, layout, np.int64)
         return rows[:, 1:], rows[:, 0]
-    if whole[0] and layout.time_ns == 1:
+    if not layout.standard and _looks_whole(lines, layout):
+        with contextlib.suppress(ValueError):  # the others need not be
+            return _with_whole_time(lines, layout)
+    if layout.standard and layout.time_ns == 1:
         table, time = _with_whole_time(lines, layout)
     else:
         rows = _load(lines, layout.used, layout, np.float64)
@@ -73,6 +77,12 @@ def _with_whole_time(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.n
     return rows.view(np.float64).reshape(len(rows), -1)[:, 1:], rows["time"]
 
 
+def _looks_whole(lines: list[str], layout: Layout) -> bool:
+    """Whether the first row's time is a whole number."""
+    row = next(line for line in lines if line.lstrip()[:1] not in ("", "#")).split(layout.delimiter)
+    return layout.time < len(row) and re.fullmatch(r"[-+]?[0-9]+", row[layout.time].strip().strip('"')) is not None
+
+
 def _require_whole(values: np.ndarray) -> None:
     if (values % 1).any() or not (np.abs(values) < ERA_NS).all():
         raise ValueError("a fraction, or more than 64 bits, where a whole number belongs")
@@ -86,28 +96,17 @@ def _stamps(time: np.ndarray | None, lines: list[str], layout: Layout) -> np.nda
         return time * layout.time_ns
     if time is not None:
         largest = np.abs(time).max()
-        if largest < min(EXACT, ERA_NS // layout.time_ns) and not (time % 1).any():
-            return time.astype(np.int64) * layout.time_ns
         if largest < CLOSE_NS / layout.time_ns:
             return np.rint(time * layout.time_ns).astype(np.int64)
         if layout.standard:
             _require_era(np.abs(time) < ERA_NS // layout.time_ns, lambda row: time[row], layout)
-        elif layout.time_ns == 1 and not (time % 1).any() and largest < ERA_NS:
-            with_ints = _whole_or_none(lines, layout)
-            if with_ints is not None:
-                return with_ints
+        if layout.is_whole(layout.time) and largest < EXACT:
+            return time.astype(np.int64) * layout.time_ns
     # A float64 would round these: text to integers, exactly.
     texts = _load(lines, (layout.time,), layout, "U48")[:, 0].tolist()
     exact = np.array([exact_ns(text, layout.time_ns) for text in texts], dtype=object)
     _require_era(np.abs(exact) < ERA_NS, lambda row: texts[row][:20], layout)
     return exact.astype(np.int64)
-
-
-def _whole_or_none(lines: list[str], layout: Layout) -> np.ndarray | None:
-    try:
-        return _with_whole_time(lines, layout)[1]
-    except ValueError:  # 1.4e18
-        return None
 
 
 def _require_era(fine: np.ndarray, value, layout: Layout) -> None:

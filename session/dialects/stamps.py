@@ -6,9 +6,9 @@ from decimal import Decimal
 
 import numpy as np
 
-from session.common.counter import comes_round
 from session.common.errors import DataError
 from session.common.units import NS_PER_S
+from session.dialects.counter import comes_round
 
 #: a counter of 32 bits, and a clock
 COUNTER = 2**32

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
-from session.guide.messages import Taken
+from session.guide.messages import AcceptedTurn
 
 FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
 SLANTED = 0.90  #: cosine: an axis further than 26° from the vertical is not up
@@ -30,11 +30,11 @@ class Coverage:
         """A log's first still, with its specific force (3,)."""
         self.stills[face_up(accel) or "slanted"] += 1
 
-    def add(self, taken: Taken) -> None:
-        self.first(taken.segment.last.accel_mean)
-        first, last = taken.segment.first, taken.segment.last
-        rate = taken.samples.gyro - (first.gyro_mean + last.gyro_mean) / 2
-        step = np.diff(taken.samples.t_s)[:, None]
+    def add(self, turn: AcceptedTurn) -> None:
+        self.first(turn.segment.last.accel_mean)
+        first, last = turn.segment.first, turn.segment.last
+        rate = turn.samples.gyro - (first.gyro_mean + last.gyro_mean) / 2
+        step = np.diff(turn.samples.t_s)[:, None]
         noise = 3 * np.maximum(first.gyro_std, last.gyro_std)  # what the noise alone turns to and fro is no turn
         moved = np.where(np.abs(rate[:-1]) > noise, rate[:-1], 0.0) * step
         for axis, name in enumerate("xyz"):

@@ -12,10 +12,10 @@ from session.detect.pace import Pace, pace_of
 from session.detect.stills import MIN_STILL_FRACTION
 from session.guide.coverage import Coverage
 from session.guide.health import Health
-from session.guide.messages import Advice, Change, Instruction, Kind, Stage, Taken
+from session.guide.messages import AcceptedTurn, Advice, Change, Instruction, Kind, Stage
 from session.guide.stillness import Block, Stillness
 from session.guide.stream_check import CHECK_S, FEWEST, stream_problem
-from session.guide.turn_in_progress import Movement
+from session.guide.turn_in_progress import TurnInProgress
 from session.guide.window import Examined, Window
 from session.log.config import Protocol, Sensor
 from session.log.samples import Samples, joined
@@ -56,7 +56,7 @@ class Guide:
         """The port is not there, or says nothing: samples will not come before that has changed.  What was reached is kept."""
         if self.stage is not Stage.DONE:
             self.stage, self._waits = stage, why
-            self._movement.interrupted()
+            self._turn.interrupted()
 
     def new_log(self) -> None:
         """The device's clock has begun anew, and with it a log: its first still has yet to come."""
@@ -104,7 +104,7 @@ class Guide:
     @property
     def turning(self) -> bool:
         """Whether the table moves in its turn now."""
-        return self.stage is Stage.TURN and self._movement.moving
+        return self.stage is Stage.TURN and self._turn.moving
 
     @property
     def hold_s(self) -> float:
@@ -124,10 +124,10 @@ class Guide:
             return Instruction(self.stage, "done: the table may be left", f"{self.accepted} segments accepted")
         if self.stage is Stage.TURN:
             return self._turn_instruction()
-        held = self._movement.still_s
+        held = self._turn.still_s
         why, good = self._objection, False
-        if self._movement.moving:
-            why = f"{self._why} for {self._movement.restless_s or self._movement.moving_s:.1f} s: hands off?"
+        if self._turn.moving:
+            why = f"{self._why} for {self._turn.restless_s or self._turn.moving_s:.1f} s: hands off?"
         elif not why:
             why, good = f"still for {held:.1f} of {self.hold_s:.1f} s", True
         return Instruction(
@@ -135,14 +135,14 @@ class Guide:
         )
 
     def _turn_instruction(self) -> Instruction:
-        if self._asked_s is not None and self._now_s - self._asked_s < COACH_S and not self._movement.moving:
+        if self._asked_s is not None and self._now_s - self._asked_s < COACH_S and not self._turn.moving:
             return Instruction(self.stage, "one moment: the coach looks at the last turn", f"for up to {COACH_S:g} s")
         do = self.advice.words if self.advice and self.advice.words else ANY_TURN
-        if not self._movement.moving:
+        if not self._turn.moving:
             why = self.advice.reason if self.advice and self.advice.reason else f"segment {self.accepted + 1} of {self.segments}"
             return Instruction(self.stage, do, f"waiting for the turn; {why}")
-        peak_dps, bar_dps = self._movement.peak_rps / DEG, PEAK_FULL_SCALE * self.sensor.gyro_fs_dps
-        turned = f"turned {self._movement.path_rad / DEG:.0f}° so far"
+        peak_dps, bar_dps = self._turn.peak_rps / DEG, PEAK_FULL_SCALE * self.sensor.gyro_fs_dps
+        turned = f"turned {self._turn.path_rad / DEG:.0f}° so far"
         if peak_dps > bar_dps:
             return Instruction(self.stage, do, f"{turned}, but {peak_dps:.0f} > {bar_dps:.0f} dps: slower, or it clips", good=False)
         return Instruction(self.stage, do, f"{turned}, peak {peak_dps:.0f} of {self.sensor.gyro_fs_dps:.0f} dps; then let go")
@@ -155,7 +155,7 @@ class Guide:
         self._pace: Pace | None = None
         self._window: Window | None = None
         self._stillness: Stillness | None = None
-        self._movement = Movement()
+        self._turn = TurnInProgress()
         self._why = self._objection = ""
         self._examined_s = 0.0
 
@@ -183,7 +183,7 @@ class Guide:
         self._window.feed(samples)
         block = self._stillness.feed(samples)
         self._why = block.why
-        ended_s = self._movement.feed(block, self._stillness.zero_rps)
+        ended_s = self._turn.feed(block, self._stillness.zero_rps)
         if self.stage is Stage.TURN:
             self._turning()
         elif block.quiet:
@@ -192,15 +192,15 @@ class Guide:
             self._let_go(ended_s)
 
     def _turning(self) -> None:
-        if self._movement.path_rad < STIR_DEG * DEG:
-            self._window.rest(self._movement.still_s)
-        elif max(self._movement.still_s, self._movement.restless_s) >= SETTLING_S:
+        if self._turn.path_rad < STIR_DEG * DEG:
+            self._window.rest(self._turn.still_s)
+        elif max(self._turn.still_s, self._turn.restless_s) >= SETTLING_S:
             self.stage, self._objection = Stage.HOLD_STILL, ""
-            self._say(Kind.STAGE, f"turned {self._movement.path_rad / DEG:.0f}°: now hold still")
+            self._say(Kind.STAGE, f"turned {self._turn.path_rad / DEG:.0f}°: now hold still")
 
     def _holding(self, block: Block) -> None:
         self._examined_s += block.duration_s
-        if self._movement.still_s < self.hold_s or self._examined_s < EXAMINE_EVERY_S:
+        if self._turn.still_s < self.hold_s or self._examined_s < EXAMINE_EVERY_S:
             return
         self._examined_s = 0.0
         examined = self._window.examine()
@@ -226,7 +226,7 @@ class Guide:
         segment, still = examined.segment, examined.still
         self._window.accept(examined)
         self._stillness.zero_rps = still.gyro_mean
-        self._movement.accepted_still()
+        self._turn.accepted_still()
         self.stage, self._objection = Stage.TURN, ""
         if segment is None:
             self.coverage.first(still.accel_mean)
@@ -241,27 +241,27 @@ class Guide:
             self._say(Kind.REJECTED, f"turn {number} rejected: {problem}")
             return
         self.accepted += 1
-        taken = self._taken(examined)
-        self.coverage.add(taken)
+        turn = self._accepted_turn(examined)
+        self.coverage.add(turn)
         note = f"; {segment.note}" if segment.note else ""
         said = f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}"
         self._asked_s = self._now_s if self.coached else None
-        self._say(Kind.ACCEPTED, said, taken)
+        self._say(Kind.ACCEPTED, said, turn)
         if self.accepted >= self.segments:
             self._finish(f"{self.accepted} segments")
 
-    def _taken(self, examined: Examined) -> Taken:
+    def _accepted_turn(self, examined: Examined) -> AcceptedTurn:
         segment = examined.segment
         samples = examined.samples.between(segment.start, segment.stop)
         middle_s = self._before_s + float((int(samples.t_ns[0]) + int(samples.t_ns[-1])) // 2 - self._began_ns) * NS
-        return Taken(segment, samples, examined.noise, self.log, middle_s)
+        return AcceptedTurn(segment, samples, examined.noise, self.log, middle_s)
 
     def _finish(self, why: str) -> None:
         self.stage = Stage.DONE
         self._say(Kind.DONE, f"done: {why}")
 
-    def _say(self, kind: Kind, text: str, taken: Taken | None = None) -> None:
-        self._changes.append(Change(kind, text, self.now_s, taken))
+    def _say(self, kind: Kind, text: str, accepted: AcceptedTurn | None = None) -> None:
+        self._changes.append(Change(kind, text, self.now_s, accepted))
 
     @property
     def _now_s(self) -> float:

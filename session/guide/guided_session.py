@@ -15,13 +15,13 @@ from typing import Protocol as Interface
 import numpy as np
 
 from session.common.errors import CalibrationError, DataError, StorageError
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.guide.guide import Guide
-from session.guide.messages import Advice, Change, Kind, Stage, Taken
+from session.guide.messages import AcceptedTurn, Advice, Change, Kind, Stage
 from session.log.config import Config
 from session.log.samples import Samples
 from session.recording.logwriter import NEW_LOG
 from session.recording.recorder import Recorder
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.stream.events import Chunk, Event, Info, Trouble
 
 SILENT_S = 1.5
@@ -33,7 +33,7 @@ CLOCK_RATIO = 0.005  #: by which the board's second may differ from the host's; 
 CLOCK_RATIO_MOST = 0.25  #: a board whose second is that much longer is no sensor's, but a virtual one that was told to hurry
 CLOCK_AFTER_S = 20.0  #: of comparison: arrivals are late by some 10 ms
 
-Coach = Callable[[list[Taken]], Advice]
+Coach = Callable[[list[AcceptedTurn]], Advice]
 Configure = Callable[[Info | None, float], Config | None]
 
 
@@ -57,7 +57,7 @@ class GuidedRecording:
         self.config: Config | None = None
         guide.coached = coach is not None
         self._early: list[Chunk] = []  # samples whose ranges nobody has told yet
-        self._to_coach: list[Taken] = []
+        self._to_coach: list[AcceptedTurn] = []
         self._coaching: Future | None = None
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="coach")
         self._heard_s = self._shown_s = time.monotonic()
@@ -119,8 +119,8 @@ class GuidedRecording:
             return
         for change in self.guide.feed(samples_of(chunk, self.config)):
             self._view.change(change)
-            if change.taken is not None and self._coach is not None:
-                self._to_coach.append(change.taken)
+            if change.accepted is not None and self._coach is not None:
+                self._to_coach.append(change.accepted)
 
     def _hear_board(self, info: Info) -> None:
         """What it says of itself.  A contradiction counts when it is said twice running: a line of text carries no check."""

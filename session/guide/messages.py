@@ -45,7 +45,7 @@ class Instruction:
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class AcceptedTurn:
     """An accepted segment as the coach gets it: its samples, from the middle of a still to what there is of the next, and the noise.
 
     segment's sample numbers count from samples' first one; middle_s since the session's first sample.
@@ -60,12 +60,12 @@ class Taken:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Something has changed, in words for the operator; segment where one was accepted or rejected."""
+    """Something has changed, in words for the operator; accepted: the turn, where one was."""
 
     kind: Kind
     text: str
     at_s: float = 0.0
-    taken: Taken | None = None
+    accepted: AcceptedTurn | None = None
 
 
 @dataclass(frozen=True)

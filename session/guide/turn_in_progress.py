@@ -13,10 +13,12 @@ from session.guide.stillness import UNKNOWN_ZERO_RPS, Block
 BUMP_SLACK_RAD = 2 * BUMP_RAD  #: blocks of 0.1 s see an angle no better; the log's own judgement comes later
 
 
-class Movement:
-    """still_s: of the present still, bumps included; moving: whether it is not still now, for moving_s, the last restless_s of it without
-    turning (a hand rests on the table); path_rad, peak_rps:
-    of the movement since the last reference still."""
+class TurnInProgress:
+    """What the table does now, and since the last reference still.
+
+    still_s: of the present still, bumps included; moving: whether it is not still now, for moving_s, the last restless_s of it without
+    turning (a hand rests on the table); path_rad, peak_rps: of the movement since the last reference still.
+    """
 
     def __init__(self):
         self.still_s = self.moving_s = self.restless_s = 0.0

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.common.errors import DataError
-from session.common.registers import ACCEL_MG_PER_LSB, GYRO_MDPS_PER_LSB
 from session.common.units import DEG, NS, G
 from session.log.samples import Samples
+from session.sensor.registers import ACCEL_MG_PER_LSB, GYRO_MDPS_PER_LSB
 
 #: times up to here, 146 years, are whole nanoseconds without overflow
 LAST_S = 2**62 * NS

@@ -13,12 +13,12 @@ import numpy as np
 from session.checks.findings import Finding
 from session.checks.first_look import check_folder
 from session.common.errors import CalibrationError, FormatError
-from session.common.writing import naming
 from session.detect.pace import pace_of
 from session.dialects.layout import AXES, Answers
 from session.dialects.reader import Reader
 from session.dialects.standard import OWN
 from session.dialects.units import endings
+from session.files.writing import naming
 from session.log.config import Sensor, read_config
 from session.log.folder import log_paths
 from session.log.logfile import read_log

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from session.checks.first_look import check_folder
 from session.common.errors import CalibrationError, FormatError, StorageError
-from session.common.writing import naming
+from session.files.writing import naming
 from session.recording.decoding import stream
 from session.recording.logwriter import LogWriter
 from session.recording.session_file import NAME, PATIENCE_S, SessionFile

@@ -5,7 +5,7 @@
 nothing else, ``score`` compares, ``table`` prints; ``examine`` is all of it in order.
 
 What is concealed here is computed by code of its own, on the simulation's fine grid or on its registers: the catalogue in
-``tinygc.effects`` is not imported.
+``tinygc.effects`` is not asked, only told which folders to look into.
 
-May import: session, explain, simulation.
+May import: session, effects, explanation, simulation.
 """

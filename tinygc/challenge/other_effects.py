@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.common.registers import REGISTER_MAX, gyro_rps_per_lsb
 from session.common.units import DEG, MG
+from session.sensor.registers import REGISTER_MAX, gyro_rps_per_lsb
 from tinygc.challenge.concealment import Concealment, Maker, Scene
 from tinygc.simulation.simulate import Recording
 from tinygc.simulation.table_movement import Plan

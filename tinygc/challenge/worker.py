@@ -17,8 +17,8 @@ from session.common.errors import CalibrationError
 def main(folder: Path, effects: list[Path]) -> None:
     """A refusal (a boring cause, for one) is an answer, too."""
     from tinygc.effects import using
-    from tinygc.explain.verdict.explain import explain_session
-    from tinygc.explain.verdict.result import to_json
+    from tinygc.explanation.verdict.explain import explain_session
+    from tinygc.explanation.verdict.result import to_json
 
     began = time.perf_counter()
     try:

@@ -1,4 +1,5 @@
 """The command line: arguments, and a file for each command.
 
-May import: session, attitude, effects, models, closure, problem, methods, explain, fit, plan, simulation, challenge, deploy, report.
+May import: session, attitude, effects, models, closure, problem, methods, explanation, fitting, plan, simulation,
+challenge, deploy, report, library.
 """

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import CalibrationError, DataError, FormatError
-from session.common.files import read_json, whole
-from session.common.fixed_point import rows
 from session.common.units import DEG
 from session.detect.pace import pace_of
 from session.dialects.layout import Answers, Layout
 from session.dialects.lines import STANDARD
 from session.dialects.reader import Piece, Reader
 from session.dialects.stamps import counted
+from session.files.fixed_point import rows
+from session.files.results import read_json, whole
 from session.log.config import Accelerometer, read_config
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.common.errors import CalibrationError
-from session.common.files import write_whole
+from session.files.results import write_whole
 from tinygc import models
 from tinygc.deploy.live import Live
 from tinygc.deploy.needs import Needs

@@ -13,7 +13,7 @@ from tinygc.effect_checks.scene import SIZE, trial
 from tinygc.effect_checks.sessions import explanation_of
 from tinygc.effects import Effect, EffectError
 from tinygc.effects.trial import tried
-from tinygc.explain.verdict.explain import Explanation
+from tinygc.explanation.verdict.explain import Explanation
 
 PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from tinygc.effect_checks.report import NotChecked, Wrong
 from tinygc.effects import Effect
-from tinygc.explain.pictures.panels import draw_claim
-from tinygc.explain.verdict.explain import Explanation
+from tinygc.explanation.pictures.panels import draw_claim
+from tinygc.explanation.verdict.explain import Explanation
 
 #: of a panel's pixels that must be ink, beyond those of its empty frame
 INK = 0.002

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from tinygc.effect_checks.report import Wrong
 from tinygc.effect_checks.sessions import Found, fitted, inject
 from tinygc.effects import Convention, Effect
-from tinygc.explain.verdict.readable import readable
+from tinygc.explanation.verdict.readable import readable
 
 #: two-sided: errors as far from their sigmas, to either side, come by chance once in so many checks
 CHANCE = 1e-4

@@ -14,17 +14,17 @@ from tinygc.effect_checks.report import NotChecked
 from tinygc.effect_checks.scene import drawn_theta, middle_value
 from tinygc.effects import Claim, Effect, Movement
 from tinygc.effects.conditions import vibration
-from tinygc.explain.mends.mending import mend
-from tinygc.explain.naming.forward import Named, Naming, scanned, selection_of, sharpened
-from tinygc.explain.twin.common_delay import in_gauge
-from tinygc.explain.twin.refit import Refit, refit
-from tinygc.explain.twin.turn_gravity import turn_gravity
-from tinygc.explain.twin.twin import Twin
-from tinygc.explain.twin.whitening import PRECALIBRATION_MPS2, Whitener
-from tinygc.explain.twin.within_stills import within_stills
-from tinygc.explain.verdict.claims import named_claims
-from tinygc.explain.verdict.explain import Explanation
-from tinygc.explain.verdict.proof import prove
+from tinygc.explanation.mends.mending import mend
+from tinygc.explanation.naming.forward import Named, Naming, scanned, selection_of, sharpened
+from tinygc.explanation.twin.common_delay import in_gauge
+from tinygc.explanation.twin.refit import Refit, refit
+from tinygc.explanation.twin.turn_gravity import turn_gravity
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import PRECALIBRATION_MPS2, Whitener
+from tinygc.explanation.twin.within_stills import within_stills
+from tinygc.explanation.verdict.claims import named_claims
+from tinygc.explanation.verdict.explain import Explanation
+from tinygc.explanation.verdict.proof import prove
 from tinygc.problem.build import build_problem
 from tinygc.simulation.motion import earth_rate_table
 from tinygc.simulation.options import SimulationOptions

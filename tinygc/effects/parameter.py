@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from tinygc.effects.movement import Movement
-
-if TYPE_CHECKING:
-    from tinygc.effects.effect import Effect
 
 
 @dataclass(frozen=True)
@@ -59,6 +56,6 @@ class Scan:
 
     name: str
     unit: str
-    make: Callable[[float], Effect]
+    make: Callable[[float], Any]
     si: float = 1.0
     grid: Callable[[Sequence[Movement]], np.ndarray] | None = None

@@ -1,4 +1,5 @@
 """What a Python user calls, and the command line as well: a session in, a result out.  ``tinygc/__init__.py`` hands the names on.
 
-May import: session, attitude, effects, models, closure, problem, methods, explain, fit, plan, simulation, challenge, deploy, report.
+May import: session, attitude, effects, models, closure, problem, methods, explanation, fitting, plan, simulation,
+challenge, deploy, report.
 """

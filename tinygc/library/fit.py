@@ -14,11 +14,11 @@ from rich.console import Group
 from session.common.errors import FitError
 from session.log.folder import Session
 from tinygc.deploy.calibration import Calibration
-from tinygc.fit.figures import closure_figures, run_figures
-from tinygc.fit.fit_json import to_json
-from tinygc.fit.result import FitResult
-from tinygc.fit.save import model_tables, save_models
-from tinygc.fit.session import fit_session
+from tinygc.fitting.figures import closure_figures, run_figures
+from tinygc.fitting.fit_json import to_json
+from tinygc.fitting.result import FitResult
+from tinygc.fitting.save import model_tables, save_models
+from tinygc.fitting.session import fit_session
 from tinygc.library.text import as_html, as_text
 from tinygc.methods.options import FitOptions
 from tinygc.models.linear import NAMES

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from session.common.errors import DataError
-from session.common.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.common.units import DEG, G
 from session.log.config import Accelerometer, Protocol, Site
 from session.log.folder import Session
+from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from tinygc.effects import Effect, Movement, effect_of
 from tinygc.effects.conditions import vibration
 from tinygc.simulation.options import SimulationOptions

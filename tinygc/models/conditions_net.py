@@ -5,8 +5,8 @@
 ``bias`` (3, K) and ``gain`` (3, K) beside the 27: 33 parameters with temperature, 45 with force, 51 with both.  It starts at the exact
 identity.  Conditions are learnt only where left-out segments ask for them, as the kinks are.
 
-What `explain` names has an equation and a place in front of the net (tinygc/fit/physics).  This is for what has no name yet: the net finds
-by itself how its conditions matter, linearly, and no more.
+What `explain` names has an equation and a place in front of the net (``tinygc/fitting/physics``).  This is for what has no name yet: the
+net finds by itself how its conditions matter, linearly, and no more.
 """
 
 from __future__ import annotations

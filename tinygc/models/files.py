@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from session.common.errors import FormatError
-from session.common.files import read_json
+from session.files.results import read_json
 from tinygc.models.model import Model
 
 SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"

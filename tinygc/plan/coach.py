@@ -11,7 +11,7 @@ import numpy as np
 
 from session.common.units import DEG_PER_HOUR
 from session.detect.stills import Still
-from session.guide.messages import Advice, Taken
+from session.guide.messages import AcceptedTurn, Advice
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.bias_wander import BiasWander
@@ -39,7 +39,7 @@ class Coach:
         self._own: list[np.ndarray] = []
         self._middle_s: list[float] = []
 
-    def __call__(self, taken: list[Taken]) -> Advice:
+    def __call__(self, taken: list[AcceptedTurn]) -> Advice:
         """Advice on all segments so far, after further ones (at least one)."""
         for segment in taken:
             self.add(segment)
@@ -74,7 +74,7 @@ class Coach:
         left = np.diagonal(np.linalg.inv(after), axis1=-2, axis2=-1)
         return turns[int(np.argmin((left ** (SHARPNESS / 2)).sum(-1)))]
 
-    def add(self, taken: Taken) -> None:
+    def add(self, taken: AcceptedTurn) -> None:
         """Take a segment in: its two angles' columns and their noise."""
         first, last = _stills(taken)
         measured = taken.samples.gyro[None]
@@ -89,7 +89,7 @@ class Coach:
         self._middle_s.append(taken.middle_s)
 
 
-def _stills(taken: Taken) -> tuple[Still, Still]:
+def _stills(taken: AcceptedTurn) -> tuple[Still, Still]:
     """Between which a segment lies; a recording has no others."""
     first, last = taken.segment.first, taken.segment.last
     assert first is not None

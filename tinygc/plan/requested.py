@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from session.common.errors import FormatError
-from session.common.files import read_json
+from session.files.results import read_json
 from session.log.hashes import sha256_of
 
 

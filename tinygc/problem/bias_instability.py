@@ -14,9 +14,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from session.common.typical import typical_of
 from session.common.units import DEG_PER_HOUR
 from session.log.config import Sensor
+from session.sensor.typical import typical_of
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
 from tinygc.closure.bias_wander import UNKNOWN, BiasInstability, wander_covariance

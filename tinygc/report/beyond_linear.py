@@ -10,9 +10,9 @@ import numpy as np
 
 from session.common.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import catalogue
-from tinygc.explain.twin.refit import Refit, refit
-from tinygc.explain.twin.twin import State, Twin
-from tinygc.explain.twin.whitening import Whitener
+from tinygc.explanation.twin.refit import Refit, refit
+from tinygc.explanation.twin.twin import State, Twin
+from tinygc.explanation.twin.whitening import Whitener
 from tinygc.models.field_parameters import COVERAGE_FACTOR, Quantity
 
 G_SENSITIVITY, ASYMMETRY = "gyro.g_sensitivity", "gyro.scale_asymmetry"

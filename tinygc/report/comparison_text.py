@@ -7,7 +7,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from tinygc.fit.compare import DIFFERS_P, Agreement, Comparison
+from tinygc.fitting.compare import DIFFERS_P, Agreement, Comparison
 
 #: a move of so many sigmas is marked
 MARKED = 3.0

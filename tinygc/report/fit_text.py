@@ -11,15 +11,15 @@ from rich.text import Text
 
 from session.checks.first_look import Finding
 from session.common.units import DEG
-from tinygc.fit.figures import closure_figures, run_figures
-from tinygc.fit.result import FitResult
+from tinygc.fitting.figures import closure_figures, run_figures
+from tinygc.fitting.result import FitResult
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.registry import METHODS
 from tinygc.models.linear import NAMES, LinearModel
 from tinygc.problem.closure_run import ClosureRun
 
 if TYPE_CHECKING:
-    from tinygc.fit.physics.fit_physics import PhysicsFit
+    from tinygc.fitting.physics.fit_physics import PhysicsFit
 
 TITLES = {name: method.title for name, method in METHODS.items()}
 NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
@@ -206,7 +206,7 @@ def _linear(fit: MethodFit) -> LinearModel:
 
 def _losses(result: FitResult) -> list[tuple[ClosureRun, str]]:
     """Each closure run, with what is to be said of samples lost in it."""
-    from tinygc.fit.physics.lost_in_runs import loss_words
+    from tinygc.fitting.physics.lost_in_runs import loss_words
 
     return [(run, loss_words(lost)) for run, lost in zip(result.runs, result.lost_s, strict=True)]
 

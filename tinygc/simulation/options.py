@@ -106,7 +106,7 @@ class SimulationOptions:
             ("turn_s", self.segments * self.turn_s),
         ):
             self._require(length_s * self.odr_hz <= MOST_SAMPLES, name, f"less: a session has at most {MOST_SAMPLES:.0e} samples")
-        from session.common import registers
+        from session.sensor import registers
 
         registers.gyro_rps_per_lsb(self.gyro_fs_dps)
         registers.accel_mps2_per_lsb(self.accel_fs_g)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import butter, sosfilt, sosfilt_zi, sosfreqz
 
-from session.common import registers
 from session.common.units import DEG, G
+from session.sensor import registers
 from tinygc.simulation.noise import white
 
 ACCEL_BANDWIDTH_ODR = 0.25  #: accelerometer's LPF2 at its usual setting, ODR/4 (asm330lhh_reg.h)

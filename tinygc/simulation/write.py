@@ -12,7 +12,7 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.units import DEG, MG
-from session.common.writing import naming, result_folder
+from session.files.writing import naming, result_folder
 from session.log.config import SCHEMA
 from tinygc.simulation.options import SimulationOptions, command_line
 from tinygc.simulation.simulate import Distort, Recording, Simulation, simulate_session

@@ -22,7 +22,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Sessions of one sensor side by side."""
     from session.common.errors import CalibrationError
-    from tinygc.fit.compare import DIFFERS_P, compare, read_calibrated, to_json
+    from tinygc.fitting.compare import DIFFERS_P, compare, read_calibrated, to_json
     from tinygc.report.comparison_text import comparison_page
 
     if len(args.folders) < 2:

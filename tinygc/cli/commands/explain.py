@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _with_pictures(args: argparse.Namespace) -> bool:
     """Whether they are wanted and can be drawn; says so where they cannot."""
-    from tinygc.explain.pictures.canvas import can_draw
+    from tinygc.explanation.pictures.canvas import can_draw
 
     if not args.no_pictures and not can_draw():
         print("calibrate: no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')", file=sys.stderr)

@@ -24,8 +24,8 @@ def run(args: argparse.Namespace) -> int:
     """A calibration in another program's words."""
     import sys
 
-    from session.common.files import write_text_whole
-    from session.common.writing import result_folder
+    from session.files.results import write_text_whole
+    from session.files.writing import result_folder
     from tinygc.deploy.exports import exporter
     from tinygc.deploy.exports._context import read_context
 

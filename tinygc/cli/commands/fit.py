@@ -96,8 +96,8 @@ def _rebias(args: argparse.Namespace) -> int:
             f"leave {'it' if len(idle) == 1 else 'them'} out"
         )
     from tinygc.cli.console import progress_bar
-    from tinygc.fit.bias import MODEL
-    from tinygc.fit.bias.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
+    from tinygc.fitting.bias import MODEL
+    from tinygc.fitting.bias.rebias import rebias_report, rebias_session, rebias_to_json, save_rebiased
 
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:

@@ -15,7 +15,7 @@ from tinygc.cli.commands._results import output, write_json
 
 if TYPE_CHECKING:
     from session.guide.guide import Guide
-    from session.guide.messages import Advice, Taken
+    from session.guide.messages import AcceptedTurn, Advice
     from session.guide.screen import LiveScreen, PlainLines
     from session.recording.recorder import Recorder
     from tinygc.plan.coach import Coach
@@ -124,11 +124,11 @@ def _view(args: argparse.Namespace, title: str) -> LiveScreen | PlainLines:
     return LiveScreen(title, args.mute, console) if console.is_terminal and not args.quiet else PlainLines(console)
 
 
-def _coach() -> Callable[[list[Taken]], Advice]:
+def _coach() -> Callable[[list[AcceptedTurn]], Advice]:
     """The coach; its modules are loaded in its own thread, not before the recording starts."""
     coach: Coach | None = None
 
-    def advise(taken: list[Taken]) -> Advice:
+    def advise(taken: list[AcceptedTurn]) -> Advice:
         nonlocal coach
         if coach is None:
             from tinygc.plan.coach import Coach

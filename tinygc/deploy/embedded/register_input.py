@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from session.common.registers import (
+from session.log.config import Accelerometer, Config
+from session.sensor.registers import (
     ACCEL_MG_PER_LSB,
     GYRO_MDPS_PER_LSB,
     TEMP_AT_ZERO_C,
@@ -14,7 +15,6 @@ from session.common.registers import (
     accel_mps2_per_lsb,
     gyro_rps_per_lsb,
 )
-from session.log.config import Accelerometer, Config
 from tinygc.deploy.embedded.affine import affine, table
 from tinygc.deploy.embedded.stage import Inputs, single
 

@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.files import read_json
-from session.common.typical import typical_of
 from session.common.units import DEG, DEG_PER_HOUR, G
+from session.files.results import read_json
 from session.log.config import Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of
 from session.log.logfile import read_log
+from session.sensor.typical import typical_of
 from tinygc import models
 from tinygc.deploy.exports import ExportError
-from tinygc.fit import bias
+from tinygc.fitting import bias
 
 #: the method that is taken unless another is asked for
 PREFERRED = "least_squares"

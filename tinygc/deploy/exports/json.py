@@ -7,7 +7,7 @@ import json
 from tinygc import models
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._self_test import self_test
-from tinygc.fit.versions import versions
+from tinygc.fitting.versions import versions
 from tinygc.models import linear
 
 NAME = "json"

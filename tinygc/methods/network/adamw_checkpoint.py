@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.common.errors import FitError, FormatError
-from session.common.files import read_json, write_whole
+from session.files.results import read_json, write_whole
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -12,10 +12,10 @@ from tinygc import models
 from tinygc.closure.bias_wander import wander_covariance
 from tinygc.closure.uncertainty import MISMATCH_P
 from tinygc.effects import Claim
-from tinygc.explain.verdict.explain import Explanation
-from tinygc.fit.physics.covariance import covariance_table, rate_covariance, rows_of_rates
-from tinygc.fit.physics.lost_in_runs import loss_words, lost_in
-from tinygc.fit.result import FitResult
+from tinygc.explanation.verdict.explain import Explanation
+from tinygc.fitting.physics.covariance import covariance_table, rate_covariance, rows_of_rates
+from tinygc.fitting.physics.lost_in_runs import loss_words, lost_in
+from tinygc.fitting.result import FitResult
 from tinygc.models.field_parameters import Quantity, field_quantities
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel

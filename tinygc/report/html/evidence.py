@@ -11,13 +11,13 @@ from typing import Any
 
 from session.common.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from session.log.hashes import input_hashes
-from tinygc.explain.truth.explain import TruthExplanation, explain_truth
-from tinygc.explain.twin.twin import Twin
-from tinygc.explain.twin.whitening import Whitener
-from tinygc.explain.verdict.explain import Explanation, explain_session
-from tinygc.fit.result import FitResult
-from tinygc.fit.session import fit_session
-from tinygc.fit.versions import versions
+from tinygc.explanation.truth.explain import TruthExplanation, explain_truth
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import Whitener
+from tinygc.explanation.verdict.explain import Explanation, explain_session
+from tinygc.fitting.result import FitResult
+from tinygc.fitting.session import fit_session
+from tinygc.fitting.versions import versions
 from tinygc.methods.options import FitOptions
 from tinygc.models.field_parameters import COVERAGE_FACTOR, Quantity
 from tinygc.problem.build import build_problem

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from session.common.files import write_text_whole
-from session.common.writing import result_folder
+from session.files.results import write_text_whole
+from session.files.writing import result_folder
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, escape
 from tinygc.report.html.sections import SECTIONS

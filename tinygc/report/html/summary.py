@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 
 from session.common.units import DEG
-from tinygc.fit.figures import run_figures
+from tinygc.fitting.figures import run_figures
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.numbers import tilt_rms
 

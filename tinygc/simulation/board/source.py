@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common import registers
 from session.common.errors import DataError
 from session.log.folder import Session, read_session
 from session.log.samples import Samples
+from session.sensor import registers
 from session.stream.events import Info
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import Recording, simulate_session

@@ -7,8 +7,8 @@ from base64 import b64encode
 
 import numpy as np
 
-from session.common.registers import gyro_rps_per_lsb
 from session.common.units import DEG
+from session.sensor.registers import gyro_rps_per_lsb
 from tinygc.deploy.calibration import Calibration
 from tinygc.report.html.adopted import model_table
 from tinygc.report.html.evidence import Evidence

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.explain.pictures.channel_values import added_in_stills, left_in_stills, rates_per_still, recorded_in_stills, regime, told
-from tinygc.explain.verdict.explain import Claimed, Explanation
-from tinygc.explain.verdict.next_step import what_next
-from tinygc.explain.verdict.pages import parameter_lines, regime_words, seconds_words
-from tinygc.explain.verdict.where import where
-from tinygc.explain.verdict.words import CHANNELS, VERDICTS
+from tinygc.explanation.pictures.channel_values import added_in_stills, left_in_stills, rates_per_still, recorded_in_stills, regime, told
+from tinygc.explanation.verdict.explain import Claimed, Explanation
+from tinygc.explanation.verdict.next_step import what_next
+from tinygc.explanation.verdict.pages import parameter_lines, regime_words, seconds_words
+from tinygc.explanation.verdict.where import where
+from tinygc.explanation.verdict.words import CHANNELS, VERDICTS
 from tinygc.report.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, code, escape, figure, key, paragraph, table
@@ -195,7 +195,7 @@ def _proof(e: Explanation, width: int) -> str:
 
 def _tested(e: Explanation) -> str:
     """Which effects were tried and not found: a name that is missing here was not looked for."""
-    from tinygc.explain.naming.forward import candidates
+    from tinygc.explanation.naming.forward import candidates
 
     tried = sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed})
     return paragraph(

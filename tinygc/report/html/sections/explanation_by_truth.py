@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.explain.truth.explain import Claim, TruthExplanation
-from tinygc.explain.truth.result import CANNOT, evidence_rows, refusals, values_of
+from tinygc.explanation.truth.explain import Claim, TruthExplanation
+from tinygc.explanation.truth.result import CANNOT, evidence_rows, refusals, values_of
 from tinygc.report.html.chart import Chart, log_axis
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, code, escape, figure, key, paragraph, table

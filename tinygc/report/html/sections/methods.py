@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from session.common.units import DEG
-from tinygc.fit.figures import closure_figures
+from tinygc.fitting.figures import closure_figures
 from tinygc.report.fit_text import SAME_FLOOR, TITLES
 from tinygc.report.html.chart import Axis, Chart, log_axis
 from tinygc.report.html.decision import rmse

@@ -1,0 +1,65 @@
+"""Results as files: JSON read with one line for all that can be wrong with it, written whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from session.common.errors import FormatError
+from session.files.writing import naming
+
+#: an integer of more digits is read as a float, infinite where it must be: no reader of numbers then meets one that no float can hold
+LONGEST_INTEGER = 18
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file holds.  FormatError says what is wrong with the file."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"), parse_int=_integer)
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except ValueError as error:
+        raise FormatError(f"{path}: broken JSON: {error}") from None
+    except RecursionError:
+        raise FormatError(f"{path}: broken JSON: lists or tables nested too deeply") from None
+
+
+def _integer(digits: str) -> int | float:
+    return int(digits) if len(digits) <= LONGEST_INTEGER else float(digits)
+
+
+def write_whole(path: Path, table: dict) -> None:
+    """JSON, whole or not at all: a full disk must not leave half a model."""
+    write_text_whole(path, json.dumps(table, indent=1, ensure_ascii=False) + "\n")
+
+
+def write_text_whole(path: Path, text: str) -> None:
+    """Text, whole or not at all."""
+    with whole(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+@contextlib.contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Where to write what becomes ``path`` once the block ends well: a file beside it; a device or a pipe itself, which is no file to
+    put another in the place of.  A full disk is a StorageError that names ``path``."""
+    if is_stream(path):
+        with naming(path):
+            yield path
+        return
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        with naming(path, partial):
+            yield partial
+            partial.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def is_stream(path: Path) -> bool:
+    """Whether it is there and is a device, a pipe or a socket."""
+    return path.exists() and not path.is_file() and not path.is_dir()

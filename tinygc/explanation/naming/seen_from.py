@@ -1,0 +1,43 @@
+"""From what size on each effect would have been seen in this recording: what a `no_mismatch` is worth, and what it cannot know."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tinygc.effects import Effect, catalogue
+from tinygc.explanation.naming.forward import candidates
+from tinygc.explanation.twin.refit import Refit
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import Whitener
+
+#: about what the search over the whole catalogue asks for: 5 % over some 300 directions is 3.8 sigmas (Bonferroni)
+SIGMAS = 4.0
+
+
+def seen_from(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
+    """Effect id -> the size, in the parameter's unit, from which half of its directions show; inf where less would be seen.
+
+    An effect whose shape is scanned (a step) is taken at the moment that shows it best.  Linear, beside all that ``fit`` has.
+    """
+    q, _ = np.linalg.qr(fit.J / np.linalg.norm(fit.J, axis=0))
+    sizes: dict[str, float] = {}
+    for effect in candidates(twin):
+        columns = whiten(twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked())
+        size = _size(effect, columns - q @ (q.T @ columns))
+        sizes[effect.id] = min(size, sizes.get(effect.id, np.inf))
+    return sizes
+
+
+def in_words(sizes: dict[str, float]) -> list[str]:
+    """Two lines at most: from what size on each would have shown, and what could not."""
+    known = catalogue()
+    shown = ", ".join(f"{name} {size:.2g} {known[name].parameter.unit}" for name, size in sizes.items() if np.isfinite(size))
+    blind = ", ".join(name for name, size in sizes.items() if not np.isfinite(size))
+    lines = [f"would have shown from ({SIGMAS:g} sigma): {shown}"] if shown else []
+    return lines + ([f"not observable in this recording: {blind}"] if blind else [])
+
+
+def _size(effect: Effect, columns: np.ndarray) -> float:
+    # The median: of a delay, what all axes have in common is the clock's and hardly shows, whatever the recording.
+    strength = float(np.median(np.linalg.svd(columns * effect.parameter.plausible, compute_uv=False)))
+    return SIGMAS / strength * effect.parameter.plausible / effect.parameter.si if strength > SIGMAS else float("inf")

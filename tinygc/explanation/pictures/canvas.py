@@ -1,0 +1,34 @@
+"""The empty page of an explanation: two panels a row, under what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from textwrap import fill
+
+from session.common.errors import CalibrationError
+from session.files.results import whole
+
+
+def can_draw() -> bool:
+    """Whether matplotlib, which `fit` does without, is installed."""
+    return find_spec("matplotlib") is not None
+
+
+def canvas(rows: int, headline: str, ids: Sequence[str], says: Sequence[str]):
+    """Figure and its (rows, 2) panels.  Raises CalibrationError where matplotlib is missing."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise CalibrationError("pictures need matplotlib: python -m pip install 'tinygc[plot]', or use --no-pictures") from None
+    figure = Figure(figsize=(13, 1.2 + 3.5 * rows), layout="constrained")
+    lines = [headline, ", ".join(ids), *(fill(sentence, 150) for sentence in says)]
+    figure.suptitle("\n".join(line for line in lines if line), fontsize=11)
+    return figure, figure.subplots(rows, 2)
+
+
+def save(figure, path: Path) -> None:
+    """As PNG, whole or not at all."""
+    with whole(path) as partial:
+        figure.savefig(partial, dpi=110, format="png")

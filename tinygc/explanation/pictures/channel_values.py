@@ -1,0 +1,82 @@
+"""What a picture of an explanation shows of the twin's channels: what is left in them, and what a named effect says of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.common.units import DEG
+from tinygc.attitude import rotation
+from tinygc.closure.residual import closure_angles
+from tinygc.explanation.twin.variable import Regime, regime_of
+from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.explain import Explanation
+from tinygc.explanation.verdict.readable import theta_of
+
+
+def told(e: Explanation) -> Claimed | None:
+    """The strongest effect that adds to the rates, which is what can be drawn against a variable."""
+    return next((claim for claim in [*e.claimed, *e.findings] if claim.effect.kind == "rate"), None)
+
+
+def theta(e: Explanation, claim: Claimed) -> np.ndarray:
+    """(P,) SI"""
+    return theta_of(claim.effect, claim.parameters, e.naming.fit.state)
+
+
+def regime(e: Explanation, claim: Claimed | None) -> Regime:
+    """The variable that a claim is drawn against; time where there is none."""
+    return regime_of(None) if claim is None else regime_of(claim.effect, theta(e, claim))
+
+
+def rates_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
+    """Residual rates (Q, 3) dps in the stills, before and after."""
+    before, after = (e.twin.residuals(fit.state, fit.rates).still / DEG for fit in (e.naming.first, e.naming.fit))
+    return before, after
+
+
+def lengths_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
+    """Residual lengths of gravity (Q,) m/s^2 in the stills, before and after."""
+    before, after = (e.twin.residuals(fit.state, fit.rates).length for fit in (e.naming.first, e.naming.fit))
+    return before, after
+
+
+def added_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
+    """(Q, 3) dps that an effect adds to each still's mean rate."""
+    twin, values = e.twin, theta(e, claim)
+    if claim.effect.kind == "earth":
+        return np.einsum("qji,j->qi", rotation.matrix(twin.q_tb), values) / DEG
+    by_log = [claim.effect.columns(m.with_rate(rate)) @ values for m, rate in zip(twin.movements, e.naming.fit.rates, strict=True)]
+    return np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in twin.stills]) / DEG
+
+
+def recorded_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
+    """(Q, 3) dps that the recording has in each still of what the effect should explain."""
+    _, after = rates_per_still(e)
+    return after + added_in_stills(e, claim) if claim in e.claimed else after
+
+
+def left_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
+    """(Q, 3) dps that the recording has in each still beyond the prediction, with the claim in it; a finding, which no fit goes on with,
+    is taken off as it was found."""
+    _, after = rates_per_still(e)
+    return after if claim in e.claimed else after - added_in_stills(e, claim)
+
+
+def added_to_closure(e: Explanation, claim: Claimed) -> tuple[np.ndarray, np.ndarray]:
+    """(S, d) rad that an effect adds to the closure of each segment, to first order, and what the recording has of it."""
+    fit = e.naming.fit
+    added = -e.twin.effect_columns(claim.effect, fit.state, fit.sensitivity, fit.rates).closure @ theta(e, claim)
+    left = e.twin.residuals(fit.state, fit.rates).closure
+    return added, left + added if claim in e.claimed else left
+
+
+def closure_as_recorded(e: Explanation) -> dict[int, float]:
+    """Closure in degrees, by the segment's number, of what was recorded with nothing mended, by the linear model of what was mended."""
+    angles = closure_angles(e.problem.batch, e.naming.fit.state.model)
+    return dict(zip((segment.number for segment in e.problem.used), np.linalg.norm(angles[:, :2], axis=1) / DEG, strict=True))
+
+
+def closure_by_segment(e: Explanation) -> tuple[dict[int, float], dict[int, float]]:
+    """Held-out closure in degrees by the segment's number, before and after."""
+    before, after = (np.linalg.norm(angles[:, :2], axis=1) / DEG for angles in (e.proof.before, e.proof.after))
+    return dict(zip(e.proof.before_numbers, before, strict=True)), dict(zip(e.proof.after_numbers, after, strict=True))

@@ -1,0 +1,46 @@
+"""An effect that draws its own picture: it is handed plain arrays, and the two axes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.common.units import DEG
+from tinygc.effects import Drawn, EffectError
+from tinygc.explanation.pictures.channel_values import added_in_stills, added_to_closure, left_in_stills, rates_per_still, regime, theta
+from tinygc.explanation.twin.variable import Regime
+from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.explain import Explanation
+
+
+def drawn(e: Explanation, claim: Claimed) -> Drawn:
+    """What there is to draw of a claim that adds to the rates."""
+    variable, (before, _) = regime(e, claim), rates_per_still(e)
+    closure_says, closure_recorded = added_to_closure(e, claim)
+    return Drawn(
+        theta=theta(e, claim),
+        parameters=claim.parameters,
+        std=claim.std,
+        variable=variable.words,
+        unit=variable.units,
+        of_stills=variable.of_stills(e.twin),
+        of_segments=variable.of_segments(e.twin),
+        stills_s=Regime("time").of_stills(e.twin),
+        before=before * DEG,
+        after=left_in_stills(e, claim) * DEG,
+        says=added_in_stills(e, claim) * DEG,
+        numbers=np.array([segment.number for segment in e.twin.segments]),
+        closure_says=closure_says,
+        closure_recorded=closure_recorded,
+        floor_rad=float(e.proof.floor_rms),
+    )
+
+
+def draw_own(e: Explanation, claim: Claimed, left, right) -> None:
+    """Call the effect's own function.  EffectError, with what it said, where it fails."""
+    try:
+        claim.effect.picture(drawn(e, claim), left, right)
+    except Exception as error:
+        what = " ".join(str(error).split())
+        raise EffectError(
+            f"{claim.effect.id}: its picture cannot be drawn: {type(error).__name__}: {what}; --no-pictures goes on"
+        ) from None

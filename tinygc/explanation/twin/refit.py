@@ -1,0 +1,110 @@
+"""Refit everything together: the linear model, the Earth's unknown part, gravity, and the claimed effects, exactly.
+
+Gauss-Newton on the whitened channels.  The residuals are exact (effects are undone, not linearised); the columns are linear, which
+changes where the steps go but not where they end.  Weak priors keep what no channel sees from wandering.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.common.units import EARTH_RATE_RPS, MG
+from tinygc.effects import Claim, Effect
+from tinygc.explanation.twin.twin import Channels, State, Twin
+from tinygc.explanation.twin.whitening import Whitener
+from tinygc.models.linear import PRIOR_SIGMA
+
+#: Gauss-Newton: iterations, not a bar; ``ENOUGH`` ends it
+MAX_STEPS = 12
+#: a step that gains less than this in chi-square, a tenth of a sigma, is the last
+ENOUGH = 0.01
+#: prior: the site's gravity and the accelerometer's scale, 2 % of g by its data sheet
+GRAVITY_SIGMA = 20 * MG
+#: of what is known, as a prior's sigma: small beside everything
+KNOWN = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """Where the search ended.
+
+    state; whitened residuals r (n,) and columns J (n, p) in the order of ``State.vector``, of the rows that counted; chi_square;
+    covariance (p, p); rates of each log; sensitivity (S, T, d, 3).
+    """
+
+    state: State
+    r: np.ndarray
+    J: np.ndarray
+    chi_square: float
+    covariance: np.ndarray
+    rates: list[np.ndarray]
+    sensitivity: np.ndarray
+
+    def theta_covariance(self, number: int) -> np.ndarray:
+        """(P, P) of one claim."""
+        sizes = [len(claim.theta) for claim in self.state.claims]
+        at = 15 + sum(sizes[:number])
+        return self.covariance[at : at + sizes[number], at : at + sizes[number]]
+
+
+def refit(
+    twin: Twin, whiten: Whitener, effects: list[Effect], start: State, rows: np.ndarray | None = None, max_steps: int = MAX_STEPS
+) -> Refit:
+    """Fit with these effects, from a state whose own claims give their starting values; ``rows`` (n,) bool: those that count."""
+    known = {claim.effect.id: claim.theta for claim in start.claims}
+    state = replace(start, claims=tuple(Claim(e, known.get(e.id, np.full(e.parameter.size, e.begin))) for e in effects))
+    centre = replace(twin.start(), claims=tuple(Claim(e, np.zeros(e.parameter.size)) for e in effects)).vector
+    prior = prior_sigmas(twin, effects)
+    whiten = whiten if rows is None else whiten.only(rows)
+    rates = twin.rates(state)
+    r = whiten(twin.residuals(state, rates).stacked())
+
+    def cost(r: np.ndarray, state: State) -> float:
+        return float(r @ r + np.sum(((state.vector - centre) / prior) ** 2))
+
+    for _ in range(max_steps):
+        J, sensitivity = design(twin, whiten, state, rates)
+        scaled = J * prior
+        gradient = scaled.T @ r + (state.vector - centre) / prior
+        step = -np.linalg.solve(scaled.T @ scaled + np.eye(len(prior)), gradient) * prior
+        before = cost(r, state)
+        for _ in range(5):
+            trial = state.with_vector(state.vector + step)
+            with np.errstate(over="ignore", invalid="ignore"):  # a step too far may overflow, and then gains nothing
+                trial_rates = twin.rates(trial)
+                trial_r = whiten(twin.residuals(trial, trial_rates).stacked())
+            gain = before - cost(trial_r, trial)
+            if gain > 0:
+                state, rates, r = trial, trial_rates, trial_r
+                break
+            step = step / 3
+        if gain < ENOUGH:
+            break
+    J, sensitivity = design(twin, whiten, state, rates)
+    scaled = J * prior
+    covariance = np.linalg.inv(scaled.T @ scaled + np.eye(len(prior))) * np.outer(prior, prior)
+    return Refit(state, r, J, float(r @ r), covariance, rates, sensitivity)
+
+
+def design(twin: Twin, whiten: Whitener, state: State, rates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened columns (n, p) of all parameters, and the sensitivity they rest on."""
+    sensitivity = twin.sensitivity(state, rates)
+    parts = [twin.linear_columns(sensitivity), _horizontal(twin, state), twin.gravity_columns()]
+    parts += [twin.effect_columns(claim.effect, state, sensitivity, rates) for claim in state.claims]
+    return whiten(np.concatenate([part.stacked() for part in parts], axis=1)), sensitivity
+
+
+def _horizontal(twin: Twin, state: State) -> Channels:
+    earth = twin.earth_columns()
+    return Channels(*(part @ state.axes.T for part in (earth.closure, earth.still, earth.length)))
+
+
+def prior_sigmas(twin: Twin, effects: list[Effect]) -> np.ndarray:
+    """(p,) generous sigmas, SI, in the order of ``State.vector``; what is known is held."""
+    # A heading that was estimated may be wrong, which turns the Earth's horizontal rate; its length is known.
+    free = {"estimated": (1.0, KNOWN), "unknown": (1.0, 1.0)}.get(twin.problem.earth.source, (KNOWN, KNOWN))
+    horizontal = np.multiply(free, EARTH_RATE_RPS)
+    plausible = [np.full(effect.parameter.size, effect.parameter.plausible) for effect in effects]
+    return np.concatenate([PRIOR_SIGMA, horizontal, [GRAVITY_SIGMA], *plausible])

@@ -1,0 +1,280 @@
+"""The digital twin: the recording's own movement, replayed through the present physics, predicts every channel.
+
+Channels that are stacked here: the closure residual of each segment, the mean rate in each still, the length of gravity in each still.
+What the recording has beyond the prediction are the residuals; each parameter and each effect contributes linear columns to all of
+them, and exact residuals for refitting.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from session.detect.stills import Still
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.closure.residual import Batch
+from tinygc.effects import Claim, Effect, Movement, movement_of
+from tinygc.models import linear
+from tinygc.models.linear import LinearModel
+from tinygc.problem.conditions import conditions
+from tinygc.problem.problem import Problem
+
+#: a finite difference for what bends a still's gravity: m/s^2; 1e-4 of g, so bent by 1e-8 and rounded by 1e-12 of it
+SMALL_FORCE = 1e-3
+#: of a parameter's plausible size, for the same reason
+SMALL_SHARE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where the physics stands: the linear model; horizontal (2,) rad/s, a correction of the Earth's horizontal rate along axes (2, 3):
+    as the heading's error moves it, and across; gravity_mps2; the claimed effects."""
+
+    model: LinearModel
+    horizontal: np.ndarray
+    gravity_mps2: float
+    axes: np.ndarray
+    claims: tuple[Claim, ...] = ()
+
+    @property
+    def earth_t(self) -> np.ndarray:
+        """(3,) rad/s beyond the problem's own Earth."""
+        return self.horizontal[0] * self.axes[0] + self.horizontal[1] * self.axes[1] + self._claimed("earth")
+
+    @property
+    def force_bias(self) -> np.ndarray:
+        """(3,) m/s^2 that the pre-calibration leaves."""
+        return self._claimed("force")
+
+    def _claimed(self, kind: str) -> np.ndarray:
+        return sum((claim.theta for claim in self.claims if claim.effect.kind == kind), np.zeros(3))
+
+    @property
+    def vector(self) -> np.ndarray:
+        """All parameters: 12 linear, 2 of the Earth, gravity, and each claim's, in order."""
+        return np.concatenate([self.model.vector, self.horizontal, [self.gravity_mps2], *(claim.theta for claim in self.claims)])
+
+    def with_vector(self, vector: np.ndarray) -> State:
+        """The same claims with other parameters."""
+        at, claims = 15, []
+        for claim in self.claims:
+            claims.append(replace(claim, theta=vector[at : at + len(claim.theta)]))
+            at += len(claim.theta)
+        return State(LinearModel.from_vector(vector[:12]), vector[12:14], float(vector[14]), self.axes, tuple(claims))
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Stacked residuals or columns: closure (S, d, …) rad, still (Q, 3, …) rad/s, length (Q, …) m/s^2."""
+
+    closure: np.ndarray
+    still: np.ndarray
+    length: np.ndarray
+
+    def stacked(self) -> np.ndarray:
+        """(S d + 3 Q + Q, …)."""
+        tail = self.length.shape[1:]
+        return np.concatenate([self.closure.reshape(-1, *tail), self.still.reshape(-1, *tail), self.length])
+
+
+class Twin:
+    """A problem, ready to be replayed."""
+
+    def __init__(self, problem: Problem):
+        self.problem, self.batch = problem, problem.batch
+        self.segments = problem.used
+        self.movements = [_movement(problem, log) for log in range(len(problem.logs))]
+        self.stills: list[tuple[int, Still]] = [
+            (number, still) for number, log in enumerate(problem.logs) for still in log.stills if still.problem is None
+        ]
+        self.force = np.array([still.accel_mean for _, still in self.stills])
+        self.q_tb = np.array([q for log in problem.logs for q, still in zip(log.q_tb, log.stills, strict=True) if still.problem is None])
+        index = {id(still): number for number, (_, still) in enumerate(self.stills)}
+        self.first = np.array([index[id(segment.first)] for segment in self.segments])
+        self.last = np.array([index[id(segment.last)] for segment in self.segments])
+
+    def start(self) -> State:
+        """The present physics: the linear model alone."""
+        length = float(np.median(np.linalg.norm(self.force, axis=1)))
+        north = self.problem.earth.rate_t * [1, 1, 0]
+        size = np.linalg.norm(north)
+        along = np.cross([0, 0, 1], north / size) if size > 0 else np.array([1.0, 0, 0])
+        return State(self.problem.first, np.zeros(2), length, np.stack([along, np.cross(along, [0, 0, 1])]))
+
+    def rates(self, state: State) -> list[np.ndarray]:
+        """True rates (N, 3) of each log, as far as the state knows them: linear model and effects undone."""
+        return [self._undone(state, number, len(state.claims)) for number in range(len(self.movements))]
+
+    def _undone(self, state: State, log: int, count: int) -> np.ndarray:
+        """Rates (N, 3) of one log with the first ``count`` claims undone."""
+        rate = state.model(self.problem.logs[log].samples.gyro)
+        for claim in state.claims[:count]:
+            if claim.effect.kind == "rate":
+                rate = claim.effect.correct(rate, self.movements[log].with_rate(rate), claim.theta)
+        return rate
+
+    def residuals(self, state: State, rates: list[np.ndarray] | None = None) -> Channels:
+        """What the recording has beyond the prediction."""
+        rates = self.rates(state) if rates is None else rates
+        batch = self.batch_at(state)
+        q_pred = closure.end_attitude(batch, self.padded(rates))
+        angles = closure.error_angles(closure.residual(q_pred, batch.end, batch.yaw_known))
+        return Channels(angles, self._still_rates(rates) - self._earth_in_stills(state), self._lengths(state))
+
+    def batch_at(self, state: State) -> Batch:
+        """The batch with the state's reference attitudes and Earth."""
+        batch = self.batch
+        if state.force_bias.any():
+            bent = self._bent(state.force_bias)
+            batch = replace(batch, start=bent[self.first], end=bent[self.last])
+        if state.earth_t.any():
+            x, y, z = state.earth_t
+            turn = self._turns
+            batch = replace(batch, earth=batch.earth + (x * turn[:, :, 0] + y * turn[:, :, 1] + z * turn[:, :, 2]))
+        return batch
+
+    @cached_property
+    def _turns(self) -> np.ndarray:
+        """(S, T, 3, 3) from the body to the table, by the first linear fit: within a degree, of which the Earth's rate knows nothing."""
+        return rotation.matrix(closure.attitudes(self.batch, self.problem.first(self.batch.rate)))
+
+    def _bent(self, force_bias: np.ndarray) -> np.ndarray:
+        """Attitudes (Q, 4) of the stills from gravity less a bias, each with the yaw that was carried to it."""
+        tilts = rotation.from_gravity(self.force - force_bias)
+        return np.array([closure.nearest_yaw(q, tilt) for q, tilt in zip(self.q_tb, tilts, strict=True)])
+
+    def padded(self, rates: list[np.ndarray]) -> np.ndarray:
+        padded = np.zeros_like(self.batch.rate)
+        for row, segment in zip(padded, self.segments, strict=True):
+            count = segment.stop - segment.start
+            row[:count] = rates[segment.log][segment.start : segment.stop]
+        return padded
+
+    def _still_rates(self, rates: list[np.ndarray]) -> np.ndarray:
+        return np.array([rates[log][still.start : still.stop].mean(axis=0) for log, still in self.stills])
+
+    def _earth_in_stills(self, state: State) -> np.ndarray:
+        return self.problem.still_rates.earth + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
+
+    def _lengths(self, state: State) -> np.ndarray:
+        return np.linalg.norm(self.force - state.force_bias, axis=1) - state.gravity_mps2
+
+    def sensitivity(self, state: State, rates: list[np.ndarray]) -> np.ndarray:
+        """(S, T, d, 3) s."""
+        return closure.sensitivity(self.batch_at(state), self.padded(rates))[:, :, : self.batch.angles]
+
+    def linear_columns(self, sensitivity: np.ndarray) -> Channels:
+        """Of the 12 linear parameters."""
+        design = linear.columns(_square(sensitivity), self.batch.rate)[:, : self.batch.angles]
+        still = np.zeros((len(self.stills), 3, linear.PARAMETERS))
+        mean = self._still_rates([log.samples.gyro for log in self.problem.logs])
+        for axis in range(3):
+            still[:, axis, 3 * axis : 3 * axis + 3] = mean
+            still[:, axis, 9 + axis] = 1.0
+        return Channels(design, still, np.zeros((len(self.stills), linear.PARAMETERS)))
+
+    def earth_columns(self) -> Channels:
+        """Of the Earth's rate in table axes, (3,): it turns the prediction by -w times the segment's duration."""
+        design = -self.batch.duration_s[:, None, None] * np.eye(3)[: self.batch.angles]
+        still = -rotation.matrix(self.q_tb).transpose(0, 2, 1)
+        return Channels(design, still, np.zeros((len(self.stills), 3)))
+
+    def gravity_columns(self) -> Channels:
+        """Of the length of gravity."""
+        return Channels(
+            np.zeros((len(self.segments), self.batch.angles, 1)), np.zeros((len(self.stills), 3, 1)), -np.ones((len(self.stills), 1))
+        )
+
+    def force_columns(self, state: State, rates: list[np.ndarray]) -> Channels:
+        """Of the accelerometer's bias."""
+        return self._bending(state, rates, np.broadcast_to(np.eye(3)[:, None], (3, len(self.stills), 3)))
+
+    def precalibration_columns(self, state: State, rates: list[np.ndarray]) -> Channels:
+        """Of the accelerometer's bias (3) and matrix (9), all in m/s^2: the latter as an error at one g."""
+        down = self.force / np.linalg.norm(self.force, axis=1, keepdims=True)
+        bias = np.broadcast_to(np.eye(3)[:, None], (3, len(self.stills), 3))
+        matrix = np.einsum("ai,qj->ajqi", np.eye(3), down).reshape(9, len(self.stills), 3)
+        return self._bending(state, rates, np.concatenate([bias, matrix]))
+
+    def _bending(self, state: State, rates: list[np.ndarray], patterns: np.ndarray) -> Channels:
+        """Columns of P patterns (P, Q, 3) of what is taken off the stills' force, by finite differences of the reference attitudes."""
+        padded = self.padded(rates)
+        bias = state.force_bias
+        base = replace(self.batch_at(state), start=self._bent(bias)[self.first], end=self._bent(bias)[self.last])
+
+        def look(force_bias: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            bent = self._bent(force_bias)
+            batch = replace(base, start=bent[self.first], end=bent[self.last])
+            angles = closure.error_angles(closure.residual(closure.end_attitude(batch, padded), batch.end, batch.yaw_known))
+            return angles, np.linalg.norm(self.force - force_bias, axis=1)
+
+        here = look(bias)
+        columns = []
+        for pattern in patterns:
+            moved = look(bias + SMALL_FORCE * pattern)
+            columns.append([(there - now) / SMALL_FORCE for there, now in zip(moved, here, strict=True)])
+        design, length = (np.stack(part, axis=-1) for part in zip(*columns, strict=True))
+        return Channels(design, np.zeros((len(self.stills), 3, len(patterns))), length)
+
+    def _added(self, effect: Effect, state: State, rates: list[np.ndarray]) -> list[np.ndarray]:
+        """(N, 3, P) for each log: what an effect's parameters add to the rate, where the state is.
+
+        An effect with a memory (a lag) that is claimed already is differentiated as it corrects: its linear columns, taken from the
+        corrected rate, are blind to what all axes have in common.
+        """
+        claimed = next((i for i, claim in enumerate(state.claims) if claim.effect.id == effect.id), None)
+        if claimed is None or effect.exact_correct is None:
+            return [effect.columns(movement.with_rate(rate)) for movement, rate in zip(self.movements, rates, strict=True)]
+        theta, added = state.claims[claimed].theta, []
+        for log, movement in enumerate(self.movements):
+            before = self._undone(state, log, claimed)
+            here = effect.correct(before, movement, theta)
+            small = SMALL_SHARE * effect.parameter.plausible
+            steps = small * np.eye(len(theta))
+            added.append(np.stack([(here - effect.correct(before, movement, theta + step)) / small for step in steps], axis=-1))
+        return added
+
+    def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:
+        """Of an effect's parameters: how the residuals change when one is added to what the state corrects."""
+        if effect.kind == "force":
+            return self.force_columns(state, rates)
+        if effect.kind == "earth":
+            return self.earth_columns()
+        if effect.basis is not None:
+            return self._basis_columns(effect, sensitivity)
+        by_log = self._added(effect, state, rates)
+        size = effect.parameter.size
+        design = np.empty((len(self.segments), self.batch.angles, size))
+        for row, segment, turn in zip(design, self.segments, sensitivity, strict=True):
+            count = segment.stop - segment.start
+            part = by_log[segment.log][segment.start : segment.stop]
+            row[:] = turn[:count].transpose(1, 0, 2).reshape(self.batch.angles, -1) @ part.reshape(-1, size)
+        still = np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in self.stills])
+        return Channels(-design, -still, np.zeros((len(self.stills), size)))
+
+    def _basis_columns(self, effect: Effect, sensitivity: np.ndarray) -> Channels:
+        """``effect_columns`` of an effect that is a basis: each curve is summed once for all axes."""
+        by_log = [effect.basis(movement) for movement in self.movements]
+        d, curves = self.batch.angles, by_log[0].shape[1]
+        design = np.empty((len(self.segments), d, curves, 3))
+        for row, segment, turn in zip(design, self.segments, sensitivity, strict=True):
+            count = segment.stop - segment.start
+            summed = turn[:count].reshape(count, -1).T @ by_log[segment.log][segment.start : segment.stop]
+            row[:] = summed.reshape(d, 3, curves).transpose(0, 2, 1)
+        mean = np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in self.stills])
+        still = (mean[:, None, :, None] * np.eye(3)[:, None]).reshape(len(self.stills), 3, -1)
+        return Channels(-design.reshape(len(design), d, -1), -still, np.zeros((len(self.stills), 3 * curves)))
+
+
+def _square(sensitivity: np.ndarray) -> np.ndarray:
+    """``linear.columns`` wants three rows; the third is not looked at where yaw is unknown."""
+    missing = 3 - sensitivity.shape[2]
+    return sensitivity if not missing else np.pad(sensitivity, ((0, 0), (0, 0), (0, missing), (0, 0)))
+
+
+def _movement(problem: Problem, number: int) -> Movement:
+    log = problem.logs[number]
+    return movement_of(log.samples, problem.first(log.samples.gyro), conditions(problem), float(problem.began_s[number]))

@@ -1,0 +1,126 @@
+"""The known covariance of all channels together, and whitening with it.
+
+Gyro and accelerometer noise are measured in the stills' own short-time scatter.  The segments contain part of the stills at their ends,
+so their gyro noise is shared.  The bias wanders by the sensor's bias instability (``Problem.instability``): it is part of what noise
+allows, as flicker noise between the moments at which stills and segments were recorded.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from session.common.units import MG
+from tinygc.attitude import rotation
+from tinygc.closure.bias_wander import wander_covariance
+from tinygc.explanation.twin.twin import Twin
+
+#: what a MEMS accelerometer of this class wanders by within minutes; bounds what the length of gravity can tell.  Generous: lengths are
+#: better than it allows in benchmarks/null_sessions.py, so that it raises no alarm
+ACCEL_INSTABILITY_MPS2 = 0.03 * MG
+#: what a pre-calibration is good for, at zero g and at one g: the zero-g level alone moves by 0.1 mg per degC (data sheet)
+PRECALIBRATION_MPS2 = 0.1 * MG
+
+
+#: a unit's bias instability in the datasheet's, which is a typical one.  The middle of what units have (1 to 1.4 times): p-values are a
+#: little careful with the best and a little bold with the worst (benchmarks/null_sessions.py: 4.0 % false alarms at 1, 7.5 % at 1.3).
+#: Not where it was estimated from the recording: that is the unit's own
+UNIT_INSTABILITY = 1.2
+
+
+class Whitener:
+    """Cholesky factor of the covariance of ``Channels.stacked()``; sizes of the three channels."""
+
+    def __init__(self, twin: Twin):
+        allowances = _precalibration(twin)
+        self._covariance = _covariance(twin) + allowances @ allowances.T
+        self._rows = slice(None)
+        self._factor = np.linalg.cholesky(self._covariance)
+        s, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
+        #: (n, m) whitened: directions along which the covariance allows more than most recordings need
+        self.allowances = self(allowances)
+        self.parts = {"closure": slice(0, s * d), "still": slice(s * d, s * d + 3 * q), "length": slice(s * d + 3 * q, s * d + 4 * q)}
+
+    def __call__(self, stacked: np.ndarray) -> np.ndarray:
+        """Rows of unit variance, uncorrelated."""
+        return solve_triangular(self._factor, stacked[self._rows], lower=True)
+
+    def by_channel(self, whitened: np.ndarray) -> np.ndarray:
+        """Rows (n,) or (n, m), whitened together, as each channel's own covariance alone would whiten them."""
+        stacked = self._factor @ whitened
+        alone = np.empty_like(stacked)
+        for name, part in self.parts.items():
+            alone[part] = solve_triangular(self._own_factors[name], stacked[part], lower=True)
+        return alone
+
+    @cached_property
+    def _own_factors(self) -> dict[str, np.ndarray]:
+        return {name: np.linalg.cholesky(self._covariance[part, part]) for name, part in self.parts.items()}
+
+    def only(self, rows: np.ndarray) -> Whitener:
+        """A whitener of some of the rows (n,) bool alone: the others, correlated with them, are not looked at."""
+        part = copy(self)
+        part._rows = rows
+        part._factor = np.linalg.cholesky(self._covariance[np.ix_(rows, rows)])
+        return part
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(n,) standard deviation of each row before whitening."""
+        return np.sqrt(np.sum(self._factor**2, axis=1))
+
+
+def _covariance(twin: Twin) -> np.ndarray:
+    problem, batch = twin.problem, twin.batch
+    s, d, q = len(twin.segments), batch.angles, len(twin.stills)
+    full = np.zeros((s * d + 4 * q, s * d + 4 * q))
+    full[: s * d, : s * d] = problem.floor.dense()
+    turn = rotation.matrix(twin.q_tb)
+    walk = np.array([problem.logs[log].noise.angle_random_walk ** 2 for log, _ in twin.stills])
+    duration = np.array([still.duration_s for _, still in twin.stills])
+    for number in range(q):
+        at = s * d + 3 * number
+        full[at : at + 3, at : at + 3] += np.diag(walk[number] / duration[number])
+    for i, segment in enumerate(twin.segments):
+        for number in (twin.first[i], twin.last[i]):
+            log, still = twin.stills[number]
+            period = problem.logs[log].samples.period_s
+            shared_s = max(0, min(segment.stop, still.stop) - max(segment.start, still.start)) * period
+            block = (turn[number][:d] * walk[number]) * shared_s / duration[number]
+            rows, at = slice(i * d, i * d + d), s * d + 3 * number
+            full[rows, at : at + 3] += block
+            full[at : at + 3, rows] += block.T
+    full += _flicker(twin)
+    for number, (log, still) in enumerate(twin.stills):
+        variance = float(np.mean(problem.logs[log].noise.velocity_random_walk ** 2)) / still.duration_s + ACCEL_INSTABILITY_MPS2**2
+        full[s * d + 3 * q + number, s * d + 3 * q + number] = variance
+    return full
+
+
+def _precalibration(twin: Twin) -> np.ndarray:
+    """(n, 12) one sigma each of a bias and a matrix of the accelerometer that nobody knows better, the same for the whole session."""
+    start = twin.start()
+    return twin.precalibration_columns(start, twin.rates(start)).stacked() * PRECALIBRATION_MPS2
+
+
+def _flicker(twin: Twin) -> np.ndarray:
+    """Covariance from the wandering bias."""
+    s, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
+    starts = [movement.t_s[0] for movement in twin.movements]
+    segment_s = [starts[segment.log] + segment.start_s + segment.duration_s / 2 for segment in twin.segments]
+    still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
+    spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
+    known = twin.problem.instability
+    widen = 1.0 if known.of_unit else UNIT_INSTABILITY
+    wander = widen**2 * wander_covariance(np.array(segment_s + still_s), np.array(spans), instability_rps=known.rps)
+    # A bias error turns a segment's end by its mean attitude times its duration, and shows in a still as it is.
+    sensitivity = twin.sensitivity(twin.start(), twin.rates(twin.start()))
+    response = np.concatenate([sensitivity.sum(axis=1).reshape(s * d, 3), np.tile(np.eye(3), (q, 1))])
+    owner = np.concatenate([np.repeat(np.arange(s), d), s + np.repeat(np.arange(q), 3)])
+    block = (response @ response.T) * wander[np.ix_(owner, owner)]
+    full = np.zeros((s * d + 4 * q, s * d + 4 * q))
+    full[: len(owner), : len(owner)] = block
+    return full

@@ -1,0 +1,83 @@
+"""What is claimed of a recording: an effect with its parameters in people's units, how sure, and what could stand in for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from tinygc.effects import Effect, catalogue
+from tinygc.explanation.mends.mending import Mended
+from tinygc.explanation.naming.forward import Naming
+from tinygc.explanation.twin.turn_gravity import TurnGravity
+from tinygc.explanation.verdict.readable import readable
+
+
+@dataclass(frozen=True, eq=False)
+class Claimed:
+    """One effect that is claimed: parameters and their std in people's units, p-value, what could stand in for it.
+
+    gain: chi-square that it took up; share: of what was beyond noise in all channels, None for what was mended before the fit.
+    """
+
+    effect: Effect
+    parameters: dict
+    std: dict
+    p_value: float
+    gain: float
+    equivalent: tuple[str, ...]
+    says: str
+    share: float | None = None
+
+
+def mended_claims(mended: Mended) -> list[Claimed]:
+    """What was found in the registers and stills."""
+    claims = []
+    for name, (parameters, std) in mended.found.items():
+        effect = catalogue()[name]
+        value = parameters.get(effect.parameter.name)
+        theta = np.array([len(value) if isinstance(value, list) else value * effect.parameter.si], dtype=float)
+        claims.append(Claimed(effect, parameters, std, mended.p_value[name], np.inf, (), effect.says(theta)))
+    return claims
+
+
+def _delays(effect: Effect) -> bool:
+    """Whether to first order it delays each axis: what all axes share of that is a delay of the gyro."""
+    return effect.gauge is not None and bool(effect.gauge.delays)
+
+
+def offset_claim(gravity: TurnGravity, named: list[Claimed]) -> list[Claimed]:
+    """The delay between gyro and accelerometer, which closure does not see.
+
+    Beside a named lag, or what stands in for one, it could as well be that lag's common part.
+    """
+    if not gravity.is_offset:
+        return []
+    known = catalogue()
+    names = {name for claim in named for name in (claim.effect.id, *claim.equivalent)}
+    lags = sorted(name for name in names if name in known and _delays(known[name]))
+    effect = known["timing.gyro_accel_offset"]
+    sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
+    p_value = float(2 * stats.norm.sf(abs(gravity.offset_s) / gravity.sigma_s))
+    return [
+        Claimed(
+            effect, {"seconds": gravity.offset_s}, {"seconds": sigma}, p_value, 0.0, tuple(lags), effect.says(np.array([gravity.offset_s]))
+        )
+    ]
+
+
+def named_claims(naming: Naming) -> list[Claimed]:
+    """What was named and refitted, or found without a name."""
+    claims = []
+    numbers = {claim.effect.id: i for i, claim in enumerate(naming.fit.state.claims)}
+    freedom = max(len(naming.fit.r) - naming.fit.J.shape[1], 1)
+    widen = max(1.0, naming.fit.chi_square / freedom)
+    beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
+    for named in naming.named:
+        number = numbers[named.effect.id]
+        claim = naming.fit.state.claims[number]
+        theta, parameters, std = readable(claim, naming.fit.theta_covariance(number) * widen)
+        share = float(np.clip(named.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
+        claims.append(Claimed(claim.effect, parameters, std, named.p_value, named.gain, named.equivalent, claim.effect.says(theta), share))
+    return claims

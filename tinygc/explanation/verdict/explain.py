@@ -1,0 +1,111 @@
+"""``calibrate.py explain``: detect, locate, name, refuse, refit, prove (DESIGN, explaining a mismatch)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from session.checks.findings import Finding
+from session.common.units import DEG
+from session.log.folder import Session
+from tinygc.explanation.mends.mending import Mended, mend
+from tinygc.explanation.naming.forward import Naming
+from tinygc.explanation.naming.seen_from import seen_from
+from tinygc.explanation.naming.selection import FAMILY_WISE
+from tinygc.explanation.twin.channels import bonferroni, own_p_values
+from tinygc.explanation.twin.common_delay import in_gauge
+from tinygc.explanation.twin.turn_gravity import TurnGravity, turn_gravity
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import Whitener
+from tinygc.explanation.twin.within_stills import WithinStills, within_stills
+from tinygc.explanation.verdict.claims import Claimed, mended_claims, named_claims, offset_claim
+from tinygc.explanation.verdict.decision import LEAST_FINDING, LEFT_P, decide
+from tinygc.explanation.verdict.proof import Proof, prove
+from tinygc.problem.prepared import Prepared, prepare
+from tinygc.problem.problem import Problem
+
+
+@dataclass(eq=False)
+class Explanation:
+    """All that was found; see ``tinygc-explain/1`` in FORMATS for the verdicts.
+
+    channel_p, left: of the channels under one calibration, before and after what is claimed; own_p: of each by itself, both;
+    seen_from: effect id -> size in its parameter's unit from which it would have shown.
+    """
+
+    session: Session
+    problem: Problem
+    mended: Mended
+    twin: Twin
+    whiten: Whitener
+    naming: Naming
+    gravity: TurnGravity
+    proof: Proof
+    verdict: str
+    p_value: float
+    claimed: list[Claimed] = field(default_factory=list)
+    findings: list[Claimed] = field(default_factory=list)
+    left: dict[str, float] = field(default_factory=dict)
+    channel_p: dict[str, float] = field(default_factory=dict)
+    own_p: dict[str, tuple[float, float]] = field(default_factory=dict)
+    warnings: list[Finding] = field(default_factory=list)
+    seen_from: dict[str, float] = field(default_factory=dict)
+    within: WithinStills | None = None
+
+
+def explain_session(
+    session: Session | Path,
+    *,
+    seed: int = 0,
+    use_earth: bool = True,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    prepared: Prepared | None = None,
+) -> Explanation:
+    """Explain a session's mismatch.  prepared: the session, where somebody has it already.  Raises what ``prepare`` raises."""
+    prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 6))
+    session, problem = prepared.session, prepared.problem
+    mended = mend(problem, lambda what: progress(what, 2, 6))
+    progress("digital twin", 3, 6)
+    twin = Twin(mended.problem)
+    whiten = Whitener(twin)
+    decision = decide(mended, twin, whiten, seed, lambda what: progress(what, 4, 6))
+    naming = replace(decision.naming, fit=in_gauge(twin, whiten, decision.naming.fit))
+    gravity = turn_gravity(twin, naming.fit)
+    progress("proof on held-out segments", 5, 6)
+    proof = prove(problem, twin, whiten, naming.fit)
+    named = named_claims(naming)
+    before_the_fit = mended_claims(mended) + offset_claim(gravity, named)
+    beyond = [] if decision.beyond is None else [each for each in named_claims(decision.beyond) if (each.share or 0) >= LEAST_FINDING]
+    p_value = min([decision.p_value, *(claim.p_value for claim in before_the_fit)])
+    claimed = before_the_fit + named
+    explanation = Explanation(
+        session, problem, mended, twin, whiten, naming, gravity, proof, "", p_value, claimed, beyond, decision.left, decision.channel_p
+    )
+    before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
+    explanation.own_p = {name: (before[name], after[name]) for name in before}
+    explanation.within = within_stills(twin)
+    explanation.seen_from = seen_from(twin, whiten, naming.fit)
+    explanation.warnings = prepared.warnings + _heading_not_used(problem)
+    explanation.verdict = _verdict(explanation)
+    return explanation
+
+
+def _heading_not_used(problem: Problem) -> list[Finding]:
+    """A warning where the stills contradict the heading that session.toml gives, so that theirs was taken."""
+    given, earth = problem.session.config.site.heading_deg, problem.earth
+    if given is None or earth.source != "estimated":
+        return []
+    seen = f"{earth.heading_rad / DEG:.0f}° ± {earth.heading_sigma_rad / DEG:.0f}°"
+    says = f"site.heading_deg = {given:g}, the stills say {seen}, which was used"
+    return [Finding("warning", "session.toml", "heading", says, "did the sensor begin at the table's index?")]
+
+
+def _verdict(explanation: Explanation) -> str:
+    if not explanation.claimed:
+        return "unexplained" if explanation.p_value <= FAMILY_WISE else "no_mismatch"
+    if explanation.findings or bonferroni(explanation.left) <= LEFT_P:
+        return "partly_explained"
+    if any(claim.equivalent for claim in explanation.claimed):
+        return "ambiguous"
+    return "explained"

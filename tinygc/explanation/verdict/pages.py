@@ -1,0 +1,151 @@
+"""The terminal's and the picture's page of an explanation."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from session.common.units import DEG, MG
+from tinygc.effects.occurrence import STILLS
+from tinygc.explanation.naming.seen_from import in_words
+from tinygc.explanation.twin.channels import own_residuals
+from tinygc.explanation.twin.variable import Regime
+from tinygc.explanation.verdict.explain import Explanation
+from tinygc.explanation.verdict.measured import measured, p_words
+from tinygc.explanation.verdict.next_step import what_next
+from tinygc.explanation.verdict.proof import tilt_rms
+from tinygc.explanation.verdict.where import where
+from tinygc.explanation.verdict.words import CHANNELS, VERDICTS
+
+MOST_SAID = 6
+
+
+def explanation_page(e: Explanation) -> Group:
+    """Verdict, effects with their parameters, where it lives, proof, and what to do next."""
+    words, style = VERDICTS[e.verdict]
+    parts: list = [Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {p_words(e.p_value)})\n")]
+    # The first look's own suspicions stand before what has no name: they are the likelier cause.
+    parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
+    for claim in e.claimed:
+        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value)}"))
+        parts.append(Text(f"  {claim.says}"))
+        parts += [Text(f"  {line}") for line in parameter_lines(claim)]
+        if claim.equivalent:
+            parts.append(Text(f"  could as well be: {', '.join(claim.equivalent)}", "yellow"))
+        parts.append(Text(""))
+    for claim in e.findings:
+        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, f"   p {p_words(claim.p_value)}"))
+        parts.append(Text(f"  {claim.says}; it carries {100 * (claim.share or 0):.0f} % of the misfit\n"))
+    parts += [
+        Text("Recorded less predicted, in sigmas of the noise (rms; 1 is noise alone)", "italic"),
+        _channels(e),
+        _gravity(e),
+        _stamps(e),
+        Text(""),
+    ]
+    if not e.problem.instability.source.startswith("typical"):
+        parts.append(Text(f"bias instability, which noise allows for: {e.problem.instability.words}"))
+    parts += [*_where(e), _proof(e)]
+    if e.verdict == "no_mismatch":
+        parts += [Text(line) for line in in_words(e.seen_from)]
+    if following := what_next(e):
+        parts.append(Text.assemble(("next: ", "bold"), following))
+    return Group(*parts)
+
+
+def parameter_lines(claim) -> list[str]:
+    """``name: value ± std``, a matrix by rows."""
+    lines = []
+    for name, value in claim.parameters.items():
+        std = claim.std.get(name)
+        rows = value if isinstance(value, list) and value and isinstance(value[0], list) else [value]
+        spreads = std if isinstance(std, list) and std and isinstance(std[0], list) else [std]
+        for i, row in enumerate(rows):
+            spread = spreads[i] if i < len(spreads) else None
+            lines.append(f"{name if i == 0 else ' ' * len(name)}: {_numbers(row, spread)}")
+    return lines
+
+
+def _numbers(value, std) -> str:
+    if not isinstance(value, list):
+        return str(value) if isinstance(value, int) else measured(value, std)
+    if not isinstance(std, list) or len(std) != len(value):
+        shown = ", ".join(f"{v:.10g}" for v in value[:16])
+        return shown + (f", … ({len(value)})" if len(value) > 16 else "")
+    return "   ".join(measured(v, s) for v, s in zip(value, std, strict=True))
+
+
+def _channels(e: Explanation) -> Table:
+    """Predicted beside recorded: the root mean square of each channel's difference in sigmas of its noise."""
+    fits = {"before": e.naming.first, "after": e.naming.fit} if _refitted(e) else {"rms": e.naming.first}
+    looks = [own_residuals(e.twin, e.whiten, fit) for fit in fits.values()]
+    table = Table(box=None)
+    for column in ("channel", "values", *fits):
+        table.add_column(column, justify="left" if column == "channel" else "right")
+    for name, part in e.whiten.parts.items():
+        values = part.stop - part.start
+        rms = [(np.sum(r[part] ** 2) / max(values - taken[name], 1)) ** 0.5 for r, taken in looks]
+        table.add_row(CHANNELS[name], str(values), *(f"{each:.2f}" for each in rms))
+    for name in ("slope", "scatter"):  # which no effect that is fitted moves
+        table.add_row(f"{name} of the rate within each still", str(e.within.slope.size), f"{e.within.rms(name):.2f}")
+    return table
+
+
+def _stamps(e: Explanation) -> Text:
+    """Registers and stamps: what is predicted is none that is false, and one sample a period."""
+    longest = max(float(log.samples.dt_s.max() / log.samples.period_s) for log in e.problem.logs)
+    found = [claim.effect.id for claim in e.claimed if claim.effect.id in e.mended.found and claim.effect.occurs.counts != STILLS]
+    return Text(
+        f"registers: {', '.join(found) or 'none at a limit, none false, none lost unseen'}; stamps: longest interval {longest:.2f} periods"
+    )
+
+
+def _refitted(e: Explanation) -> bool:
+    """Whether the fit knows more than the linear model: what was mended in the registers was mended before either."""
+    return bool(e.naming.fit.state.claims)
+
+
+def _gravity(e: Explanation) -> Text:
+    lever = ", ".join(f"{1e3 * x:.0f}" for x in e.gravity.lever_m)
+    return Text(
+        f"gravity during the turns: off by {e.gravity.before_mps2 / MG:.1f} mg rms; {e.gravity.after_mps2 / MG:.1f} mg with a lever arm of "
+        f"{lever} mm and the gyro {1e3 * abs(e.gravity.offset_s):.2f} ms {'late' if e.gravity.offset_s > 0 else 'early'}"
+        + ("" if e.gravity.is_offset else f" (its filters alone may make {1e3 * e.gravity.bar_s:.1f})")
+    )
+
+
+def _where(e: Explanation) -> list[Text]:
+    place = where(e)
+    if not place["phases"]:
+        return []
+    words = [f"lives in: {', '.join(place['phases'])}"]
+    if place["axes"]:
+        words.append(f"axes {', '.join(place['axes'])}")
+    words += [text for text in (regime_words(place["regime"]), seconds_words(place["seconds"])) if text]
+    if place["segments"]:
+        worst = zip(place["segments"][:MOST_SAID], place["segment_seconds"], strict=False)
+        words.append("worst segments " + ", ".join(f"{number} ({start:.0f}–{stop:.0f} s)" for number, (start, stop) in worst))
+    return [Text("; ".join(words))]
+
+
+def regime_words(regime: dict | None) -> str:
+    """``gravity along x −0.98 to 1 g``; nothing where there is none, or where it is time, which the seconds say."""
+    if regime is None or regime["variable"] == "time":
+        return ""
+    words = Regime(regime["variable"], "xyz".index(regime["axis"]) if "axis" in regime else None).words
+    return f"{words} {regime['from']:.3g} to {regime['to']:.3g} {regime['units']}".replace("-", "−")
+
+
+def seconds_words(seconds: list[float] | None) -> str:
+    """``from 3.2 to 154.7 s``"""
+    return "" if seconds is None else f"from {seconds[0]:.1f} to {seconds[1]:.1f} s"
+
+
+def _proof(e: Explanation) -> Text:
+    before, after, floor = (x / DEG for x in (tilt_rms(e.proof.before), tilt_rms(e.proof.after), e.proof.floor_rms))
+    if not e.claimed:
+        return Text(f"held-out closure: {before:.4f}°, floor {floor:.4f}°")
+    removed = f"; {100 * e.proof.removed:.1f} % of the excess is gone" if e.proof.removed is not None else ""
+    return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")

@@ -1,0 +1,89 @@
+"""An explanation as ``tinygc-explain/1`` (FORMATS): what, where, how sure, and what would tell more."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from session.common.units import DEG, G
+from session.common.version import VERSION
+from session.files.results import write_whole
+from session.files.writing import result_folder
+from session.log.hashes import hash_of_log
+from tinygc.effects import catalogue
+from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.explain import Explanation
+from tinygc.explanation.verdict.measured import p_entry
+from tinygc.explanation.verdict.next_step import what_next
+from tinygc.explanation.verdict.proof import tilt_rms
+from tinygc.explanation.verdict.where import where
+
+SCHEMA = "tinygc-explain/1"
+
+
+def to_json(e: Explanation) -> dict:
+    """The whole result, JSON-ready."""
+    return {
+        "schema": SCHEMA,
+        "session": e.session.name,
+        "verdict": e.verdict,
+        "mismatch": {
+            **p_entry("p_value", e.p_value),
+            "closure_rms_deg": tilt_rms(e.proof.before) / DEG,
+            "expected_rms_deg": e.problem.floor.tilt_rms / DEG,
+            "where": where(e),
+        },
+        "effects": [_effect(claim) for claim in e.claimed],
+        "findings": [_effect(claim) | {"share": claim.share} for claim in e.findings],
+        "fit": {
+            "holdout_closure_rms_deg": {
+                "before": tilt_rms(e.proof.before) / DEG,
+                "after": tilt_rms(e.proof.after) / DEG,
+                "floor": e.proof.floor_rms / DEG,
+            },
+            "excess_removed": e.proof.removed,
+            "segments_after": len(e.proof.after_numbers),
+        },
+        "channels": {name: p_entry("p_before", before) | p_entry("p_after", after) for name, (before, after) in e.own_p.items()},
+        "turn_gravity": {
+            "lever_m": e.gravity.lever_m.tolist(),
+            "offset_s": e.gravity.offset_s,
+            "offset_std_s": e.gravity.sigma_s,
+            "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
+        },
+        "noise": e.problem.instability.to_json(),
+        "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
+        "seen_from": {
+            name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
+            for name, size in e.seen_from.items()
+        },
+        "warnings": [vars(warning) for warning in e.warnings],
+        "next": what_next(e),
+        "logs": {log.path.name: hash_of_log(log) for log in e.session.logs},
+        "version": VERSION,
+    }
+
+
+def save(e: Explanation, folder: Path | None = None, pictures: bool = True) -> Path:
+    """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder."""
+    folder = folder or e.session.folder / "explain"
+    with result_folder(folder):
+        write_whole(folder / "explain.json", to_json(e))
+    if pictures:
+        from tinygc.explanation.pictures.picture import draw
+
+        draw(e, folder / "explain.png")
+    return folder
+
+
+def _effect(claim: Claimed) -> dict:
+    return {
+        "id": claim.effect.id,
+        "equation": claim.effect.equation,
+        "parameters": claim.parameters,
+        "std": claim.std,
+        **p_entry("p_value", claim.p_value),
+        "equivalent": list(claim.equivalent),
+        "says": claim.says,
+    }

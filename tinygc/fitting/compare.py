@@ -1,0 +1,252 @@
+"""Sessions of one sensor side by side: does the calibration agree within its stated uncertainty, and if not, what moved?
+
+What a sensor keeps, and what it does not
+-----------------------------------------
+E, the scale factors and misalignments, lasts.  B is this switch-on's: it is another one after the next, and at another temperature.
+The verdict is therefore on E's nine parameters, B left free in every session (its columns of the covariance stand for that).  B is
+compared beside it, with the wander that the fit's covariance already allows for; ``bias=True`` takes it into the verdict, for sessions
+between which the sensor was never switched off.
+
+The sessions' errors are taken to be independent.  What they share cancels in the difference: the accelerometer's pre-calibration, if
+it is the same in both, and the table.  If it is not the same, its change turns up as a rotation and a shear of E, and this is said.
+
+The statistic is the weighted scatter about the weighted mean, chi^2 = sum (x_i - x)^T P_i^-1 (x_i - x), of p (n - 1) degrees of
+freedom; with two sessions it is the difference's d^T (P_1 + P_2)^-1 d.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from session.common.errors import DataError, FormatError
+from session.files.results import read_json
+from session.log.config import Config, read_config
+from session.log.folder import log_paths
+from session.log.hashes import sha256_of
+from tinygc import models
+from tinygc.models.field_parameters import WORDS, field_jacobian, field_vector
+from tinygc.models.linear import NAMES, LinearModel
+
+SCHEMA = "tinygc-compare/1"
+#: a disagreement this improbable is none of chance
+DIFFERS_P = 0.01
+#: words of the field that are E's nine parameters again, and B's three
+LASTING, SWITCH_ON = ("scale factor error", "misalignment"), ("bias",)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """One fitted session: vector (12,) and covariance (12, 12) of least squares; what it could not observe; closure excess."""
+
+    folder: Path
+    config: Config
+    vector: np.ndarray
+    covariance: np.ndarray
+    unobserved: tuple[str, ...]
+    hashes: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return self.folder.resolve().name
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """chi_square of so many degrees of freedom, and the probability of more by chance."""
+
+    chi_square: float
+    freedom: int
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A quantity that one session has otherwise than the rest: by how much, in unit, and by how many sigmas; p_value allows for the
+    number of quantities and sessions that were looked at."""
+
+    session: str
+    word: str
+    component: str
+    unit: str
+    by: float
+    sigmas: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """sessions; lasting: of E; bias: of B; all: of both together; values and sigmas (sessions, quantities) in the field's words;
+    sigmas_off (sessions, quantities): each session against the rest; moved: strongest first; agree by the rule asked for."""
+
+    sessions: tuple[Calibrated, ...]
+    lasting: Agreement
+    bias: Agreement
+    all: Agreement
+    labels: tuple[tuple[str, str, str], ...]
+    values: np.ndarray
+    sigmas: np.ndarray
+    sigmas_off: np.ndarray
+    moved: tuple[Moved, ...]
+    notes: tuple[str, ...]
+    with_bias: bool
+
+    @property
+    def verdict(self) -> Agreement:
+        """The agreement that was asked for."""
+        return self.all if self.with_bias else self.lasting
+
+
+def read_calibrated(folder: Path) -> Calibrated:
+    """A session's least-squares calibration.  Raises FormatError where it has not been fitted."""
+    config, path = read_config(folder / "session.toml"), folder / "fit" / "model_least_squares.json"
+    if not path.exists():
+        raise FormatError(f"{path}: not found; run `calibrate.py fit {folder}` first")
+    model = models.load(path)
+    covariance = _matrix((table := read_json(path)).get("covariance"))
+    if not isinstance(model, LinearModel) or covariance.shape != (12, 12) or not np.isfinite(covariance).all():
+        raise FormatError(f"{path}: no linear model with a covariance of 12 x 12; run `calibrate.py fit {folder}` again")
+    if np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() <= 0:
+        raise FormatError(f"{path}: the covariance is not positive definite; run `calibrate.py fit {folder}` again")
+    notes = []
+    fit = folder / "fit" / "fit.json"
+    try:
+        p_value = float(read_json(fit)["goodness"]["p_value"])
+    except FormatError as error:
+        raise FormatError(f"{error}; run `calibrate.py fit {folder}` again") from None
+    except (ValueError, KeyError, TypeError):
+        raise FormatError(f"{fit}: goodness.p_value is missing or no number; run `calibrate.py fit {folder}` again") from None
+    if p_value < DIFFERS_P:
+        notes.append("its closure is above its noise floor: its sigmas are widened for that, and `explain` says why")
+    unobserved = tuple(name for name in NAMES if name in (table.get("unobserved") or ()))
+    hashes = tuple(sha256_of(log) for log in log_paths(folder, "log"))
+    return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes))
+
+
+def _matrix(entry: Any) -> np.ndarray:
+    """An array of numbers; an empty one where the entry is none."""
+    try:
+        return np.asarray(entry, dtype=float)
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
+def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
+    """Compare two sessions or more.  Raises DataError where two of them are one and the same recording."""
+    _refuse_same(sessions)
+    vectors, covariances = np.array([s.vector for s in sessions]), np.array([s.covariance for s in sessions])
+    words = [(word, component, unit) for word, components, unit, _ in WORDS for component in components]
+    si = np.array([size for _, components, _, size in WORDS for _ in components])
+    # One Jacobian for all: about the mean, so that equal differences are equal everywhere.
+    jacobian = field_jacobian(vectors.mean(axis=0))
+    kept = [i for i, (word, _, _) in enumerate(words) if word in LASTING + SWITCH_ON]
+    values = np.array([field_vector(vector) for vector in vectors])[:, kept] / si[kept]
+    spread = np.einsum("pi,sij,qj->spq", jacobian[kept] / si[kept, None], covariances, jacobian[kept] / si[kept, None])
+    off, by = _against_the_rest(values, spread)
+    labels = tuple(words[i] for i in kept)
+    lasting = np.array([word in LASTING for word, _, _ in labels])
+    looked_at = np.ones(len(kept), dtype=bool) if bias else lasting
+    return Comparison(
+        sessions=tuple(sessions),
+        lasting=agreement(vectors[:, :9], covariances[:, :9, :9]),
+        bias=agreement(vectors[:, 9:], covariances[:, 9:, 9:]),
+        all=agreement(vectors, covariances),
+        labels=labels,
+        values=values,
+        sigmas=np.sqrt(np.diagonal(spread, axis1=1, axis2=2)),
+        sigmas_off=off,
+        moved=_moved(sessions, labels, by, off, looked_at),
+        notes=_notes(sessions),
+        with_bias=bias,
+    )
+
+
+def agreement(vectors: np.ndarray, covariances: np.ndarray) -> Agreement:
+    """Of vectors (n, p) with covariances (n, p, p), each scaled to its own size so that no unit is lost in rounding."""
+    scale = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)).min(axis=0)
+    vectors, covariances = (vectors - vectors.mean(axis=0)) / scale, covariances / np.outer(scale, scale)
+    weights = np.linalg.inv(covariances)
+    mean = np.linalg.solve(weights.sum(axis=0), np.einsum("sij,sj->i", weights, vectors))
+    left = vectors - mean
+    chi_square = float(np.einsum("si,sij,sj->", left, weights, left))
+    freedom = (len(vectors) - 1) * vectors.shape[1]
+    return Agreement(chi_square, freedom, float(stats.chi2.sf(chi_square, freedom)))
+
+
+def _against_the_rest(values: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(sessions, quantities): each value less the weighted mean of the other sessions', in sigmas, and as it is."""
+    variances = np.diagonal(covariances, axis1=1, axis2=2)
+    weights = 1 / variances
+    others = weights.sum(axis=0) - weights
+    rest = ((weights * values).sum(axis=0) - weights * values) / others
+    return (values - rest) / np.sqrt(variances + 1 / others), values - rest
+
+
+def _moved(
+    sessions: list[Calibrated], labels: tuple[tuple[str, str, str], ...], by: np.ndarray, off: np.ndarray, looked_at: np.ndarray
+) -> tuple[Moved, ...]:
+    """Quantities whose move is improbable, the number of looks allowed for (Sidak); of two sessions only the second is named."""
+    looks = int(looked_at.sum()) * (len(sessions) if len(sessions) > 2 else 1)
+    found = []
+    for s in range(len(sessions)) if len(sessions) > 2 else [1]:
+        for q in np.flatnonzero(looked_at):
+            p_value = float(-np.expm1(looks * np.log1p(-min(2 * stats.norm.sf(abs(off[s, q])), 1 - 1e-16))))
+            word, component, unit = labels[q]
+            found.append(Moved(sessions[s].name, word, component, unit, float(by[s, q]), float(off[s, q]), p_value))
+    found = [moved for moved in found if moved.p_value < DIFFERS_P]
+    return tuple(sorted(found, key=lambda moved: -abs(moved.sigmas)))
+
+
+def _refuse_same(sessions: list[Calibrated]) -> None:
+    for i, one in enumerate(sessions):
+        for other in sessions[:i]:
+            if set(one.hashes) & set(other.hashes):
+                raise DataError(f"{other.folder} and {one.folder} hold the same log: a recording agrees with itself; give another")
+
+
+def _notes(sessions: list[Calibrated]) -> tuple[str, ...]:
+    notes = [f"{session.name}: {note}" for session in sessions for note in session.notes]
+    notes += [f"{session.name}: not observed there: {', '.join(session.unobserved)}" for session in sessions if session.unobserved]
+    first = sessions[0].config
+    for session in sessions[1:]:
+        sensor = session.config.sensor
+        if (sensor.model, sensor.serial) != (first.sensor.model, first.sensor.serial):
+            one, other = (f"{s.model} {s.serial}".strip() for s in (first.sensor, sensor))
+            notes.append(f"{session.name} is of another sensor by its session.toml ({other}, not {one})")
+        if sensor.gyro_fs_dps != first.sensor.gyro_fs_dps:
+            notes.append(f"{session.name} has another full scale ({sensor.gyro_fs_dps:g}, not {first.sensor.gyro_fs_dps:g} dps)")
+        before, after = first.accelerometer, session.config.accelerometer
+        if not (np.array_equal(before.matrix, after.matrix) and np.array_equal(before.bias_mps2, after.bias_mps2)):
+            notes.append(f"{session.name} has another pre-calibration of the accelerometer: its change turns E, and is in the difference")
+    return tuple(notes)
+
+
+def to_json(comparison: Comparison) -> dict:
+    """``tinygc-compare/1``."""
+    verdict = comparison.verdict
+    return {
+        "schema": SCHEMA,
+        "sessions": [session.name for session in comparison.sessions],
+        "agree": verdict.p_value >= DIFFERS_P,
+        "verdict_on": "E and B" if comparison.with_bias else "E",
+        **{name: vars(getattr(comparison, name)) for name in ("lasting", "bias", "all")},
+        "moved": [vars(moved) for moved in comparison.moved],
+        "quantities": [
+            {
+                "word": word,
+                "component": component,
+                "unit": unit,
+                "values": comparison.values[:, q].tolist(),
+                "sigmas": comparison.sigmas[:, q].tolist(),
+                "sigmas_from_the_rest": comparison.sigmas_off[:, q].tolist(),
+            }
+            for q, (word, component, unit) in enumerate(comparison.labels)
+        ],
+        "notes": list(comparison.notes),
+    }

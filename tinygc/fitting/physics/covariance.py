@@ -1,0 +1,34 @@
+"""What a refit knows of its parameters together: the linear model's and the effects' that add to the rate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tinygc.effects import Claim
+from tinygc.explanation.twin.refit import Refit
+from tinygc.explanation.twin.twin import State
+from tinygc.models.linear import NAMES
+
+
+def rate_covariance(found: Refit) -> np.ndarray:
+    """(12 + P, 12 + P) of E row by row, B in rad/s, and the theta of each rate effect in SI; widened where the refit leaves more than
+    noise does."""
+    rows = rows_of_rates(found.state)
+    widen = max(1.0, found.chi_square / max(len(found.r) - found.J.shape[1], 1))
+    return found.covariance[np.ix_(rows, rows)] * widen
+
+
+def rows_of_rates(state: State) -> np.ndarray:
+    """Of ``State.vector``: the linear model, and the effects that add to the rate."""
+    rows, at = list(range(12)), 15
+    for claim in state.claims:
+        if claim.effect.kind == "rate":
+            rows += range(at, at + len(claim.theta))
+        at += len(claim.theta)
+    return np.array(rows)
+
+
+def covariance_table(claims: tuple[Claim, ...], covariance: np.ndarray) -> dict:
+    """For the model file: the covariance, and of what; theta as in ``theta_si``."""
+    effects = [f"{claim.effect.id}[{i}]" for claim in claims for i in range(len(claim.theta))]
+    return {"covariance": covariance.tolist(), "covariance_of": [*NAMES, *effects]}

@@ -1,0 +1,51 @@
+"""Everything a fit found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session.checks.first_look import Finding
+from session.log.folder import Session
+from tinygc.closure.uncertainty import GoodnessOfFit
+from tinygc.methods.method_fit import MethodFit
+from tinygc.methods.options import FitOptions
+from tinygc.problem.closure_run import ClosureRun
+from tinygc.problem.problem import Problem
+
+if TYPE_CHECKING:
+    from tinygc.fitting.physics.fit_physics import PhysicsFit
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """Everything a fit found.
+
+    methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
+    ``goodness.excess``; other_choice: least squares with the opposite choice of still rates; first_order_rad: the largest error of
+    the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
+    were not fitted again, but taken from what had been saved; lost_s: with physics, moments in each run after which samples seem to be
+    missing; bias_sigma_rps (3,): spread of the logs' biases, where each had its own.
+    """
+
+    problem: Problem
+    options: FitOptions
+    methods: dict[str, MethodFit]
+    runs: list[ClosureRun]
+    run_errors: list[dict[str, np.ndarray]]
+    goodness: GoodnessOfFit
+    linear: MethodFit
+    covariance: np.ndarray
+    other_choice: MethodFit
+    first_order_rad: float
+    warnings: list[Finding]
+    physics: PhysicsFit | None = None
+    reused: tuple[str, ...] = ()
+    bias_sigma_rps: np.ndarray | None = None
+    lost_s: tuple[np.ndarray, ...] = ()
+
+    @property
+    def session(self) -> Session:
+        return self.problem.session

@@ -1,0 +1,113 @@
+"""``calibrate.py fit``: from a session folder to models, closure figures and a report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session.common.errors import SegmentError
+from session.log.folder import Session
+from session.log.hashes import input_hashes
+from tinygc.closure.residual import closure_angles
+from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.fitting import saved_fit
+from tinygc.fitting.result import FitResult
+from tinygc.methods.method_fit import MethodFit
+from tinygc.methods.options import FitOptions
+from tinygc.methods.run import run_method
+from tinygc.problem.closure_run import ClosureRun, read_closure_runs
+from tinygc.problem.prepared import Prepared, prepare
+from tinygc.problem.problem import Problem
+
+#: told what is being done, and how many steps of how many are done
+Progress = Callable[[str, int, int], None]
+
+if TYPE_CHECKING:
+    from tinygc.fitting.physics.fit_physics import PhysicsFit
+
+
+def fit_session(
+    session: Session | Path,
+    options: FitOptions,
+    progress: Progress = lambda what, done, of: None,
+    saved: Path | None = None,
+    prepared: Prepared | None = None,
+) -> FitResult:
+    """Run the main job on a session, or on a session folder.
+
+    progress is told what is being done, and how far it is; saved: a folder of ``save_models`` whose methods are taken as they are where
+    they were made from the same files with the same options; prepared: the session, where somebody has it already.
+    Raises the errors of ``prepare``, of ``read_closure_runs`` and of the methods, and SegmentError where still rates are asked for and
+    there are none.
+    """
+    if prepared is None:
+        prepared = prepare(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
+    problem = prepared.problem
+    if options.still_rates and not len(problem.still_rates.rate):
+        raise SegmentError(f"{problem.session.folder}: no still to take a rate from; fit without --still-rates")
+    runs, spread, floor = read_closure_runs(problem), None, problem.floor
+    if options.bias_per_log:
+        from tinygc.fitting.bias.days import levelled
+
+        problem, spread = levelled(problem)
+    fits, reused = _run_methods(problem, options, progress, saved)
+    errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
+    linear = fits.get("least_squares") or run_method("least_squares", problem, options)
+    physics, lost = None, ()
+    if options.physics is not None:
+        physics, more, more_errors, lost = _run_physics(problem, options, runs, progress)
+        fits |= more
+        errors = [error | more for error, more in zip(errors, more_errors, strict=True)]
+    found = goodness(problem.batch, problem.floor, linear.model, problem.wander)
+    rates = problem.still_rates if options.still_rates else None
+    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates, problem.wander)
+    other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
+    exact, first_order = (closure_angles(problem.batch, linear.model, name) for name in ("exact", "first-order"))
+    return FitResult(
+        problem=replace(problem, floor=floor),  # several days' weights are no noise
+        options=options,
+        methods=fits,
+        runs=runs,
+        run_errors=errors,
+        physics=physics,
+        lost_s=lost,
+        goodness=found,
+        linear=linear,
+        covariance=covariance,
+        other_choice=other,
+        warnings=prepared.warnings,
+        bias_sigma_rps=spread,
+        reused=reused,
+        first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
+    )
+
+
+def _run_methods(
+    problem: Problem, options: FitOptions, progress: Progress, saved: Path | None
+) -> tuple[dict[str, MethodFit], tuple[str, ...]]:
+    """The methods by name, and the names of those that were taken as they had been saved."""
+    known = {} if saved is None else saved_fit.saved_methods(saved, problem, options, input_hashes(problem.session))
+    fits: dict[str, MethodFit] = {}
+    for name in (*options.methods, *(["tinygc_conditions"] if options.conditions else [])):
+        words = "tinygc with " + " and ".join(options.conditions) if name == "tinygc_conditions" else name.replace("_", " ")
+        fits[name] = known.get(name) or run_method(name, problem, options, partial(progress, words), fits)
+    return fits, tuple(name for name in options.methods if name in known)
+
+
+def _run_physics(
+    problem: Problem, options: FitOptions, runs: list[ClosureRun], progress: Progress
+) -> tuple[PhysicsFit, dict[str, MethodFit], list[dict[str, np.ndarray]], tuple[np.ndarray, ...]]:
+    """The physics that was asked for, or that ``explain`` names; the methods that carry it; of each closure run their errors, and the
+    moments after which samples seem to be lost in it."""
+    from tinygc.fitting.physics.lost_in_runs import lost_in
+    from tinygc.fitting.physics.run import physics_methods, run_errors
+
+    ids = None if options.physics == ("auto",) else options.physics
+    physics, fits = physics_methods(problem, options, ids, lambda what: progress(what, 0, 1))
+    errors = [{name: run_errors(run, fit, physics) for name, fit in fits.items()} for run in runs]
+    return physics, fits, errors, tuple(lost_in(run) for run in runs)

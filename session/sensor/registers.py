@@ -38,4 +38,4 @@ def _look_up(table: dict[int, float], full_scale: float, name: str) -> float:
             f"{name} = {full_scale:g} is no ASM330LHH full scale (it has {ranges}); "
             "correct session.toml, or log physical units (gx_dps, ax_g, …)"
         )
-    return table[full_scale]
+    return table[int(full_scale)]

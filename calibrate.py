@@ -6,6 +6,7 @@ Parses arguments, runs one command (``tinygc/cli/commands``, a file each), turns
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 from typing import TextIO
@@ -45,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
 
 
-def _run(args) -> int:
+def _run(args: argparse.Namespace) -> int:
     """With the effects of the folders that were named, and no others, in the catalogue."""
     if not getattr(args, "effects", None):
         return args.run(args)

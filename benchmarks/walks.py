@@ -1,8 +1,9 @@
 """How far a thing walks through the house: a rate from its log to the closure table, an effect from the catalogue to its picture.
 
 ``python benchmarks/walks.py data/session1``: the job is run once, and every call of the project's own functions that is handed the thing
-(an array of rates, or a record that holds it) is followed in the order of time, each function once, as a reader would meet it.  A room is a folder of ``tinygc`` or ``session``, or a
-module that lies loose beside them; a return is a step into a room that was left before.  ``--root`` looks at another checkout.
+(an array of rates, or a record that holds it) is followed in the order of time, each function once, as a reader would meet it.  A room is
+a folder of ``tinygc`` or ``session``, or a module that lies loose beside them; a return is a step into a room that was left before.
+``--root`` looks at another checkout.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import importlib.util
 import os
 import shutil
 import sys
@@ -27,6 +28,23 @@ from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noq
 
 DEG = np.pi / 180
 GRAVITY = 9.7946
+
+
+#: the virtual board stands at the other end of a pseudo-terminal
+POSIX_ONLY = {"test_board.py", "test_firmware.py", "test_record.py", "test_recording.py"}
+
+
+class _NotHere(pytest.Module):
+    """A file of tests that cannot even be imported on this system: it skips, and says so."""
+
+    def collect(self):
+        pytest.skip("needs a pseudo-terminal, which only POSIX has", allow_module_level=True)
+
+
+def pytest_pycollect_makemodule(module_path, parent):
+    if module_path.name in POSIX_ONLY and importlib.util.find_spec("termios") is None:
+        return _NotHere.from_parent(parent, path=module_path)
+    return None
 
 
 @pytest.fixture(scope="session")

@@ -23,6 +23,7 @@ def flicker(samples, instability_rps, seed):
     return np.fft.irfft(shape * draw / np.sqrt(2), samples).T
 
 
+@pytest.mark.slow
 def test_white_noise_has_its_random_walk_and_slope():
     curve = allan_curve([white(200_000)], PERIOD_S)
     at = curve.freedom > 300

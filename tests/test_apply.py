@@ -339,6 +339,7 @@ def test_a_bad_stream_gets_one_line(data, arguments, words, folder, tmp_path):
     assert done.stderr.count(b"\n") == 1
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
 def test_a_pipe_is_written_to_and_not_put_away(folder, tmp_path):
     """What stands where the output goes and is no file (a pipe, /dev/null) stays what it is."""
     os.mkfifo(tmp_path / "out.pipe")

@@ -128,6 +128,7 @@ def test_faults_that_are_none(text, capsys):
     assert capsys.readouterr().err.startswith("calibrate: --faults")
 
 
+@pytest.mark.slow
 def test_the_command_streams_until_it_is_told_to_stop(tmp_path):
     link = tmp_path / "port"
     command = [sys.executable, "calibrate.py", "board", "--segments", "1", "--link", str(link), "--config", str(tmp_path / "c.toml")]

@@ -87,6 +87,7 @@ def test_a_number_that_no_text_can_hold_is_refused_without_a_warning():
             fixed_point.rows([np.array([1e300, 1.0])], [9])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["[" * 100_000, "{", "[]", '{"goodness": {"p_value": null}}', '{"goodness": 3}'])
 def test_a_broken_fit_is_named_by_compare_and_does_not_stop_a_report_from_fitting(tmp_path, text, capsys):
     for seed, name in enumerate(("one", "two")):

@@ -36,6 +36,7 @@ def _files(folder):
     return {path.name for path in folder.rglob("*") if path.is_file()}
 
 
+@pytest.mark.slow
 def test_every_session_is_explained_and_scored(small):
     _, result, _ = small
     assert [each.name for each in result.scores] == [f"case{i + 1:03d}" for i in range(CASES)]
@@ -47,6 +48,7 @@ def test_every_session_is_explained_and_scored(small):
     assert challenge_tables(result).renderables
 
 
+@pytest.mark.slow
 def test_sealed_before_anything_is_explained(small):
     _, result, announced = small
     ((text, files),) = announced
@@ -55,6 +57,7 @@ def test_sealed_before_anything_is_explained(small):
     assert not files & {examination.OPENED, "truth.json", "said.json"}
 
 
+@pytest.mark.slow
 def test_the_folder_that_the_worker_is_given_holds_no_truth(small):
     folder, *_ = small
     for session in (folder / examination.SESSIONS).iterdir():
@@ -76,6 +79,7 @@ def test_the_seal_cannot_be_read_and_not_be_changed(tmp_path):
         closed.open()
 
 
+@pytest.mark.slow
 def test_same_seed_same_questions_and_same_answers(small, tmp_path):
     folder, result, _ = small
     assert draw_cases(40, 5) == draw_cases(40, 5)
@@ -114,6 +118,7 @@ def test_every_effect_of_the_catalogue_is_asked_for_and_no_outsider_is_in_it():
     assert len(OUTSIDERS) >= 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(MAKERS))
 def test_what_is_hidden_is_in_the_recording_and_fades_with_its_strength(name):
     options = SimulationOptions(closure_s=0.0, **({"segments": 8} | {k: v for k, v in NEEDS.get(name, {}).items() if k != "segments"}))

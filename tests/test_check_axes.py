@@ -12,6 +12,7 @@ from session.detect.stills import find_stills
 from session.detect.tilt import SIGNED_PERMUTATIONS, agreement
 
 
+@pytest.mark.slow
 def test_each_wrong_order_of_the_gyros_axes_is_found(good):
     right = good.calibrated(good.logs[0])
     stills, _ = find_stills(right)

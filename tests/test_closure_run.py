@@ -52,6 +52,7 @@ def test_true_parameters_close_at_the_floor(problem, true_model):
     assert np.sqrt(np.mean(errors**2)) / DEG < 0.05
 
 
+@pytest.mark.slow
 def test_several_runs_have_the_floor_they_say(simulated):
     """Errors of true parameters in sigmas over twelve runs: chi-square of 36 angles."""
     sigmas = []

@@ -21,6 +21,7 @@ def taken():
     return samples, [change.accepted for change in play(guide_of(), samples) if change.accepted]
 
 
+@pytest.mark.slow
 def test_its_sigmas_are_those_of_the_fit(taken):
     """Within 10 %: it has the ends of the stills a little earlier, and knows nothing of the Earth's heading."""
     samples, segments = taken
@@ -31,6 +32,7 @@ def test_its_sigmas_are_those_of_the_fit(taken):
     np.testing.assert_allclose(coach.sigma, np.sqrt(np.diag(covariance)) / TARGETS, rtol=0.10)
 
 
+@pytest.mark.slow
 def test_all_at_once_or_one_by_one_it_says_the_same(taken):
     _, segments = taken
     one_by_one, at_once = Coach(), Coach()
@@ -99,6 +101,7 @@ def test_what_a_turn_tells_is_what_mechanics_says():
     assert np.linalg.norm(J[1][:, at["E_zz"]]) < 1e-2  # gravity does not see a turn about itself
 
 
+@pytest.mark.slow
 def test_its_turn_helps_more_than_most(taken):
     """What it proposes lowers the worst sigma at least as much as 90 % of all turns it could have proposed."""
     _, segments = taken

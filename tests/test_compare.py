@@ -26,6 +26,7 @@ def unit():
     return [calibrated(Job(500 + i, SEGMENTS, 104.0)) for i in range(SESSIONS)]
 
 
+@pytest.mark.slow
 def test_sessions_of_one_unit_agree_as_often_as_they_should(unit):
     p = np.array([compare(unit[i : i + 2]).lasting.p_value for i in range(0, SESSIONS, 2)])
     assert stats.kstest(p, "uniform").pvalue > 0.01
@@ -34,6 +35,7 @@ def test_sessions_of_one_unit_agree_as_often_as_they_should(unit):
     assert np.sum(bias < 0.05) <= 4
 
 
+@pytest.mark.slow
 def test_all_sessions_at_once_agree(unit):
     found = compare(unit)
     assert found.lasting.freedom == 9 * (SESSIONS - 1)
@@ -42,6 +44,7 @@ def test_all_sessions_at_once_agree(unit):
     assert not found.moved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ppm", [600.0, -900.0])
 def test_a_changed_scale_factor_is_found_and_named(unit, ppm):
     changed = calibrated(Job(700, SEGMENTS, 104.0, scale_ppm=ppm))
@@ -54,6 +57,7 @@ def test_a_changed_scale_factor_is_found_and_named(unit, ppm):
         assert abs(moved.sigmas) > 5
 
 
+@pytest.mark.slow
 def test_a_changed_bias_is_no_changed_calibration(unit):
     """B is another one after each switch-on; whoever left it on asks for it."""
     other = replace(unit[1], vector=unit[1].vector + np.r_[np.zeros(9), 0, 0.5 * DEG, 0])
@@ -77,11 +81,13 @@ def test_two_sessions_are_judged_by_their_difference():
     assert found.p_value == pytest.approx(stats.chi2.sf(found.chi_square, 5))
 
 
+@pytest.mark.slow
 def test_the_order_of_sessions_does_not_matter(unit):
     one, other = compare(unit[:4]), compare(unit[3::-1])
     assert one.lasting.chi_square == pytest.approx(other.lasting.chi_square, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_recording_is_not_compared_with_itself(unit):
     with pytest.raises(DataError, match="same log"):
         compare([unit[0], unit[1], unit[0]])

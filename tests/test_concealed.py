@@ -39,6 +39,7 @@ def results(concealed):
     return explain
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_exactly_what_was_concealed_is_named(results, truth, case):
     result = results(case)

@@ -180,6 +180,7 @@ def test_nothing_concealed_is_no_mismatch(explained, name):
 # One effect
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "effect", "parameter", "truth"),
     [
@@ -230,6 +231,7 @@ def test_a_late_gyro_is_named_though_it_closes(explained):
     assert result["mismatch"]["p_value"] < 1e-6
 
 
+@pytest.mark.slow
 def test_the_earth_is_named_where_no_latitude_was_given(explained):
     _, result = explained("earth")
     assert named(result) == ["earth.rotation"]
@@ -237,6 +239,7 @@ def test_the_earth_is_named_where_no_latitude_was_given(explained):
     assert np.abs(pulls(effect_of(result, "earth.rotation"), "latitude_deg", 60.0)).max() < 4
 
 
+@pytest.mark.slow
 def test_nothing_found_says_what_would_have_been_found(explained, tmp_path):
     """Twice the stated size is named; from a quarter as many segments, less would have been seen."""
     _, result = explained("nothing")
@@ -255,6 +258,7 @@ def test_nothing_found_says_what_would_have_been_found(explained, tmp_path):
     assert all(less[name] > size for name, size in stated.items() if size is not None)
 
 
+@pytest.mark.slow
 def test_what_lives_in_the_turns_alone_is_not_said_to_live_in_the_stills(tmp_path):
     """Closure, still rates and gravity's length share noise; whitened together, a misfit of one leaks into the others."""
 
@@ -269,6 +273,7 @@ def test_what_lives_in_the_turns_alone_is_not_said_to_live_in_the_stills(tmp_pat
     assert result["mismatch"]["where"]["phases"] == ["turn"]
 
 
+@pytest.mark.slow
 def test_a_ceiling_is_named_and_its_turns_are_left_out(explained):
     explanation, result = explained("saturation")
     assert named(result) == ["gyro.saturation"]
@@ -280,6 +285,7 @@ def test_a_ceiling_is_named_and_its_turns_are_left_out(explained):
     assert 7 <= result["fit"]["segments_after"] < len(explanation.problem.used)
 
 
+@pytest.mark.slow
 def test_false_readings_are_named_with_their_rows_and_mended(explained):
     _, result = explained("glitches")
     assert named(result) == ["data.glitches"]
@@ -303,6 +309,7 @@ def test_two_effects_are_both_named(explained):
     assert held["after"] < 1.6 * held["floor"]
 
 
+@pytest.mark.slow
 def test_what_is_not_in_the_catalogue_gets_no_name_from_it(explained):
     """A zero that oscillates with a period of 30 s."""
     _, result = explained("oscillating")
@@ -318,6 +325,7 @@ def test_what_is_not_in_the_catalogue_gets_no_name_from_it(explained):
     assert float(re.search(r"period of ([\d.]+) s", periodic["says"])[1]) == pytest.approx(30, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_weak_delay_has_lookalikes_and_a_movement_that_would_tell(explained):
     """0.8 and 1.2 ms between the axes: a delay, a lag, a sensitivity to angular acceleration, and axes that make a third read
     are the same to first order."""
@@ -535,6 +543,7 @@ def test_strict_passes_where_there_is_none(session, run, tmp_path):
     assert sorted(path.name for path in (tmp_path / "explain").iterdir()) == ["explain.json"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["nothing", "saturation", "oscillating", "bandwidth"])
 def test_there_is_a_picture_of_every_kind_of_verdict(explained, tmp_path, name):
     from matplotlib.image import imread

@@ -89,6 +89,7 @@ class Noise:
         return Channels(angles, still, np.linalg.norm(force, axis=1) + length).stacked()
 
 
+@pytest.mark.slow
 def test_whitened_noise_has_unit_covariance(twin_of):
     """Monte Carlo from samples and forces; 800 draws: variances to 5 %, covariances to 3.5 % (1 sigma)."""
     twin, whiten = twin_of(segments=10)
@@ -357,6 +358,7 @@ def pulls(twin_of):
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_reported_uncertainties_hold(pulls):
     """68 % within one sigma; the effects' parameters are estimated from the same stills, so they are not independent."""
     for part in (pulls[:, :9], pulls[:, 9:]):
@@ -364,6 +366,7 @@ def test_reported_uncertainties_hold(pulls):
         assert np.abs(part).max() < 5
 
 
+@pytest.mark.slow
 def test_recovered_parameters_have_no_bias(pulls):
     """Means over 30 seeds, in sigmas of a mean."""
     assert np.abs(pulls.mean(axis=0) * np.sqrt(len(pulls))).max() < 4

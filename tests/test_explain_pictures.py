@@ -126,6 +126,7 @@ def recorded(shared):
     return cache(lambda name: explain_session(shared / "concealed" / name))
 
 
+@pytest.mark.slow
 def test_a_loss_is_filled_where_the_stamps_had_no_gap(recorded):
     explanation = recorded("case019")
     count = explanation.claimed[0].parameters["length"]
@@ -141,6 +142,7 @@ def test_a_loss_is_filled_where_the_stamps_had_no_gap(recorded):
     assert np.median(line(axes, "filled")[:, 1]) < 0.03
 
 
+@pytest.mark.slow
 def test_stills_that_were_none_run_away(recorded):
     explanation = recorded("case022")
     axes = drawn(explanation, 0)

@@ -92,6 +92,7 @@ def test_a_bias_that_drifts(tmp_path):
     assert e.closure_rms[1] < 0.6 * e.closure_rms[0]
 
 
+@pytest.mark.slow
 def test_a_size_that_no_gyroscope_has_is_no_name(tmp_path):
     """0.3 dps/g is a gyroscope's; 4 dps/g fits as well, but whatever it is, it is not that."""
     small, large = (explain_truth(write(tmp_path / str(size), dps_per_g=size)) for size in (0.3, 4.0))
@@ -172,6 +173,7 @@ def test_the_command_says_it_and_writes_it(tmp_path, capsys):
     assert "cannot know" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_each_day_has_its_bias_and_the_stored_one_is_the_median(tmp_path):
     """Four days, one far off: E is common, and the offsets are the days' own."""
     biases = [(0.5, -0.3, 0.6), (0.52, -0.31, 0.58), (0.49, -0.28, 0.61), (0.9, -0.7, 0.2)]

@@ -55,6 +55,7 @@ def test_a_triad_that_is_only_turned_is_orthogonal():
         assert found["nonorthogonality", pair] == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_uncertainties_are_those_of_samples():
     rng = np.random.default_rng(5)
     M = np.eye(3) + 0.02 * rng.standard_normal((3, 3))

@@ -32,6 +32,7 @@ def fit(folder, out, *more):
     return code, json.loads((out / "table.json").read_text())
 
 
+@pytest.mark.slow
 def test_denoised_beside_calibrated(tmp_path):
     """195 parameters: noise at rest a third, the stated delay, and the closure as before."""
     code, table = fit(ROOT / "data" / "session1", tmp_path, "--methods", "tinygc,tinygc_denoised")
@@ -47,6 +48,7 @@ def test_denoised_beside_calibrated(tmp_path):
     assert len(json.loads((tmp_path / "fitted.json").read_text())["methods"]["tinygc_denoised"]["notes"]["loss"]) > 5
 
 
+@pytest.mark.slow
 def test_a_net_that_is_told_the_temperature(warm, tmp_path):
     """33 parameters take most of what the linear model leaves; the model file carries it."""
     _, table = fit(warm, tmp_path, "--methods", "least_squares", "--conditions", "temperature")
@@ -57,6 +59,7 @@ def test_a_net_that_is_told_the_temperature(warm, tmp_path):
     np.testing.assert_allclose(bias, [-0.014, 0.037, -0.018], atol=0.004)
 
 
+@pytest.mark.slow
 def test_where_conditions_do_not_matter_they_are_left_alone(tmp_path):
     _, table = fit(ROOT / "data" / "session1", tmp_path, "--methods", "least_squares", "--conditions", "temperature,force", "--folds", "2")
     linear, told = (table["methods"][name]["holdout"]["tilt_rms_deg"] for name in ("least_squares", "tinygc_conditions"))
@@ -64,12 +67,14 @@ def test_where_conditions_do_not_matter_they_are_left_alone(tmp_path):
     assert told == pytest.approx(linear, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_published_variant_has_26(tmp_path):
     _, table = fit(ROOT / "data" / "session1", tmp_path, "--methods", "tinygc", "--variant", "published", "--folds", "2")
     assert table["methods"]["tinygc"]["parameters"] == 26
     assert table["options"]["variant"] == "published"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more", [[], ["--parts", "3"], ["--variant", "published", "--still-rates"], ["--optimizer", "adamw", "--epochs", "3"]]
 )
@@ -81,6 +86,7 @@ def test_the_papers_own_loss(tmp_path, more):
     assert table["methods"]["tinygc"]["holdout"]["tilt_rms_deg"] < (3.0 if "adamw" in more else 0.02)
 
 
+@pytest.mark.slow
 def test_an_interrupted_fit_repeats_no_training_that_had_ended(tmp_path, monkeypatch):
     """Ctrl-C in the second of six trainings; resumed, the numbers are those of a fit that was left alone."""
     how = ["--methods", "tinygc", "--optimizer", "adamw", "--epochs", "8", "--folds", "2"]

@@ -56,6 +56,7 @@ def drawn(turns):
     return np.array(angles)
 
 
+@pytest.mark.slow
 def test_covariance_of_the_angles_is_the_floor(turns, drawn):
     """Each entry within 5 standard errors of 3000 trials: variances, correlation of roll and pitch, and of neighbours."""
     floor = made_floor(turns)
@@ -71,11 +72,13 @@ def test_covariance_of_the_angles_is_the_floor(turns, drawn):
     assert np.all(np.abs(flat.mean(axis=0)) < 5 * np.sqrt(variance / TRIALS))
 
 
+@pytest.mark.slow
 def test_root_mean_square_tilt_is_what_the_report_says(turns, drawn):
     expected = made_floor(turns).tilt_rms
     assert np.sqrt(np.mean(np.sum(drawn**2, axis=-1))) == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.slow
 def test_chi_square_of_the_drawn_angles_has_the_right_mean(turns, drawn):
     inverse = np.linalg.inv(made_floor(turns).dense())
     flat = drawn.reshape(TRIALS, -1)

@@ -168,6 +168,7 @@ def test_explain_where_nothing_is_missing_and_plan(folder, tmp_path):
     assert_on_page(told("plan", folder, tmp_path / "x.json"), "tinygc-plan/1")
 
 
+@pytest.mark.slow
 def test_explain_where_something_is_missing(missing_physics, tmp_path):
     table = told("explain", missing_physics, "--no-pictures", tmp_path / "x.json")
     assert {effect["id"] for effect in table["effects"]} >= {"gyro.g_sensitivity", "data.glitches"}
@@ -234,6 +235,7 @@ def test_replay(folder, tmp_path):
     assert_on_page(told("replay", log, "--out", tmp_path / "s", tmp_path / "x.json"), "tinygc-replay/1")
 
 
+@pytest.mark.slow
 def test_challenge_and_what_it_keeps(tmp_path):
     table = told("challenge", "--cases", 1, "--seed", 2, "--out", tmp_path / "c", tmp_path / "x.json")
     assert_on_page(table, "tinygc-challenge/1")
@@ -242,6 +244,7 @@ def test_challenge_and_what_it_keeps(tmp_path):
         assert not set(strangers(case)) - {"seconds"}
 
 
+@pytest.mark.slow
 def test_board_record_and_ports(tmp_path):
     pytest.importorskip("termios", reason="the virtual board needs a pseudo-terminal")
     command, port = [sys.executable, str(ROOT / "calibrate.py")], tmp_path / "port"

@@ -241,6 +241,7 @@ def test_what_a_session_lacks_is_said(tmp_path):
     assert 'id="runs"' not in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reference", ["table", "truth"])
 def test_other_references_than_gravity(reference, tmp_path):
     """The dials at each still; a truth file, between whose moments nothing needs to be still."""

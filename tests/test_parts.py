@@ -65,6 +65,7 @@ def test_training_on_sequences_finds_the_same_sensor(m):
     assert rms(fresh, net) < 1.15 * rms(fresh, linear)
 
 
+@pytest.mark.slow
 def test_adamw_on_sequences_goes_down():
     batch, sigma = recording(0, count=8)
     trained = train_adamw(batch, sigma, epochs=40, before=sequences.previous(np.arange(8), 4))

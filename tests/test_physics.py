@@ -53,6 +53,7 @@ def test_parameters_asked_for_by_id_are_recovered(tmp_path):
     assert sigma.max() < 0.004 * DEG
 
 
+@pytest.mark.slow
 def test_what_was_named_closes_better_and_the_net_carries_it(warm):
     _, told = warm
     held = {name: method["holdout"]["tilt_rms_deg"] for name, method in told["methods"].items()}
@@ -60,6 +61,7 @@ def test_what_was_named_closes_better_and_the_net_carries_it(warm):
     assert held["tinygc_physics"] < 1.05 * held["physics"]
 
 
+@pytest.mark.slow
 def test_the_saved_model_undoes_the_effect(warm):
     folder, _ = warm
     session = read_session(folder)
@@ -77,6 +79,7 @@ def test_the_saved_model_undoes_the_effect(warm):
     assert drift["physics"] < 0.01
 
 
+@pytest.mark.slow
 def test_the_saved_model_says_how_well_it_is_known(warm):
     folder, _ = warm
     table = json.loads((folder / "fit" / "model_physics.json").read_text())
@@ -93,6 +96,7 @@ def test_the_saved_model_says_how_well_it_is_known(warm):
     assert isinstance(load(path), type(load(folder / "fit" / "model_physics.json")))
 
 
+@pytest.mark.slow
 def test_what_explain_refuses_is_not_fitted(tmp_path, capsys):
     """In no catalogue: taken for one thing by naming alone, it would be saved as that."""
 

@@ -54,6 +54,7 @@ def test_a_run_without_a_loss_has_none(whole):
     assert loss_words(lost_in(run)) == ""
 
 
+@pytest.mark.slow
 def test_fit_says_the_mended_floor_and_the_run_that_is_not_mended(lossy, tmp_path, capsys):
     folder, at_s = lossy
     words = ["fit", str(folder), "--physics", "auto", "--methods", "least_squares", "--out", str(tmp_path)]
@@ -69,6 +70,7 @@ def test_fit_says_the_mended_floor_and_the_run_that_is_not_mended(lossy, tmp_pat
     assert "nothing in a closure run is mended" in printed
 
 
+@pytest.mark.slow
 def test_without_a_loss_there_is_one_floor_and_no_word(whole, tmp_path, capsys):
     words = ["fit", str(whole), "--physics", "auto", "--methods", "least_squares", "--out", str(tmp_path)]
     assert calibrate.main([*words, "--json", str(tmp_path / "f.json")]) == 0
@@ -79,6 +81,7 @@ def test_without_a_loss_there_is_one_floor_and_no_word(whole, tmp_path, capsys):
     assert "lost" not in printed
 
 
+@pytest.mark.slow
 def test_the_report_says_it_beside_the_run_that_fails(lossy, tmp_path):
     folder, _ = lossy
     out = tmp_path / "r.html"

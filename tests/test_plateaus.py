@@ -21,6 +21,7 @@ def clipped(level_dps):
     return lambda t, rate, force, temp: np.clip(rate, -level_dps * DEG, level_dps * DEG)
 
 
+@pytest.mark.slow
 def test_a_clipped_element_is_named_and_its_segments_left_out(tmp_path):
     options = SimulationOptions(segments=40, closure_s=0.0, seed=3)
     result = explain_session(write_session(options, tmp_path / "session", distort=clipped(200)))
@@ -32,6 +33,7 @@ def test_a_clipped_element_is_named_and_its_segments_left_out(tmp_path):
     assert after < 0.02 * before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_round_strokes_of_a_hand_are_no_plateaus(tmp_path, seed):
     session = read_session(write_session(SimulationOptions(segments=15, closure_s=0.0, seed=seed), tmp_path / "session"))

@@ -102,6 +102,7 @@ def test_the_swarm_ends_where_least_squares_does(simulated):
     np.testing.assert_array_equal(fit_pso(problem.batch, sigma, start, seed=0).vector, swarm.vector)
 
 
+@pytest.mark.slow
 def test_still_rates_count_in_the_swarms_cost(simulated):
     problem = build_problem(read_session(simulated()))
     start = bias_only(problem.still_rates.rate[0])

@@ -117,6 +117,7 @@ def test_a_short_recording_has_no_jumps():
 # False readings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("odr_hz", RATES)
 @pytest.mark.parametrize("length", [1, 2, 4, 8])
 def test_false_readings_are_found_with_their_rows_and_lengths(odr_hz, length):

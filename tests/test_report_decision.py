@@ -36,6 +36,7 @@ def test_a_pass_needs_segments_and_a_closure_near_its_floor(segments, angles_rad
     assert decision.passed == (answer != "fail")  # the exit code knows no doubt
 
 
+@pytest.mark.slow
 def test_few_segments_far_above_the_floor_are_no_pass(simulated, tmp_path, capsys):
     """Eight turns: the fit follows the noise of what it has, and p tells nothing."""
     folder, out, table = simulated(segments=8, closure_s=0.0), tmp_path / "r.html", tmp_path / "r.json"

@@ -1,6 +1,7 @@
 """A curve without a name that does better than every name: then no name is given."""
 
 import numpy as np
+import pytest
 
 from session.common.units import DEG
 from tinygc.explanation.verdict.explain import explain_session
@@ -16,6 +17,7 @@ def explained(folder, distort):
     return explain_session(write_session(OPTIONS, folder / "session", distort=distort))
 
 
+@pytest.mark.slow
 def test_a_zero_with_a_turning_point_in_temperature_is_given_no_name(tmp_path):
     """Steps, drifts and lines can be put together so that they take up 98 % of it: a smooth curve takes up all, with half the numbers."""
     result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer((temp - MIDDLE_C) ** 2, CURVE))
@@ -30,6 +32,7 @@ def test_a_straight_line_in_temperature_keeps_its_name(tmp_path):
     assert result.findings == []
 
 
+@pytest.mark.slow
 def test_a_curve_that_does_as_well_as_a_name_is_said_beside_it(tmp_path):
     """So weak that a step describes it nearly as well as the curve that it is: the recording cannot decide, and both are said."""
     result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer((temp - MIDDLE_C) ** 2, 0.11 * CURVE))

@@ -46,6 +46,7 @@ def agree(data: bytes, where) -> list:
     return events
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(st.lists(pieces, max_size=40).map(b"".join), cuts)
 def test_any_bytes(data, where):

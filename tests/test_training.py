@@ -50,6 +50,7 @@ def test_where_the_sensor_is_linear_it_finds_least_squares():
     assert rms(batch, trained.net) == pytest.approx(rms(batch, linear), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_noise_seldom_bends_it():
     """On linear recordings the linear solution is mostly kept, and where it is not, little is lost on fresh turns."""
     kept, worse = [], []
@@ -90,6 +91,7 @@ def test_an_asymmetry_on_aligned_axes_is_learnt_to_the_noise():
     assert rms(fresh, train_second_order(batch, sigma).net) < 1.5 * np.sqrt(2) * fresh_sigma[0] / DEG
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [CalibrationNet.identity(), PublishedNet.identity()], ids=["27", "26"])
 @pytest.mark.parametrize(("asymmetry", "cubic"), [(0.0, 0.0), (0.003, 0.0), (0.0, 0.01), (0.003, 0.01)])
 def test_at_twice_the_rates_it_has_seen_it_is_not_worse_than_least_squares(start, asymmetry, cubic):

@@ -52,6 +52,7 @@ def test_a_log_cut_inside_a_still_goes_on(whole, tmp_path):
     assert run_rmse_deg(split) < 0.08
 
 
+@pytest.mark.slow
 def test_a_log_cut_inside_a_turn_begins_anew(whole, tmp_path):
     problem = build_problem(read_session(whole[0]))
     cut = middle_of(problem, 20, still=False)

@@ -48,7 +48,15 @@ class Segment:
 
     @property
     def accepted(self) -> bool:
+        """Whether it is used."""
         return self.problem is None
+
+    @property
+    def stills(self) -> tuple[Still, Still]:
+        """The two between which it lies; a segment between moments of a truth file has none, and is not asked."""
+        assert self.first is not None
+        assert self.last is not None
+        return self.first, self.last
 
 
 def cut_segments(

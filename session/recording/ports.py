@@ -14,7 +14,7 @@ from session.common.errors import DeviceError
 try:
     import fcntl
 except ImportError:  # Windows, which has no virtual boards either
-    fcntl = None  # type: ignore[assignment]
+    fcntl = None  # type: ignore[assignment]  # a module or none: what asks for it asks first
 
 ST_VENDOR = 0x0483
 #: USB ids -> what they are; ST's product ids from its usb.ids entries

@@ -28,7 +28,7 @@ _CLASS[ord("0")], _CLASS[ord("-")], _CLASS[ord(",")], _CLASS[ord("\n")] = _ZERO,
 
 
 def parse_lines(block: bytes, columns: int, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Many lines at once: block ends with ``\\n``, a line has ``columns`` whole numbers, of which ``order`` are the log's eight.
+    r"""Many lines at once: block ends with ``\n``, a line has ``columns`` whole numbers, of which ``order`` are the log's eight.
 
     Returns good (lines,) bool and values (good lines, 8) int64.  A line that is not good may still be one for ``parse_line``.
     """

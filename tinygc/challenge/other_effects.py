@@ -21,6 +21,7 @@ CREEP_RPS, CREEPING, CREEP_STARTS_S = 0.3 * DEG, 0.4, 0.1  #: rate, share of the
 
 
 def saturation(scene: Scene) -> Concealment:
+    """Registers stop at a level below the session's peak rate, as if the full scale were smaller."""
     per_lsb = gyro_rps_per_lsb(scene.options.gyro_fs_dps)
 
     def spoil(log: Recording) -> tuple[Recording, dict]:
@@ -46,6 +47,7 @@ def dropped_samples(scene: Scene) -> Concealment:
 
 
 def glitches(scene: Scene) -> Concealment:
+    """A few samples at a time jump by the same step in every axis' own sense."""
     rng, counts = scene.rng, scene.strength * GLITCH_RPS / gyro_rps_per_lsb(scene.options.gyro_fs_dps)
 
     def spoil(log: Recording) -> tuple[Recording, dict]:
@@ -63,6 +65,7 @@ def glitches(scene: Scene) -> Concealment:
 
 
 def accelerometer(scene: Scene) -> Concealment:
+    """The accelerometer's pre-calibration left a bias, m/s^2 in b."""
     bias = scene.signed(ACCEL_BIAS)
     return Concealment("reference.accelerometer", {"bias_mg": (bias / MG).tolist()}, disturb=lambda t, force: force + bias)
 
@@ -78,6 +81,7 @@ class Creep:
 
     @property
     def change_rad(self) -> float:
+        """Net change of the gimbal's angle, rad."""
         return self.rate_rps * (self.stop_s - self.start_s - CREEP_STARTS_S)
 
     def angle(self, t_s: np.ndarray) -> np.ndarray:
@@ -104,6 +108,7 @@ def not_still(scene: Scene) -> Concealment:
 
 
 def earth_rotation(scene: Scene) -> Concealment:
+    """session.toml does not tell the latitude, so the Earth's rotation is not taken off."""
     return Concealment("earth.rotation", {"latitude_deg": scene.options.latitude_deg}, without_latitude=True)
 
 

@@ -30,6 +30,7 @@ OFFSET_S = 15e-3  #: s
 
 
 def g_sensitivity(scene: Scene) -> Concealment:
+    """The bias follows the specific force: a matrix (3, 3) rad/s per g."""
     matrix = scene.strength * G_SENSITIVITY * scene.rng.standard_normal((3, 3))
     return Concealment(
         "gyro.g_sensitivity",
@@ -39,6 +40,7 @@ def g_sensitivity(scene: Scene) -> Concealment:
 
 
 def g2_sensitivity(scene: Scene) -> Concealment:
+    """The bias of each axis follows the square of the force along it, rad/s per g^2."""
     k = scene.signed(G2_SENSITIVITY)
     return Concealment(
         "gyro.g2_sensitivity", {"dps_per_g2": (k / DEG).tolist()}, distort=lambda t, rate, force, temp: rate + k * np.square(force / G)
@@ -46,6 +48,7 @@ def g2_sensitivity(scene: Scene) -> Concealment:
 
 
 def angular_acceleration(scene: Scene) -> Concealment:
+    """Angular acceleration enters the rate by a matrix (3, 3) s."""
     cross = scene.strength * CROSS * scene.rng.standard_normal((3, 3))
 
     def distort(t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
@@ -57,6 +60,7 @@ def angular_acceleration(scene: Scene) -> Concealment:
 
 
 def scale_nonlinearity(scene: Scene) -> Concealment:
+    """The scale factor grows with the square of the rate: a fraction at full scale."""
     cubic, full_scale = scene.signed(CUBIC_AT_FS), scene.options.gyro_fs_dps * DEG
     return Concealment(
         "gyro.scale_nonlinearity",
@@ -66,6 +70,7 @@ def scale_nonlinearity(scene: Scene) -> Concealment:
 
 
 def scale_asymmetry(scene: Scene) -> Concealment:
+    """Positive and negative rates have scale factors that differ by twice a fraction."""
     k = scene.signed(HALF_DIFFERENCE)
     return Concealment(
         "gyro.scale_asymmetry",
@@ -75,6 +80,7 @@ def scale_asymmetry(scene: Scene) -> Concealment:
 
 
 def thermal_bias(scene: Scene) -> Concealment:
+    """The bias follows the temperature, rad/s per degC since the start."""
     k, start_c = scene.signed(THERMAL_BIAS), scene.options.temperature_start_c
     return Concealment(
         "gyro.thermal_bias",
@@ -84,6 +90,7 @@ def thermal_bias(scene: Scene) -> Concealment:
 
 
 def thermal_scale(scene: Scene) -> Concealment:
+    """The scale factor follows the temperature, per degC since the start."""
     k, start_c = scene.signed(THERMAL_SCALE), scene.options.temperature_start_c
     return Concealment(
         "gyro.thermal_scale",
@@ -93,6 +100,7 @@ def thermal_scale(scene: Scene) -> Concealment:
 
 
 def bias_drift(scene: Scene) -> Concealment:
+    """The bias grows steadily, by so many rad/s over the log."""
     drift, log_s = scene.signed(DRIFT), scene.plan.log_s
     return Concealment(
         "gyro.bias_drift", {"dps_over_log": (drift / DEG).tolist()}, distort=lambda t, rate, force, temp: rate + np.outer(t / log_s, drift)
@@ -100,6 +108,7 @@ def bias_drift(scene: Scene) -> Concealment:
 
 
 def bias_step(scene: Scene) -> Concealment:
+    """The bias jumps once, rad/s, somewhere in the middle of the log."""
     step, at_s = scene.signed(STEP), scene.plan.log_s * scene.rng.uniform(0.2, 0.8)
     return Concealment(
         "gyro.bias_step",
@@ -137,6 +146,7 @@ def vibration_rectification(scene: Scene) -> Concealment:
 
 
 def bandwidth(scene: Scene) -> Concealment:
+    """Each axis is a first-order low-pass with a time constant of its own, s."""
     tau_s = scene.strength * scene.rng.uniform(*TAU_S, 3)
 
     def distort(t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
@@ -156,6 +166,7 @@ def axis_skew(scene: Scene) -> Concealment:
 
 
 def gyro_accel_offset(scene: Scene) -> Concealment:
+    """All axes of the gyroscope are late by the same seconds against the accelerometer."""
     seconds = float(scene.signed(OFFSET_S, ()))
     return Concealment("timing.gyro_accel_offset", {"seconds": seconds}, distort=_late(np.full(3, seconds)))
 

@@ -40,7 +40,7 @@ class Score:
 
     @property
     def kind(self) -> str:
-        """nothing, one, two, outside"""
+        """``nothing``, ``one``, ``two`` or ``outside``."""
         if any(name.startswith(OUTSIDE) for name in self.truth):
             return "outside"
         return ("nothing", "one", "two")[len(self.truth)]
@@ -52,6 +52,7 @@ class Score:
 
     @property
     def alarmed(self) -> bool:
+        """Whether ``explain`` said that something is wrong."""
         return self.verdict != "no_mismatch"
 
 

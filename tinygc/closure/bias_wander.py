@@ -34,7 +34,7 @@ class BiasInstability:
     def words(self) -> str:
         """The figure, ° an hour, with its sigma, and where it is from."""
         value = self.rps / DEG_PER_HOUR
-        if self.sigma_rps is None:
+        if self.sigma_rps is None or self.most_rps is None:
             return f"{value:g} °/h, {self.source}" if self.source != UNKNOWN else self.source
         sigma, most = self.sigma_rps / DEG_PER_HOUR, self.most_rps / DEG_PER_HOUR
         digits = max(0, 1 - int(np.floor(np.log10(max(sigma, 1e-6) * 1.05))))

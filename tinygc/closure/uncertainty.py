@@ -93,7 +93,7 @@ def parameter_covariance(
     if wander is not None:
         # A bias error turns a segment's end as the three bias columns say.
         pull = np.einsum("sdp,sdi->spi", design * weight, design[..., 9:])
-        more_s = ()
+        more_s: tuple[np.ndarray, ...] = ()
         if still_rates is not None and still_rates.middle_s is not None:
             pull, more_s = np.concatenate([pull, still_pull]), (still_rates.middle_s,)
         meat += np.einsum("spi,st,tqi->pq", pull, wander.covariance(*more_s), pull, optimize=True)

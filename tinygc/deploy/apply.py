@@ -7,9 +7,10 @@ import gzip
 import itertools
 import sys
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -18,13 +19,14 @@ from session.common.units import DEG
 from session.detect.pace import pace_of
 from session.dialects.layout import Answers, Layout
 from session.dialects.lines import STANDARD
-from session.dialects.reader import Piece, Reader
+from session.dialects.reader import Reader
 from session.dialects.stamps import counted
 from session.files.fixed_point import rows
 from session.files.results import read_json, whole
 from session.log.config import Accelerometer, read_config
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream
+from tinygc.models.model import Model
 
 #: what is written: below the noise of any MEMS sensor by three orders
 DECIMALS = {"rps": 9, "dps": 7, "mps2": 6, "c": 4}
@@ -97,6 +99,12 @@ def _refuse_missing(calibration: Calibration, reader: Reader) -> None:
         raise DataError(f"{reader.path.name} lacks {' and '.join(missing)}, which the model needs ({model}); replay joins two files")
 
 
+class _Sink(Protocol):
+    """What takes bytes: a file, packed or not, or standard output."""
+
+    def write(self, data: bytes, /) -> int: ...
+
+
 @dataclass(frozen=True)
 class _Surroundings:
     gyro_fs_dps: float | None = None
@@ -127,6 +135,21 @@ def _number(reader: Reader, key: str) -> float | None:
         return None
 
 
+@dataclass(frozen=True, eq=False)
+class Applicable:
+    """Consecutive rows in SI: t_ns (N,) int64, gyro (N, 3) rad/s, accel (N, 3) m/s^2 and temp (N,) degC, None where the log has none."""
+
+    t_ns: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray | None
+    temp: np.ndarray | None
+
+    def rows(self, which: slice) -> Applicable:
+        """Some of them."""
+        accel, temp = (None if part is None else part[which] for part in (self.accel, self.temp))
+        return Applicable(self.t_ns[which], self.gyro[which], accel, temp)
+
+
 class _Source:
     """A log's pieces in SI: stamps, measured rate, force as measured and as pre-calibrated, temperature."""
 
@@ -136,16 +159,18 @@ class _Source:
         self._gyro = _scale(self.layout, "gyro", answers.gyro_fs_dps, "--gyro-fs", reader.path.name)
         self._accel = 1.0 if self.layout.accel is None else _scale(self.layout, "accel", answers.accel_fs_g, "--accel-fs", reader.path.name)
 
-    def pieces(self):
+    def pieces(self) -> Iterator[Applicable]:
         """``Piece`` after ``Piece``, SI."""
         first = 0
         for piece in self.reader.pieces():
+            assert piece.gyro is not None  # a log without one was refused
             stamps = piece.t_ns
             if stamps is None:
+                assert self._odr_hz is not None  # or the reader had asked for it
                 stamps = counted(first + len(piece.gyro), self._odr_hz)[first:]
             first += len(piece.gyro)
             temp = None if piece.temp is None else self.layout.temperature_c(piece.temp)
-            yield Piece(stamps, piece.gyro * self._gyro, None if piece.accel is None else piece.accel * self._accel, temp)
+            yield Applicable(stamps, piece.gyro * self._gyro, None if piece.accel is None else piece.accel * self._accel, temp)
 
     def force(self, accel: np.ndarray | None) -> np.ndarray | None:
         """Pre-calibrated."""
@@ -155,10 +180,10 @@ class _Source:
 def _scale(layout: Layout, kind: str, full_scale: float | None, option: str, name: str) -> float:
     if getattr(layout, kind).unit.si is None and full_scale is None:
         raise FormatError(f"{name} holds registers and does not say the full scale; give {option}, or --session DIR")
-    return layout.gyro_si(full_scale) if kind == "gyro" else layout.accel_si(full_scale)
+    return float(layout.gyro_si(full_scale) if kind == "gyro" else layout.accel_si(full_scale))
 
 
-def _rate(first: Piece) -> float:
+def _rate(first: Applicable) -> float:
     if not (np.diff(first.t_ns) > 0).any():
         raise DataError("the log's stamps do not say its data rate, which the model needs; give --odr HZ")
     return pace_of(first.t_ns).rate_hz
@@ -168,14 +193,14 @@ def _no_samples(log: Path) -> FormatError:
     return FormatError(f"{log.name}: a header but no samples; was the recording stopped before it began?")
 
 
-def _write(out: Path, log: Path, source: _Source, pieces, stream: Stream, unit: str, progress: Progress) -> int:
+def _write(out: Path, log: Path, source: _Source, pieces: Iterable[Applicable], stream: Stream, unit: str, progress: Progress) -> int:
     """All rows; how many.  The file has its name only once it is whole."""
     if out.is_dir():
         raise FormatError(f"{out}: that is a folder; give -o a file")
     size, count = max(log.stat().st_size, 1) if log.is_file() else 1, 0
     try:
         with _open(out) as file:
-            waiting: deque[Piece] = deque()
+            waiting: deque[Applicable] = deque()
             header = None
             for piece in pieces:
                 if header is None:
@@ -196,7 +221,7 @@ def _write(out: Path, log: Path, source: _Source, pieces, stream: Stream, unit: 
 
 
 @contextlib.contextmanager
-def _open(out: Path):
+def _open(out: Path) -> Iterator[_Sink]:
     """The bytes of ``out``, packed if its name says so; of standard output where it is ``-``."""
     if str(out) == STANDARD:
         yield sys.stdout.buffer
@@ -206,13 +231,13 @@ def _open(out: Path):
         yield file
 
 
-def _header(piece: Piece, unit: str) -> str:
+def _header(piece: Applicable, unit: str) -> str:
     names = ["t_ns", *(f"g{axis}_{unit}" for axis in "xyz")]
     names += [] if piece.accel is None else [f"a{axis}_mps2" for axis in "xyz"]
     return ",".join(names + ([] if piece.temp is None else ["temp_c"])) + "\n"
 
 
-def _drain(file, waiting: deque[Piece], omega: np.ndarray, unit: str, before: int) -> int:
+def _drain(file: _Sink, waiting: deque[Applicable], omega: np.ndarray, unit: str, before: int) -> int:
     """Write the rows whose rates are known; the rest of their pieces goes on waiting."""
     done = 0
     while done < len(omega):
@@ -235,12 +260,9 @@ def _drain(file, waiting: deque[Piece], omega: np.ndarray, unit: str, before: in
     return done
 
 
-def _split(piece: Piece, take: int) -> tuple[Piece, Piece | None]:
-    if take == len(piece.gyro):
-        return piece, None
-    parts = (piece.t_ns, piece.gyro, piece.accel, piece.temp)
-    return (Piece(*(None if part is None else part[cut] for part in parts)) for cut in (slice(take), slice(take, None)))
+def _split(piece: Applicable, take: int) -> tuple[Applicable, Applicable | None]:
+    return (piece, None) if take == len(piece.gyro) else (piece.rows(slice(take)), piece.rows(slice(take, None)))
 
 
-def _kind(model) -> str:
+def _kind(model: Model) -> str:
     return models.to_dict(model)["kind"]

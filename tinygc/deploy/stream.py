@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from session.common.errors import CalibrationError
 from session.common.units import NS
 from session.log.samples import Samples
 from tinygc.deploy.needs import Needs
-from tinygc.models.denoiser import DenoisedNet
+from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.model import Model
 
 
@@ -31,10 +32,10 @@ class Stream:
         self._before = 0  # of the held rows: how many are given out already
         self._first = 0  # number of the first held row in the log
 
-    def push(self, raw: np.ndarray, acc=None, temp=None) -> np.ndarray:
+    def push(self, raw: np.ndarray, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
         """The next rows (N, 3) rad/s, with force (N, 3) m/s^2 and temperature (N,) degC where needed; (M, 3), those now calibrated."""
         if self._denoiser is not None:
-            return self._denoised(raw)
+            return self._denoised(raw, self._denoiser)
         if not self._whole:
             return self._model(raw)
         self._held = self._held.plus(_Rows.of(raw, acc, temp, self._needs.told))
@@ -43,15 +44,15 @@ class Stream:
         long_enough = 0 if self._live else max(self._ahead, self._behind)
         return self._give(ready) if ready - self._before >= long_enough else np.zeros((0, 3))
 
-    def _denoised(self, raw: np.ndarray) -> np.ndarray:
+    def _denoised(self, raw: np.ndarray, denoiser: Denoiser) -> np.ndarray:
         """Causal: each rate from its window, the log's first rate standing before it."""
         if not len(raw):
             return np.zeros((0, 3))
-        rate, reach = self._model.without_denoiser()(raw), self._denoiser.reach
+        rate, reach = self._model.without_denoiser()(raw), denoiser.reach
         before = np.repeat(rate[:1], reach, axis=0) if self._tail is None else self._tail
         held = np.concatenate([before, rate])
         self._tail = held[len(held) - reach :]
-        return self._denoiser.windowed(held)
+        return denoiser.windowed(held)
 
     def flush(self) -> np.ndarray:
         """What was still waiting for its neighbours, at the end of the log."""
@@ -78,7 +79,7 @@ class _Rows:
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
 
     @classmethod
-    def of(cls, raw, acc, temp, needs: tuple[str, ...]) -> _Rows:
+    def of(cls, raw: np.ndarray, acc: ArrayLike | None, temp: ArrayLike | None, needs: tuple[str, ...]) -> _Rows:
         parts = {"acc": (acc, (len(raw), 3), "m/s^2, pre-calibrated"), "temp": (temp, (len(raw),), "degC")}
         arrays = []
         for name, (value, shape, unit) in parts.items():
@@ -100,7 +101,7 @@ class _Rows:
     def _parts(self) -> tuple[np.ndarray, ...]:
         return self.raw, self.acc, self.temp
 
-    def calibrated(self, model, rate_hz: float, began_s: float, live: bool) -> np.ndarray:
+    def calibrated(self, model: Model, rate_hz: float, began_s: float, live: bool) -> np.ndarray:
         step_ns = 1 / rate_hz / NS
         stamps = np.rint(np.arange(len(self.raw) + 1) * step_ns).astype(np.int64)
         samples = Samples(stamps[:-1], self.raw, np.nan_to_num(self.acc), None if np.isnan(self.temp).all() else self.temp)

@@ -16,6 +16,6 @@ class Claim:
     effect: Effect
     theta: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.theta.shape != (self.effect.parameter.size,):
             raise ValueError(f"{self.effect.id}: theta has shape {self.theta.shape}, expected ({self.effect.parameter.size},)")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any, NoReturn
 
 from tinygc.effects.errors import EffectError
 from tinygc.effects.movement import Movement
@@ -16,16 +17,16 @@ class Undeclared:
     def __init__(self, effect: str, field: str, ways: str):
         self._says = f"{effect}: reads movement.{field}, which it does not declare; add {ways} to its Effect(...)"
 
-    def __array__(self, *args, **settings):
+    def __array__(self, *args: Any, **settings: Any) -> NoReturn:
         raise EffectError(self._says)
 
-    def __getattr__(self, name: str):
+    def __getattr__(self, name: str) -> NoReturn:
         if name.startswith("__"):
             raise AttributeError(name)
         raise EffectError(self._says)
 
 
-def _refuse(self, *others):
+def _refuse(self: Undeclared, *others: object) -> NoReturn:
     raise EffectError(self._says)
 
 
@@ -37,7 +38,7 @@ for _name in _USES.split():
 def shown(effect: str, inputs: Iterable[str], looks_around: bool, movement: Movement) -> Movement:
     """The movement as the effect with that id, its declared inputs and a reach or none may see it."""
     may_read = {field for name in inputs for field in INPUTS[name]} | set(AROUND if looks_around else ())
-    hidden = {}
+    hidden: dict[str, Any] = {}  # of the fields' own types nothing is left
     for name, fields in INPUTS.items():
         for field in fields:
             if field not in may_read:

@@ -7,7 +7,7 @@ An effect describes what it adds to the true rate that the element feels, before
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -82,7 +82,7 @@ class Effect:
     device: DeviceCode = NONE
     linear_in: str | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         known = isinstance(self.id, str) and re.fullmatch(r"[a-z]+\.[a-z][a-z0-9_]*", self.id)
         self._require(known, "id", 'a string such as "gyro.scale_quadratic"')
         self._require(isinstance(self.parameter, Parameter), "parameter", "a Parameter")
@@ -100,7 +100,7 @@ class Effect:
         size = {None: self.parameter.size, "force": 9, "temperature": 3}.get(self.linear_in)
         self._require(size == self.parameter.size, "linear_in", f"one of {', '.join(LINEAR_IN)}, of 9 or 3 parameters")
 
-    def _require(self, fine, name: str, expected: str) -> None:
+    def _require(self, fine: object, name: str, expected: str) -> None:
         if not fine:
             raise EffectError(f"effect {self.id!r}: {name} is {getattr(self, name, 'something else')!r}, expected {expected}")
 
@@ -146,6 +146,7 @@ class Effect:
 
     def at(self, value: float) -> Effect:
         """The effect with its scanned shape at a value, SI."""
+        assert self.scan is not None  # who has a value for it has seen it
         made = self.scan.make(float(value))
         if not isinstance(made, Effect) or made.id != self.id or made.parameter.size != self.parameter.size:
             raise EffectError(f"{self.id}: scan.make must give an Effect with the same id and parameter, got {made!r:.80}")
@@ -161,5 +162,5 @@ class Effect:
         return self.picture or (STILLS if "still" in self.seen_in else TURNS)
 
 
-def _some_of(names, known) -> bool:
+def _some_of(names: object, known: Container[str]) -> bool:
     return isinstance(names, tuple) and all(isinstance(name, str) and name in known for name in names)

@@ -19,7 +19,7 @@ from tinygc.effects.effect import Effect
 _PROOF = "tinygc.effect_checks.check"
 
 
-def check(effect: Effect, **how: Any):
+def check(effect: Effect, **how: Any) -> Any:
     """A ``Report`` of the parts, each passed, failed or not checked with its reason: ``.ok``, ``.failed`` (names), ``["columns"].says``,
     ``.require()`` which raises AssertionError; printed, a line for each part.
 

@@ -19,8 +19,8 @@ def tried(effect: Any, where: str) -> Effect:
     if not isinstance(effect, Effect):
         raise EffectError(f"{where}: EFFECT is of type {type(effect).__name__}, expected tinygc.effects.Effect")
     try:
-        own_grid = effect.scan is not None and effect.scan.grid is not None
-        values = effect.scan.grid([short_movement()]) if own_grid else np.array([SAMPLES / RATE_HZ / 2])
+        grid = None if effect.scan is None else effect.scan.grid
+        values = np.array([SAMPLES / RATE_HZ / 2]) if grid is None else grid([short_movement()])
         for one in effect.variants(values[:1]):
             _try(one)
     except EffectError as error:

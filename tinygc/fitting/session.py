@@ -20,6 +20,7 @@ from tinygc.fitting.result import FitResult
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
+from tinygc.models.linear import LinearModel
 from tinygc.problem.closure_run import ClosureRun, read_closure_runs
 from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
@@ -58,14 +59,17 @@ def fit_session(
     fits, reused = _run_methods(problem, options, progress, saved)
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or run_method("least_squares", problem, options)
-    physics, lost = None, ()
+    physics: PhysicsFit | None = None
+    lost: tuple[np.ndarray, ...] = ()
     if options.physics is not None:
         physics, more, more_errors, lost = _run_physics(problem, options, runs, progress)
         fits |= more
         errors = [error | more for error, more in zip(errors, more_errors, strict=True)]
-    found = goodness(problem.batch, problem.floor, linear.model, problem.wander)
+    model = linear.model
+    assert isinstance(model, LinearModel)  # that is what least squares fits
+    found = goodness(problem.batch, problem.floor, model, problem.wander)
     rates = problem.still_rates if options.still_rates else None
-    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, linear.model, problem.earth, rates, problem.wander)
+    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, model, problem.earth, rates, problem.wander)
     other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
     exact, first_order = (closure_angles(problem.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(

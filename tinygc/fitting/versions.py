@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def versions() -> dict[str, str]:
-    """This project, its commit where it runs from a checkout, Python, and the packages that compute."""
+    """Of this project, its commit where it runs from a checkout, Python, and the packages that compute."""
     found = {"TinyGC": VERSION}
     if commit := _commit():
         found["commit"] = commit

@@ -134,5 +134,5 @@ def explain(
 
 
 def _found(entry: dict) -> FoundEffect:
-    names = ("id", "equation", "parameters", "std", "p_value", "says")
-    return FoundEffect(**{name: entry.get(name) for name in names}, equivalent=tuple(entry.get("equivalent", ())))
+    told: dict[str, Any] = {name: entry.get(name) for name in ("id", "equation", "parameters", "std", "p_value", "says")}
+    return FoundEffect(**told, equivalent=tuple(entry.get("equivalent", ())))

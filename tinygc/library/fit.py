@@ -14,7 +14,7 @@ from rich.console import Group
 from session.common.errors import FitError
 from session.log.folder import Session
 from tinygc.deploy.calibration import Calibration
-from tinygc.fitting.figures import closure_figures, run_figures
+from tinygc.fitting.figures import ClosureFigures, closure_figures, run_figures
 from tinygc.fitting.fit_json import to_json
 from tinygc.fitting.result import FitResult
 from tinygc.fitting.save import model_tables, save_models
@@ -74,7 +74,7 @@ class Fit:
         return self.result.covariance
 
     @cached_property
-    def closure(self) -> dict[str, dict[str, float | None]]:
+    def closure(self) -> dict[str, ClosureFigures]:
         """Held-out closure by method, degrees rms: ``tilt_rms_deg``, ``roll_rms_deg``, ``pitch_rms_deg``, ``yaw_rms_deg`` (or None)."""
         return {name: closure_figures(fit.held_out) for name, fit in self.result.methods.items()}
 

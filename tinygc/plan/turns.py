@@ -46,6 +46,7 @@ class Turn:
 
     @property
     def words(self) -> str:
+        """What to do, for the operator."""
         said = ", then at once ".join(f"{part.words} by {part.angle_rad / DEG:.0f}°" for part in self.parts)
         return f"turn {said}; about {sum(part.seconds for part in self.parts):.0f} s"
 

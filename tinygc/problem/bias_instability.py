@@ -9,6 +9,7 @@ nor must a step of the bias, which is looked for and taken out.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -83,7 +84,7 @@ def _posterior(likelihood: np.ndarray) -> BiasInstability:
     return BiasInstability(mean, ESTIMATED, sigma, float(np.interp(0.95, np.cumsum(weight), GRID_RPS)), of_unit=True)
 
 
-def _pieces(number: int, logs: list[StillSet]):
+def _pieces(number: int, logs: list[StillSet]) -> Iterator[tuple]:
     """Of each reference still of a log, whole or in parts: mean rate, log, moment and span s, angle random walk, gravity's direction,
     attitude, yaw group, degC or NaN."""
     log, began = logs[number], sum(before.samples.duration_s for before in logs[:number])
@@ -111,7 +112,7 @@ def _sideways(q_tb: np.ndarray, group: np.ndarray, axis: int) -> np.ndarray:
     return np.stack([np.where(group == g, turn[:, i, axis], 0.0) for g in np.unique(group) for i in (0, 1)], axis=1)
 
 
-def _columns(log, t_s, down, sideways, temp_c, steps) -> np.ndarray:
+def _columns(log: np.ndarray, t_s: np.ndarray, down: np.ndarray, sideways: np.ndarray, temp_c: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """(N, r), orthonormal: what may move the zero otherwise, the likeliest first, and no more than half as many as there are pieces."""
     x, y, z = down.T
     own = [(log == number)[:, None].astype(float) for number in np.unique(log)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import numpy as np
@@ -68,14 +68,14 @@ def build_problem(
         if not use_earth:
             earths = dict.fromkeys(earths, no_earth())
         at = attitudes(chain, fit.model(chain.rate))
-        groups = [int(logs[segment.log].group[logs[segment.log].stills.index(segment.first)]) for segment in segments]
+        groups = [int(logs[segment.log].group[logs[segment.log].stills.index(segment.stills[0])]) for segment in segments]
         chain = replace(chain, earth=np.stack([earths[g].in_body(q) for g, q in zip(groups, at, strict=True)]))
     batch = chain.pick(used)
     accepted = [segment for segment in segments if segment.accepted]
     floor = closure_floor(
         batch,
         attitudes(batch, fit.model(batch.rate)),
-        [(segment.first, segment.last) for segment in accepted],
+        [segment.stills for segment in accepted],
         [logs[segment.log].noise for segment in accepted],
         DIAL_SIGMA_RAD,
     )
@@ -83,9 +83,16 @@ def build_problem(
 
 
 def _stills_and_segments(
-    session: Session, found: SessionStills, exclude, moving, clipped, progress
+    session: Session,
+    found: SessionStills,
+    exclude: Collection[int],
+    moving: Collection[int],
+    clipped: Collection[int],
+    progress: Callable[[str], None],
 ) -> tuple[list[StillSet], list[Segment]]:
-    logs, segments, number = [], [], 0
+    logs: list[StillSet] = []
+    segments: list[Segment] = []
+    number = 0
     for log in session.logs:
         progress(f"stills of {log.path.name}")
         here = found.of(log)
@@ -124,7 +131,7 @@ def _require_agreement(session: Session, logs: list[StillSet]) -> None:
 
 def _with_dials(session: Session, logs: list[StillSet], segment: Segment) -> Segment:
     """A segment whose ends have no dial reading cannot be used with reference = "table"."""
-    dials = [_dial(session, logs, segment.log, still) for still in (segment.first, segment.last)]
+    dials = [_dial(session, logs, segment.log, still) for still in segment.stills]
     missing = any(dial is None for dial in dials)
     return replace(segment, problem="no dial reading in attitudes.csv for one of its stills") if missing and segment.accepted else segment
 
@@ -173,7 +180,7 @@ def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> B
         rate[i, :count] = samples.gyro[segment.start : segment.stop]
         rate[i, count:] = rate[i, count - 1]
         dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * NS
-        for end, still in zip(ends, (segment.first, segment.last), strict=True):
+        for end, still in zip(ends, segment.stills, strict=True):
             end[i] = rotation.from_gravity(still.accel_mean)
             if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
                 # A dial is read to a twentieth of a degree, gravity to a hundredth: the tilt is gravity's, the yaw the dial's.

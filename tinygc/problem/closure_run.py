@@ -18,6 +18,7 @@ from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, vertical_only
 from tinygc.closure.floor import gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
+from tinygc.models.model import Model
 from tinygc.problem.problem import Problem
 from tinygc.problem.yaw import angle_between, goes_on
 
@@ -43,7 +44,7 @@ class ClosureRun:
     began_s: float
     yaw_carried: bool
 
-    def errors(self, model, integrator: str = "exact") -> np.ndarray:
+    def errors(self, model: Model, integrator: str = "exact") -> np.ndarray:
         """Roll, pitch, yaw error (3,) rad: the error rotation about the table's x, y and the vertical."""
         if model.pointwise:
             return self.errors_at(model(self.batch.rate[0]), integrator)
@@ -115,5 +116,7 @@ def _earth_and_start(problem: Problem, session: Session, samples: Samples, first
     if references and goes_on(before.samples, before.stills[references[-1]], samples, first):
         earth = problem.earths[int(before.group[references[-1]])]
         return earth, closure.nearest_yaw(before.q_tb[references[-1]], start), True
-    known = problem.earth.source != "none"
-    return (vertical_only(session.config.site.latitude_deg) if known else problem.earth), start, False
+    latitude_deg = session.config.site.latitude_deg
+    if latitude_deg is None or problem.earth.source == "none":
+        return problem.earth, start, False
+    return vertical_only(latitude_deg), start, False

@@ -16,6 +16,7 @@ from session.detect.segments import Segment
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.integrate import steps
+from tinygc.attitude.rotation import Array
 from tinygc.closure.residual import Batch
 
 
@@ -44,7 +45,7 @@ def place(before: np.ndarray) -> np.ndarray:
     return at
 
 
-def residuals(batch: Batch, rate, before: np.ndarray, integrator: str = "exact"):
+def residuals(batch: Batch, rate: Array, before: np.ndarray, integrator: str = "exact") -> Array:
     """As ``closure.segment_residuals``, each part begun at the attitude that the one before was predicted to end with; NumPy or torch."""
     earth, dt, start, first = (closure.like(rate, array) for array in (batch.earth, batch.dt, batch.start, (before < 0)[:, None]))
     turn = rotation.compose(steps(rate - earth, dt, integrator))

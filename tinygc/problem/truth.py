@@ -48,9 +48,10 @@ def build_truth_problem(
     progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
     """As ``build_problem``.  Raises SegmentError (too few segments) and DataError (the truth's times are not the log's)."""
-    logs, cut = [], []
+    logs: list[StillSet] = []
+    cut: list[tuple[Segment, Ends]] = []
     protocol, sensor = session.config.protocol, session.config.sensor
-    for number, (log, truth) in enumerate(zip(session.logs, session.truths, strict=True)):
+    for number, (log, truth) in enumerate(zip(session.logs, session.truths or (), strict=True)):
         progress(f"truth of {log.path.name}")
         here = found.of(log)
         part = cut_at_truth(here.samples, truth, sensor, protocol, log=number, number=len(cut))
@@ -122,7 +123,7 @@ def _first_fit(session: Session, logs: list[StillSet], batch: Batch) -> LinearMo
         short = replace(protocol, segment_s=SHORT_S)
         cut = [
             pair
-            for number, (log, truth) in enumerate(zip(logs, session.truths, strict=True))
+            for number, (log, truth) in enumerate(zip(logs, session.truths or (), strict=True))
             for pair in cut_at_truth(log.samples, truth, session.config.sensor, short, log=number)
             if pair[0].accepted
         ]
@@ -168,6 +169,6 @@ def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:
                 sigma.append(log.noise.angle_random_walk / np.sqrt(still.duration_s))
                 q.append(q_tb)
                 middle_s.append(began + still.start_s + still.duration_s / 2)
-    q = np.array(q).reshape(-1, 4)
-    turned = earth.in_body(q) if len(q) else np.zeros((0, 3))
-    return StillRates(np.array(rate).reshape(-1, 3), turned, np.array(sigma).reshape(-1, 3), q, np.array(middle_s))
+    attitude = np.array(q).reshape(-1, 4)
+    turned = earth.in_body(attitude) if len(attitude) else np.zeros((0, 3))
+    return StillRates(np.array(rate).reshape(-1, 3), turned, np.array(sigma).reshape(-1, 3), attitude, np.array(middle_s))

@@ -13,9 +13,10 @@ from session.log.samples import Samples
 from session.log.truth import Truth
 from tinygc.attitude import rotation
 from tinygc.attitude.integrate import steps
+from tinygc.closure.residual import RateMap
 
 
-def orientation_error(samples: Samples, truth: Truth, model, integrator: str = "exact") -> tuple[np.ndarray, np.ndarray]:
+def orientation_error(samples: Samples, truth: Truth, model: RateMap, integrator: str = "exact") -> tuple[np.ndarray, np.ndarray]:
     """t_s (K,) since the first moment, and rotation vectors (K, 3) rad in the body's axes, of the truth's moments within the log.
 
     ``model`` maps measured rates (N, 3) to calibrated ones.  Raises DataError where the truth's times are not the log's.
@@ -29,7 +30,7 @@ def orientation_error(samples: Samples, truth: Truth, model, integrator: str = "
     return part.t_s[rows - rows[0]], rotation.log(rotation.multiply(rotation.conjugate(q_true), q))
 
 
-def absolute_orientation_error(samples: Samples, truth: Truth, model, integrator: str = "exact") -> float:
+def absolute_orientation_error(samples: Samples, truth: Truth, model: RateMap, integrator: str = "exact") -> float:
     """AOE in rad."""
     _, error = orientation_error(samples, truth, model, integrator)
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

@@ -16,6 +16,7 @@ from session.detect.stills import Still
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch, attitudes, nearest_yaw
 from tinygc.models.linear import LinearModel
+from tinygc.problem.still_set import StillSet
 
 if TYPE_CHECKING:
     from session.detect.segments import Segment
@@ -53,10 +54,11 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
     groups, begun = 0, -1
     for i, segment in enumerate(segments):
         stills = logs[segment.log].stills
-        first, last = (stills.index(still) for still in (segment.first, segment.last))
+        first, last = (stills.index(still) for still in segment.stills)
         if segment.log != begun:
             previous = _end_of(logs, q_tb, group, segment.log - 1)
-            if previous is not None and goes_on(logs[segment.log - 1].samples, previous[0], logs[segment.log].samples, segment.first):
+            begins = stills[first]
+            if previous is not None and goes_on(logs[segment.log - 1].samples, previous[0], logs[segment.log].samples, begins):
                 _, q_before, group[segment.log][first] = previous
                 q_tb[segment.log][first] = nearest_yaw(q_before, q_tb[segment.log][first])
             else:
@@ -74,7 +76,7 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
     return carried, replace(chain, start=start, end=end)
 
 
-def _end_of(logs, q_tb, group, number: int) -> tuple[Still, np.ndarray, int] | None:
+def _end_of(logs: list[StillSet], q_tb: list[np.ndarray], group: list[np.ndarray], number: int) -> tuple[Still, np.ndarray, int] | None:
     """The last reference still of a log, with its attitude and group."""
     if number < 0:
         return None

@@ -68,18 +68,23 @@ class GimbalTurn(Protocol):
     """What one gimbal does between two moments: a ``Stroke``, or what stands for one."""
 
     @property
-    def gimbal(self) -> int: ...
+    def gimbal(self) -> int:
+        """0 outer, 1 middle, 2 inner."""
 
     @property
-    def start_s(self) -> float: ...
+    def start_s(self) -> float:
+        """When it begins, s since the session's first sample."""
 
     @property
-    def stop_s(self) -> float: ...
+    def stop_s(self) -> float:
+        """When it ends."""
 
     @property
-    def change_rad(self) -> float: ...
+    def change_rad(self) -> float:
+        """Net change of the angle, rad."""
 
-    def angle(self, t_s: np.ndarray) -> np.ndarray: ...
+    def angle(self, t_s: np.ndarray) -> np.ndarray:
+        """(3, N): angle since the start, rad, and its two derivatives, at t_s (N,) s between the two moments."""
 
 
 def gimbal_angles(start_rad: np.ndarray, strokes: Sequence[GimbalTurn], t_s: np.ndarray) -> np.ndarray:

@@ -105,6 +105,7 @@ def _closure_run(start_s: float, stop_s: float, vigour: float, rng: np.random.Ge
 
 
 def stroke(gimbal: int, start_s: float, duration_s: float, change_rad: float, rng: np.random.Generator) -> Stroke:
+    """A stroke with its irregularity drawn: change_rad between start_s and start_s + duration_s."""
     slow_rad = abs(change_rad) * SLOW_FRACTION * rng.uniform(0, 1, SLOW_WAVES)
     tremor_rad = TREMOR_RAD * rng.uniform(0, 1, TREMOR_WAVES)
     hertz = np.concatenate([rng.uniform(*SLOW_HZ, SLOW_WAVES), rng.uniform(*TREMOR_HZ, TREMOR_WAVES)])

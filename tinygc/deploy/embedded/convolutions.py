@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tinygc.deploy.embedded.stage import Cost, Inputs, Stage, single
+from tinygc.models.denoiser import Denoiser
 
 _LAYER = """\
 /* {number}: {inputs} channel(s) to {outputs}, kernel {kernel}, dilation {dilation}.  The oldest sample comes first. */
@@ -34,7 +35,7 @@ static void layer{number}(const float *w, float ring[{slots}][{inputs}], unsigne
 class Denoise(Stage):
     """The three axes' convolutions; the weights (axis, tap, out, in), the oldest tap first, as the C reads them."""
 
-    def __init__(self, denoiser):
+    def __init__(self, denoiser: Denoiser):
         self._weights = [single(w, "the denoiser") for w in (denoiser.conv1, denoiser.conv2, denoiser.conv3)]
         self._dilations = tuple(denoiser.dilations)
         self._slope = None if denoiser.slope == 1 else single(denoiser.slope, "the denoiser")
@@ -53,16 +54,13 @@ class Denoise(Stage):
         )
         self.state += "    unsigned char newest[3];\n    unsigned char running;\n"
         rings = sum(slots * inputs for slots, (_, inputs) in zip(self._slots, shapes, strict=True))
+        self.functions, self.body = "\n".join(self._layer(n) for n in range(3)), self._statements()
         self.state_bytes = 4 * 3 * self._signs * rings + 4
         products = sum(w.size for w in self._weights) * self._signs
         bends = sum(w.shape[1] for w in self._weights) * 3 * self._signs if self._signs == 2 else 0
         self.cost = Cost(products + bends + (3 if bends else 0), products + (3 if bends else 0), bends)
 
     start = "state->newest[0] = state->newest[1] = state->newest[2] = 0;\nstate->running = 0;"
-
-    @property
-    def functions(self) -> str:
-        return "\n".join(self._layer(n) for n in range(3))
 
     def _layer(self, n: int) -> str:
         _, outputs, inputs, kernel = self._weights[n].shape
@@ -82,8 +80,7 @@ class Denoise(Stage):
             results="\n".join(f"    y[{o}] = {bent.format(o=o)};" for o in range(outputs)),
         )
 
-    @property
-    def body(self) -> str:
+    def _statements(self) -> str:
         """Run the layers of each axis; then, since all axes share the rings' positions, move these on."""
         fills = [f"state->running ? 1 : {slots}" for slots in self._slots]
         channels = [weight.shape[1] for weight in self._weights]

@@ -36,9 +36,10 @@ class PerAxis(Stage):
     def __init__(self, code: PerAxisC, theta: np.ndarray, known: Conditions):
         self._code, self.says = code, code.says
         self.constants = {name: single(value, code.says) for name, value in code.values(theta, known).items()}
+        self.body = self._statements()
+        self.cost = sum([code.cost] * (3 * code.passes), Cost())
 
-    @property
-    def body(self) -> str:
+    def _statements(self) -> str:
         code = self._code
         if code.passes == 1:
             return f"for (int i = 0; i < 3; i++)\n    r[i] -= {code.term};"
@@ -46,10 +47,6 @@ class PerAxis(Stage):
             "for (int i = 0; i < 3; i++) {\n    float w = r[i];\n"
             f"    for (int pass = 0; pass < {code.passes}; pass++)\n        w = r[i] - {code.term};\n    r[i] = w;\n}}"
         )
-
-    @property
-    def cost(self) -> Cost:
-        return sum([self._code.cost] * (3 * self._code.passes), Cost())
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
         w = rate
@@ -80,7 +77,7 @@ def effect_stage(claim: Claim, known: Conditions) -> Stage:
     if isinstance(code, MatrixC):
         stage: Stage = Matrix(code, theta, known, effect.id)
     else:
-        stage = (PerAxis if isinstance(code, PerAxisC) else Own)(code, theta, known)
+        stage = PerAxis(code, theta, known) if isinstance(code, PerAxisC) else Own(code, theta, known)
     for name in stage.constants:
         if not re.fullmatch("[A-Z][A-Z0-9_]*", name):
             raise ExportError(f"{effect.id} cannot be exported to C: {name!r} is no name for a constant, expected capital letters")

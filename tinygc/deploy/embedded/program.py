@@ -19,6 +19,7 @@ from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.linear import LinearModel
+from tinygc.models.model import Model
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.models.published_net import PublishedNet
 
@@ -51,7 +52,7 @@ class Program:
         return zlib.crc32(b"".join(array.astype("<f4").tobytes() for array in self.constants.values()))
 
 
-def program(model) -> Program:
+def program(model: Model) -> Program:
     """Of any model that ``tinygc.models`` reads.  ExportError says what cannot be carried."""
     stages = tuple(_stages(model))
     names = [name for stage in stages for name in stage.constants]
@@ -60,7 +61,7 @@ def program(model) -> Program:
     return Program(stages, model.parameters)
 
 
-def _stages(model) -> list[Stage]:
+def _stages(model: Model) -> list[Stage]:
     if type(model) not in STAGES:
         raise ExportError(f"a model of type {type(model).__name__} cannot be exported to C: there is no C for it; json carries it")
     return STAGES[type(model)](model)

@@ -202,7 +202,7 @@ def _rows(array: np.ndarray) -> str:
     return "{\n" + ",\n".join(indent(_rows(row), "    ") for row in array) + "}"
 
 
-def _number(value) -> str:
+def _number(value: np.generic) -> str:
     """A literal that reads back as the same number: the shortest decimals of a float32, or an integer."""
     if isinstance(value, np.integer):
         return str(value)

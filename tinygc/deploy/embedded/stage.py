@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tinygc.deploy.exports import ExportError
 from tinygc.effects import Cost
@@ -21,12 +22,12 @@ class Inputs:
     temp_c: np.ndarray
 
     @classmethod
-    def of(cls, rate, force=None, temp_c=None) -> Inputs:
+    def of(cls, rate: ArrayLike, force: ArrayLike | None = None, temp_c: ArrayLike | None = None) -> Inputs:
         """Rounded to float32; what is not given is zero."""
-        rate = np.asarray(rate, dtype=np.float32)
-        zeros = np.zeros_like(rate)
+        rates = np.asarray(rate, dtype=np.float32)
+        zeros = np.zeros_like(rates)
         return cls(
-            rate,
+            rates,
             zeros if force is None else np.asarray(force, dtype=np.float32),
             zeros[:, 0] if temp_c is None else np.asarray(temp_c, dtype=np.float32),
         )
@@ -51,7 +52,7 @@ class Stage:
         raise NotImplementedError
 
 
-def single(values, what: str) -> np.ndarray:
+def single(values: ArrayLike, what: str) -> np.ndarray:
     """As float32; ExportError where that has no such number."""
     with np.errstate(over="ignore"):
         rounded = np.asarray(values, dtype=float).astype(np.float32)

@@ -14,6 +14,7 @@ model raises ``ExportError`` with one line: what cannot be carried, and which fo
 from __future__ import annotations
 
 import importlib
+from types import ModuleType
 
 from session.common.errors import CalibrationError
 
@@ -24,6 +25,6 @@ class ExportError(CalibrationError):
     """A format that cannot carry the model, or a fit that lacks what the format needs."""
 
 
-def exporter(name: str):
+def exporter(name: str) -> ModuleType:
     """The module of a format."""
     return importlib.import_module(f"tinygc.deploy.exports.{name}")

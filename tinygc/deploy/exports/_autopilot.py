@@ -8,12 +8,13 @@ from session.common.units import DEG
 from tinygc.deploy.exports import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import LinearPart, linear_part
+from tinygc.models.model import Model
 
 #: degC around the session's temperatures within which a straight line may be trusted
 BEYOND_C = 5.0
 
 
-def offsets(model, context: Context, name: str) -> tuple[LinearPart, tuple[float, float] | None]:
+def offsets(model: Model, context: Context, name: str) -> tuple[LinearPart, tuple[float, float] | None]:
     """The linear part, and the range of temperatures of a model that follows temperature; says what is lost."""
     part = linear_part(model, name, carries=("temperature",))
     full_scale = context.config.sensor.gyro_fs_dps

@@ -19,6 +19,7 @@ from session.sensor.typical import typical_of
 from tinygc import models
 from tinygc.deploy.exports import ExportError
 from tinygc.fitting import bias
+from tinygc.models.model import Model
 
 #: the method that is taken unless another is asked for
 PREFERRED = "least_squares"
@@ -75,12 +76,12 @@ class Context:
 
     def temperature_c(self) -> tuple[float, float] | None:
         """Coldest and warmest of the calibration logs, degC; None where they do not tell.  Reads them."""
-        seen = [read_log(path, self.config.sensor).samples.temp_c for path in self.logs]
-        seen = [values for values in seen if values is not None]
+        read = [read_log(path, self.config.sensor).samples.temp_c for path in self.logs]
+        seen = [values for values in read if values is not None]
         return (float(min(map(np.min, seen))), float(max(map(np.max, seen)))) if seen else None
 
 
-def read_context(folder: Path, method: str | None = None, say: Callable[[str], None] = lambda line: None):
+def read_context(folder: Path, method: str | None = None, say: Callable[[str], None] = lambda line: None) -> tuple[Model, Context]:
     """``(model, Context)`` of a fitted session.
 
     ``method`` names one of the fit's models, or is a model file; without it least squares is taken.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from session.common.units import G
 from tinygc.deploy.exports import ExportError
@@ -12,6 +13,7 @@ from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.linear import LinearModel
+from tinygc.models.model import Model
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.models.published_net import PublishedNet
 
@@ -50,7 +52,7 @@ class LinearPart:
         return f"Try: measured {words(m)} rad/s{force} must give {words(np.round(omega, 9))} rad/s."
 
 
-def linear_part(model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
+def linear_part(model: Model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
     """Of a model that is linear, up to effects that are ``linear_in`` what the format ``carries``.  Raises ExportError for the rest."""
     if isinstance(model, DenoisedNet):
         raise ExportError(f"{name} has no memory, and this model denoises; {ELSEWHERE}")
@@ -58,7 +60,7 @@ def linear_part(model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
         slopes = np.concatenate([np.ravel(getattr(model, name)) for name in model.SHAPES if name.startswith("slope")])
         if np.abs(slopes - 1).max() > UNBENT:
             raise ExportError(f"{name} is linear, and this TinyGC-Net bends (slopes {slopes.tolist()}); {ELSEWHERE}")
-        model = LinearModel(np.eye(3) + model.W2 @ model.W1, model.W2 @ model.b1 + model.b2)
+        linear = LinearModel(np.eye(3) + model.W2 @ model.W1, model.W2 @ model.b1 + model.b2)
     K, k, first_c = np.zeros((3, 3)), np.zeros(3), 25.0
     if model.kind in NETS_BESIDE:
         raise ExportError(f"{name} cannot carry {NETS_BESIDE[model.kind]}; {ELSEWHERE}")
@@ -71,13 +73,15 @@ def linear_part(model, name: str, carries: tuple[str, ...] = ()) -> LinearPart:
                 K = K + claim.theta.reshape(3, 3) / G
             else:
                 k, first_c = k + claim.theta, model.known.first_temp_c
-        model = model.linear
-    return LinearPart(np.asarray(model.E, dtype=float), np.asarray(model.B, dtype=float), K, k, float(first_c))
+        linear = model.linear
+    if isinstance(model, LinearModel):
+        linear = model
+    return LinearPart(np.asarray(linear.E, dtype=float), np.asarray(linear.B, dtype=float), K, k, float(first_c))
 
 
-def words(array: np.ndarray) -> str:
+def words(numbers: ArrayLike) -> str:
     """Numbers as YAML and JSON read them, every digit kept."""
-    array = np.asarray(array, dtype=float)
+    array = np.asarray(numbers, dtype=float)
     if array.ndim:
         return "[" + ", ".join(words(part) for part in array) + "]"
     text = repr(float(array))

@@ -7,6 +7,7 @@ import numpy as np
 from session.common.units import DEG, G
 from session.log.config import Sensor
 from tinygc.deploy.calibration import Calibration
+from tinygc.models.model import Model
 
 #: beyond the longest memory that a model has
 SAMPLES = 64
@@ -15,7 +16,7 @@ SEED = 20240302
 FILLED = 0.8
 
 
-def self_test(model, sensor: Sensor, samples: int = SAMPLES) -> dict:
+def self_test(model: Model, sensor: Sensor, samples: int = SAMPLES) -> dict:
     """Consecutive samples at the nominal data rate, drawn with a fixed seed: inputs and outputs, all SI."""
     rng = np.random.default_rng(SEED)
     full_scale = sensor.gyro_fs_dps * DEG

@@ -11,6 +11,7 @@ import numpy as np
 from tinygc.deploy.exports._autopilot import cannot_scale, offsets
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._remarks import remarks
+from tinygc.models.model import Model
 
 NAME = "ardupilot"
 SUMMARY = "ArduPilot parameters: gyroscope offsets and temperature terms (no scale)"
@@ -18,7 +19,7 @@ SCALE = 1e6  #: of the polynomial's coefficients
 LEAST_C = 10.0  #: INS_TCAL1_TMAX must be so far above INS_TCAL1_TMIN
 
 
-def export(model, context: Context) -> dict[str, str]:
+def export(model: Model, context: Context) -> dict[str, str]:
     """The zero of linear models, with thermal bias."""
     part, celsius = offsets(model, context, NAME)
     values = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", part.bias, strict=True)}

@@ -7,12 +7,13 @@ from tinygc.deploy.embedded.program import program
 from tinygc.deploy.embedded.register_input import Registers
 from tinygc.deploy.embedded.source import source_files
 from tinygc.deploy.exports._context import Context
+from tinygc.models.model import Model
 
 NAME = "c"
 SUMMARY = "C99 source for a microcontroller: no library, no allocation, single precision, with a self-test"
 
 
-def export(model, context: Context) -> dict[str, str]:
+def export(model: Model, context: Context) -> dict[str, str]:
     """Raises ExportError for physics that no device can undo sample by sample."""
     sensor = context.config.sensor
     chosen = program(model)
@@ -22,7 +23,7 @@ def export(model, context: Context) -> dict[str, str]:
         "sensor": f"{sensor.model} {sensor.serial}, {sensor.odr_hz:g} Hz",
     }
     if model.made_for_hz:
-        facts["denoiser"] = f"made for {model.rate_hz:g} Hz, {1e3 * model.delay_s:.2f} ms late"
+        facts["denoiser"] = f"made for {model.made_for_hz:g} Hz, {1e3 * model.delay_s:.2f} ms late"
     for name in [*context.hashes][:1]:  # the model's own file
         facts["sha256"] = f"{context.hashes[name]} {name}"
     return source_files(chosen, Registers.of(context.config), f"A gyroscope's calibration, by TinyGC {VERSION}.", facts)

@@ -9,12 +9,13 @@ from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._self_test import self_test
 from tinygc.fitting.versions import versions
 from tinygc.models import linear
+from tinygc.models.model import Model
 
 NAME = "json"
 SUMMARY = "documented JSON with covariance, units, hashes and a self-test"
 
 
-def export(model, context: Context) -> dict[str, str]:
+def export(model: Model, context: Context) -> dict[str, str]:
     """Every model can be carried."""
     sensor, accelerometer = context.config.sensor, context.config.accelerometer
     table = models.to_dict(model)

@@ -13,6 +13,7 @@ from tinygc.deploy.exports import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import LinearPart, linear_part, words
 from tinygc.deploy.exports._remarks import remarks
+from tinygc.models.model import Model
 
 NAME = "kalibr"
 SUMMARY = "imu.yaml and the intrinsics block of Kalibr's scale-misalignment model"
@@ -23,15 +24,16 @@ FLOOR = 0.664
 ACCEL_INSTABILITY_MPS2 = 4e-4
 
 
-def export(model, context: Context) -> dict[str, str]:
+def export(model: Model, context: Context) -> dict[str, str]:
     """Linear models, with g-sensitivity."""
     part = linear_part(model, NAME, carries=("force",))
-    if context.gyro_noise is None or context.accel_noise is None:
+    noise, accel_noise, instability = context.gyro_noise, context.accel_noise, context.gyro_instability
+    if noise is None or accel_noise is None:
         raise ExportError("kalibr needs the noise that `calibrate.py fit` measured (fit.json beside the model)")
-    if context.gyro_instability is None:
+    if instability is None:
         raise ExportError("kalibr needs a bias instability: give sensor.gyro_bias_instability_dph in session.toml")
     context.say("kalibr: the random walks in imu.yaml are guesses from bias instability; minutes of recording do not show them")
-    return {"imu.yaml": _imu(context), "imu-intrinsics.yaml": _intrinsics(part, context)}
+    return {"imu.yaml": _imu(context, noise, accel_noise, *instability), "imu-intrinsics.yaml": _intrinsics(part, context)}
 
 
 def factor(part: LinearPart) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -42,11 +44,10 @@ def factor(part: LinearPart) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.tril(M), C, part.M @ part.K @ C.T
 
 
-def _imu(context: Context) -> str:
+def _imu(context: Context, gyro_noise: np.ndarray, accel_noise: np.ndarray, instability: float, source: str) -> str:
     # Kalibr's densities are two-sided, as IEEE 952's random walks are: the one-sided ones that the stills show, over sqrt 2.
-    gyro, accel = context.gyro_noise / np.sqrt(2), context.accel_noise / np.sqrt(2)
+    gyro, accel = gyro_noise / np.sqrt(2), accel_noise / np.sqrt(2)
     walk = np.sqrt(3 / WALK_S) * FLOOR
-    instability, source = context.gyro_instability
     said = f" (the gyroscope's: {source})" if not source.startswith("typical") else ""
     return remarks(
         context,

@@ -7,13 +7,14 @@ import numpy as np
 from tinygc.deploy.exports._autopilot import cannot_scale, offsets
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._remarks import remarks
+from tinygc.models.model import Model
 
 NAME = "px4"
 SUMMARY = "PX4 parameters: gyroscope offsets and temperature terms (no scale)"
 INT32, FLOAT = 6, 9  #: MAVLink's parameter types
 
 
-def export(model, context: Context) -> dict[str, str]:
+def export(model: Model, context: Context) -> dict[str, str]:
     """The zero of linear models, with thermal bias."""
     part, celsius = offsets(model, context, NAME)
     rates = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", part.bias, strict=True)}

@@ -9,12 +9,13 @@ from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import linear_part, words
 from tinygc.deploy.exports._remarks import remarks
 from tinygc.models.linear import NAMES
+from tinygc.models.model import Model
 
 NAME = "ros"
 SUMMARY = "a ROS 2 parameter file with sensor_msgs/Imu covariances"
 
 
-def export(model, context: Context) -> dict[str, str]:
+def export(model: Model, context: Context) -> dict[str, str]:
     """Linear models, with g-sensitivity."""
     part = linear_part(model, NAME, carries=("force",))
     if context.gyro_noise is None or context.accel_noise is None:

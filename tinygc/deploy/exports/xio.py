@@ -10,12 +10,13 @@ from session.common.units import DEG, G
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import linear_part
 from tinygc.deploy.exports._remarks import remarks
+from tinygc.models.model import Model
 
 NAME = "xio"
 SUMMARY = "misalignment, sensitivity, offset for x-io's Fusion (C) and x-IMU3 (JSON)"
 
 
-def export(model, context: Context) -> dict[str, str]:
+def export(model: Model, context: Context) -> dict[str, str]:
     """Linear models."""
     part = linear_part(model, NAME)
     accelerometer = context.config.accelerometer

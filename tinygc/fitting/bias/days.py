@@ -2,7 +2,7 @@
 
 E lasts, the bias does not.  A single bias for logs of several days bends E towards whatever mixes with it (on the EuRoC windows by 0.4 %).
 Here each log has a bias of its own, E is common, and the stored bias is the logs' median: the day that is unlike the others pulls on
-neither.  Weights follow the distances, as in ``distance.py``, for the same reason.
+neither.  Weights follow the distances, as in ``distance_loss.py``, for the same reason.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ def train_denoiser(
     progress: Progress = lambda step, steps: None,
     checkpoint: Checkpoint | None = None,
 ) -> DenoiserTraining:
-    """The whole net with this calibration, frozen; checkpoint (``adamw.Checkpoint``) where AdamW trains it.
+    """The whole net with this calibration, frozen; checkpoint (``adamw_checkpoint.Checkpoint``) where AdamW trains it.
 
     Raises FitError where the loss is not finite, or there is nothing to smooth.
     """

@@ -1,7 +1,7 @@
 """First order: the paper's AdamW at 0.01 on the whole batch, differentiating through the tree product.
 
 The loss is the mean square of the residuals in sigmas, or, as the paper states it, a mean of distances: of segment i, its residual in
-sigmas over sigma_i, which is what the reweighting of ``distance.fit_distance`` settles at.
+sigmas over sigma_i, which is what the reweighting of ``distance_loss.fit_distance`` settles at.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ costs about one epoch.  It leads from the identity to the linear solution, and f
 along a path of weaker and weaker ties to it; on that path the step whose predicted error is least (leave one segment out) is kept, so
 that 27 parameters do not fit the noise that 12 leave alone.
 
-First order: the paper's AdamW at 0.01 in PyTorch (training_adamw), differentiating through the tree product.  Only that imports torch,
-which takes seconds; the second order needs no autograd.
+First order: the paper's AdamW at 0.01 in PyTorch (``adamw_training.py``), differentiating through the tree product.  Only that imports
+torch, which takes seconds; the second order needs no autograd.
 """
 
 from __future__ import annotations
@@ -35,15 +35,20 @@ class Net(Protocol):
     """What training asks of a kind of net."""
 
     @property
-    def vector(self) -> Any: ...
+    def vector(self) -> Any:
+        """(P,): its weights."""
 
-    def with_vector(self, vector: Any) -> Net: ...
+    def with_vector(self, vector: Any) -> Net:
+        """The same kind of net with other weights (P,)."""
 
-    def rungs(self, typical_rps: float, ties: tuple[float, ...]) -> list[tuple[float, np.ndarray]]: ...
+    def rungs(self, typical_rps: float, ties: tuple[float, ...]) -> list[tuple[float, np.ndarray]]:
+        """(tie, prior sigma (P,) of the weights around the identity), from the linear model to a free one."""
 
-    def __call__(self, rate: Any, /) -> Any: ...
+    def __call__(self, rate: Any, /) -> Any:
+        """Calibrated rate (..., 3) rad/s from what the net is told (..., 3 + K), the measured rate first."""
 
-    def columns(self, sensitivity: np.ndarray, rate: np.ndarray, /) -> np.ndarray: ...
+    def columns(self, sensitivity: np.ndarray, rate: np.ndarray, /) -> np.ndarray:
+        """(S, d, P): how each weight turns the end attitude, from sensitivity (S, T, d, 3) and inputs (S, T, 3 + K)."""
 
 
 @dataclass(frozen=True, eq=False)

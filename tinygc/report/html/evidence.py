@@ -54,6 +54,7 @@ class Evidence:
 
     @property
     def problem(self) -> Problem:
+        """That the fit was made of."""
         return self.fit.problem
 
     @property

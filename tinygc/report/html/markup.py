@@ -27,6 +27,7 @@ def escape(text: object) -> str:
 
 
 def paragraph(html: str, kind: str = "") -> str:
+    """HTML as a paragraph, with a class of the style sheet."""
     return f"<p{_kind(kind)}>{html}</p>"
 
 

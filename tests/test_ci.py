@@ -1,0 +1,96 @@
+"""What a hosted service and a commit hook check is what ``.ci/run`` checks; the reference of the API keeps to what is there."""
+
+import importlib.util
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parent.parent
+RUN = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+STYLE = ("ruff check .", "ruff format --check .", "mypy")
+
+
+def commands() -> list[str]:
+    """Lines of ``.ci/run`` that are a command of their own."""
+    return [line.strip() for line in RUN.splitlines()]
+
+
+def steps(job: dict) -> list[str]:
+    return [step["run"] for step in job["steps"] if "run" in step]
+
+
+def test_the_hosted_service_runs_the_same_script():
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))["jobs"]
+    assert steps(jobs["whole"]) == [".ci/run"]
+    oldest = re.search(r"\d+\.\d+", SETTINGS["project"]["requires-python"]).group()
+    assert jobs["whole"]["strategy"]["matrix"]["python"] == [oldest, "3.x"]
+    assert {"windows-latest", "macos-latest"} == set(jobs["elsewhere"]["strategy"]["matrix"]["system"])
+    assert steps(jobs["elsewhere"]) == ['python -m pip install -e ".[test]" -c constraints.txt', 'python -m pytest -m "not slow"']
+
+
+def test_a_commit_is_checked_by_the_commands_of_the_script():
+    repos = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    own = [hook["entry"] for repo in repos if repo["repo"] == "local" for hook in repo["hooks"]]
+    assert tuple(own) == STYLE
+    assert set(own) <= set(commands())
+    assert all("rev" in repo for repo in repos if repo["repo"] != "local")
+
+
+def test_the_script_checks_types_the_reference_and_all_tests():
+    assert 'python docs/api.py "$scratch/api"' in commands()
+    assert any(line.endswith("python -m pytest") for line in commands())
+    assert SETTINGS["tool"]["mypy"]["files"] == ["tinygc", "session", "calibrate.py"]
+    assert SETTINGS["tool"]["mypy"]["disallow_untyped_defs"] is True
+    assert all((ROOT / package / "py.typed").exists() for package in ("tinygc", "session"))
+
+
+def test_what_checks_has_a_pinned_version():
+    pinned = {line.split("==")[0] for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line}
+    extras = SETTINGS["project"]["optional-dependencies"]
+    wanted = {re.match(r"[\w-]+", name).group() for name in (*extras["test"], *extras["docs"])}
+    assert {name.lower() for name in wanted} <= {name.lower() for name in pinned}
+
+
+@pytest.fixture(scope="module")
+def api():
+    spec = importlib.util.spec_from_file_location("api", ROOT / "docs" / "api.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("word", "there"),
+    [
+        ("tinygc.models.load", True),
+        ("tinygc.models.lode", False),
+        ("tinygc/models/files.py", True),
+        ("tinygc/models/flies.py", False),
+        ("distance_loss.py", True),
+        ("distance_lost.py", False),
+        ("LinearModel.vector", True),
+        ("LinearModel.victor", False),
+        ("linear.LinearModel", True),
+        ("quadratic.LinearModel", False),
+        ("session.toml", True),
+        ("goodness.excess", True),
+    ],
+)
+def test_a_reference_in_a_docstring_leads_somewhere(api, word, there):
+    every = {"tinygc.models.load", "tinygc.models.linear.LinearModel", "tinygc.models.linear.LinearModel.vector"}
+    assert api.is_known(every, word) is there
+
+
+def test_a_public_name_without_a_docstring_is_a_problem(api, tmp_path, monkeypatch):
+    documented = pytest.importorskip("pdoc.doc")
+    (tmp_path / "spoilt.py").write_text(
+        '"""A module."""\n\ndef said():\n    """Said in ``spoilt.Lost``."""\n\ndef unsaid():\n    pass\n\ndef _own():\n    pass\n'
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    module = documented.Module(importlib.import_module("spoilt"))
+    problems = api.problems_of(module, lambda word: word != "spoilt.Lost")
+    assert problems == ["spoilt.said: ``spoilt.Lost`` is not there", "spoilt.unsaid: no docstring"]

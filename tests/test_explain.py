@@ -398,7 +398,7 @@ KEYS = {
     "fit": dict,
     "next": (str, type(None)),
 }
-#: said beyond what FORMATS asks for
+#: said beyond what docs/formats.md asks for
 MORE = {"findings", "logs", "warnings", "seen_from", "within_stills", "channels", "turn_gravity", "noise", "version"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]
 

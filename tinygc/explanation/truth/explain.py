@@ -119,7 +119,7 @@ class TruthExplanation:
 
     @property
     def verdict(self) -> str:
-        """As FORMATS names them."""
+        """As docs/explain.md names them."""
         if not self.claims:
             return "unexplained" if self.p_value <= FAMILY_WISE else "no_mismatch"
         slow = self.neighbours[1] > SLOW or any(claim.effect.id.startswith("unknown") for claim in self.claims)

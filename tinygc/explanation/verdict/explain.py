@@ -1,4 +1,4 @@
-"""``calibrate.py explain``: detect, locate, name, refuse, refit, prove (DESIGN, explaining a mismatch)."""
+"""``calibrate.py explain``: detect, locate, name, refuse, refit, prove (docs/explain.md)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tinygc.problem.problem import Problem
 
 @dataclass(eq=False)
 class Explanation:
-    """All that was found; see ``tinygc-explain/1`` in FORMATS for the verdicts.
+    """All that was found; see docs/explain.md for the verdicts.
 
     channel_p, left: of the channels under one calibration, before and after what is claimed; own_p: of each by itself, both;
     seen_from: effect id -> size in its parameter's unit from which it would have shown.

@@ -1,4 +1,4 @@
-"""Parameters as FORMATS names them, in people's units, with their standard deviations."""
+"""Parameters as docs/formats.md names them, in people's units, with their standard deviations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An explanation as ``tinygc-explain/1`` (FORMATS): what, where, how sure, and what would tell more."""
+"""An explanation as ``tinygc-explain/1`` (docs/formats.md): what, where, how sure, and what would tell more."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from session.common.errors import CalibrationError
 from tinygc.effect_checks import device, forms, live, numbers
@@ -14,6 +15,9 @@ from tinygc.effect_checks.sessions import explanation_of
 from tinygc.effects import Effect, EffectError
 from tinygc.effects.trial import tried
 from tinygc.explanation.verdict.explain import Explanation
+
+if TYPE_CHECKING:
+    from tinygc.effect_checks.sessions import Found
 
 PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")
 
@@ -60,7 +64,7 @@ def check(
     return Report(effect.id, tuple(_part(name, run[name]) for name in PARTS if name in parts))
 
 
-def recover_one(effect: Effect, size: float, value: float | None):
+def recover_one(effect: Effect, size: float, value: float | None) -> Found:
     """One session with the effect, fitted, whatever comes of it."""
     import tempfile
     from pathlib import Path

@@ -13,7 +13,7 @@ import numpy as np
 
 from session.common.units import NS_PER_S
 from session.log.samples import Samples
-from tinygc.deploy.embedded.program import program
+from tinygc.deploy.embedded.program import Program, program
 from tinygc.deploy.embedded.source import FLAGS, SOURCE, source_files
 from tinygc.deploy.embedded.stage import Inputs
 from tinygc.effect_checks.live import RATE_HZ
@@ -55,13 +55,15 @@ def c(trial: Trial) -> str:
 def _samples() -> Samples:
     """A hand's movement, then readings that have nothing to do with one another."""
     moved, rng = log(RATE_HZ), np.random.default_rng(0)
+    assert moved.temp_c is not None  # as ``log`` makes it
     rate, force = rng.uniform(-FULL_SCALE, FULL_SCALE, (RANDOM, 3)), 9.8 * rng.normal(size=(RANDOM, 3))
     stamps = moved.t_ns[-1] + np.rint(np.arange(1, RANDOM + 1) * (NS_PER_S / RATE_HZ)).astype(np.int64)
-    parts = zip((moved.t_ns, moved.gyro, moved.accel, moved.temp_c), (stamps, rate, force, rng.uniform(10, 40, RANDOM)), strict=True)
-    return Samples(*(np.concatenate(pair) for pair in parts))
+    temp_c = np.concatenate([moved.temp_c, rng.uniform(10, 40, RANDOM)])
+    t_ns, gyro, accel = (np.concatenate(pair) for pair in ((moved.t_ns, stamps), (moved.gyro, rate), (moved.accel, force)))
+    return Samples(t_ns, gyro, accel, temp_c)
 
 
-def _compiled(chosen, inputs: Inputs) -> np.ndarray:
+def _compiled(chosen: Program, inputs: Inputs) -> np.ndarray:
     """(N, 3) float32, sample after sample."""
     files = source_files(chosen, None, "A check of an effect.", {})
     with tempfile.TemporaryDirectory() as folder:
@@ -73,7 +75,9 @@ def _compiled(chosen, inputs: Inputs) -> np.ndarray:
         if made.returncode:
             raise Wrong(f"its C does not compile: {' '.join(made.stderr.split())[:200]}")
         loaded = ctypes.CDLL(str(library))
-    size = int(re.search(r"state_is_(\d+)_bytes", files[SOURCE])[1])
+    told = re.search(r"state_is_(\d+)_bytes", files[SOURCE])
+    assert told is not None  # ``source_files`` writes it
+    size = int(told[1])
     state = ctypes.create_string_buffer(b"\xa5" * size, size)  # what was in memory before must not matter
     loaded.tinygc_start(state)
     table = np.ascontiguousarray(np.column_stack([inputs.rate, inputs.force, inputs.temp_c]), dtype=np.float32)

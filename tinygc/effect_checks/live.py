@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from session.common.errors import CalibrationError
+from session.log.samples import Samples
 from tinygc.deploy.calibration import Calibration
 from tinygc.effect_checks.report import NotChecked, Wrong
 from tinygc.effect_checks.scene import Trial, log
@@ -35,6 +36,7 @@ def live(trial: Trial) -> str:
     _same(np.concatenate([*pieces, stream.flush()]), whole, "in pieces")
     _looks_no_farther(trial, samples)
     try:
+        assert samples.temp_c is not None  # as ``log`` makes them
         one_by_one = np.array([calibration(*sample) for sample in zip(samples.gyro, samples.accel, samples.temp_c, strict=True)])
     except CalibrationError as error:
         if calibration.looks_ahead and "\n" not in str(error):
@@ -51,7 +53,7 @@ def _same(one: np.ndarray, whole: np.ndarray, how: str) -> None:
         raise Wrong(f"{how} it differs from the whole log by {off[at]:.2g} rad/s at sample {at}: does reach say all that it looks at?")
 
 
-def _looks_no_farther(trial: Trial, samples) -> None:
+def _looks_no_farther(trial: Trial, samples: Samples) -> None:
     """What lies beyond the declared reach of a sample does not move its rate."""
     middle = len(samples) // 2
     behind, ahead = trial.effect.looks(trial.theta).rows(RATE_HZ)
@@ -62,6 +64,7 @@ def _looks_no_farther(trial: Trial, samples) -> None:
     if not beyond.any():
         return
     shake = beyond[:, None] * rng.normal(size=(len(samples), 3))
+    assert samples.temp_c is not None
     other = replace(samples, gyro=samples.gyro + 0.3 * shake, accel=samples.accel + shake, temp_c=samples.temp_c + 3 * beyond)
     off = float(np.abs(model.calibrate(other, live=True)[middle] - base).max())
     if not off < WITHIN:

@@ -63,7 +63,7 @@ def _round_trip(trial: Trial) -> None:
     text = json.dumps(models.to_dict(trial.model()), allow_nan=False)
     with having(trial.original):
         try:
-            (claim,) = models.from_dict(json.loads(text)).claims
+            (claim,) = models.from_dict(json.loads(text)).undone
         except Exception as error:
             raise Wrong(f"its model file cannot be read again: {error}") from None
     (entry,) = json.loads(text)["effects"]

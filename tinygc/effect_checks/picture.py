@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from tinygc.effect_checks.report import NotChecked, Wrong
 from tinygc.effects import Effect
 from tinygc.explanation.pictures.panels import draw_claim
 from tinygc.explanation.verdict.explain import Explanation
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 #: of a panel's pixels that must be ink, beyond those of its empty frame
 INK = 0.002
@@ -22,7 +28,7 @@ def picture(effect: Effect, e: Explanation | None) -> str:
         raise NotChecked("no matplotlib on this machine") from None
     if e is None:
         raise NotChecked("no explanation shows it: give one with explanation=")
-    (claim, *_) = [claim for claim in [*e.claimed, *e.findings] if claim.effect.id == effect.id] or [None]
+    claim = next((claim for claim in [*e.claimed, *e.findings] if claim.effect.id == effect.id), None)
     if claim is None:
         raise Wrong(f"the explanation that was given claims no {effect.id}")
     figure = Figure(figsize=(13, 4), layout="constrained")
@@ -41,7 +47,7 @@ def picture(effect: Effect, e: Explanation | None) -> str:
     return f"both panels drawn, {100 * min(shares):.1f} % ink"
 
 
-def _ink(canvas, panel) -> float:
+def _ink(canvas: FigureCanvasAgg, panel: Axes) -> float:
     """Share of the panel's inner pixels that are not white."""
     canvas.draw()
     image = np.asarray(canvas.buffer_rgba())[..., :3]

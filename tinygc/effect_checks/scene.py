@@ -59,7 +59,7 @@ def drawn_theta(effect: Effect, size: float, seed: int) -> np.ndarray:
 
 def middle_value(effect: Effect, movements: list[Movement]) -> float:
     """A value of the scanned shape, SI, between two of its grid."""
-    if effect.scan.grid is None:
+    if effect.scan is None or effect.scan.grid is None:
         return 0.4 * movements[0].duration_s
     values = np.asarray(effect.scan.grid(movements), dtype=float)
     at = len(values) // 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -28,7 +29,8 @@ from tinygc.explanation.verdict.proof import prove
 from tinygc.problem.build import build_problem
 from tinygc.simulation.motion import earth_rate_table
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import plan_of, simulate_session
+from tinygc.simulation.simulate import Disturb, plan_of, simulate_session
+from tinygc.simulation.table_movement import Plan
 from tinygc.simulation.write import config_text, write_files
 
 SEGMENTS, ODR_HZ, WARM_UP_C = 16, 208.0, 10.0
@@ -68,7 +70,7 @@ def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | 
     warm = {"warm_up_c": WARM_UP_C} if "temperature" in effect.inputs else {}
     # The Earth is always there: it is hidden by leaving out where the table stands.
     bench = {"latitude_deg": 60.0, "segments": 3 * SEGMENTS} if effect.kind == "earth" else {}
-    chosen = {"segments": SEGMENTS, "closure_s": 0.0, "odr_hz": ODR_HZ, "seed": seed, "warm_up_c": 1.5} | warm | bench
+    chosen: dict[str, Any] = {"segments": SEGMENTS, "closure_s": 0.0, "odr_hz": ODR_HZ, "seed": seed, "warm_up_c": 1.5} | warm | bench
     options = SimulationOptions(**chosen)
     plan, theta = plan_of(options), drawn_theta(effect, size, seed)
     clean = _Scene(effect, plan, options)
@@ -81,19 +83,20 @@ def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | 
     if effect.kind == "earth":
         text = "\n".join(line for line in text.split("\n") if not line.startswith(("latitude_deg", "heading_deg")))
         theta = earth_rate_table(options.latitude_deg * DEG, simulation.unit.heading_deg * DEG)
-    return Injected(write_files(simulation, folder, text) or folder, theta, value)
+    write_files(simulation, folder, text)
+    return Injected(folder, theta, value)
 
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
     effect: Effect
-    plan: object
+    plan: Plan
     options: SimulationOptions
 
-    def distorted(self, t, rate, force, temp, theta: np.ndarray) -> np.ndarray:
+    def distorted(self, t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray, theta: np.ndarray) -> np.ndarray:
         return self.effect.distort(self.movement(t, rate, self.shaken(t, force), temp), theta)
 
-    def movement(self, t, rate, force, temp) -> Movement:
+    def movement(self, t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> Movement:
         dt_s, force_g, options = float(t[1] - t[0]), force / G, self.options
         first_c, full_scale = options.temperature_start_c, options.gyro_fs_dps * DEG
         return Movement(t, dt_s, rate, force_g, temp, vibration(force_g, dt_s), self.plan.log_s, full_scale, first_c)
@@ -104,7 +107,7 @@ class _Scene:
         still = np.zeros((len(t), 3))
         return self.movement(t, still, still - [0, 0, G], np.full(len(t), self.options.temperature_start_c))
 
-    def disturb(self, theta: np.ndarray):
+    def disturb(self, theta: np.ndarray) -> Disturb | None:
         """What the accelerometer alone feels."""
         if self.effect.kind == "force":
             # A fit allows for a pre-calibration that nobody knows better than this; so this one is as good, and no better.
@@ -136,7 +139,7 @@ def fitted(effect: Effect, injected: Injected) -> Found:
     if effect.scan is not None:
         variants = effect.variants(scanned(twin, effect))
         gains = selection_of(twin, whiten, first, variants, 0).gains(first.r)
-        effect = sharpened(twin, whiten, first, variants[max(gains, key=gains.get)])
+        effect = sharpened(twin, whiten, first, variants[max(gains, key=gains.__getitem__)])
     fit = in_gauge(twin, whiten, refit(twin, whiten, [effect], twin.start()))
     return Found(injected, twin, whiten, first, fit)
 

@@ -41,7 +41,7 @@ def best_order(samples: Samples, rows: np.ndarray, count: int) -> tuple[int, flo
     for order in ORDERS:
         crossed = np.einsum("s,psj->pj", _weights(count, order).sum(axis=0), samples.gyro[places[:, None] + beside])
         missed[order] = float(np.sqrt(np.mean((crossed - true) ** 2))) * samples.period_s
-    order = min(missed, key=missed.get)
+    order = min(missed, key=missed.__getitem__)
     return order, missed[order]
 
 

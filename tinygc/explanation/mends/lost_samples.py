@@ -62,7 +62,7 @@ def find_jumps(samples: Samples) -> Jumps:
     high = np.flatnonzero(total > JUMP)
     # A step between rows k and k+1 is in the third differences k-2, k-1, k as 1, -2, 1.
     peaks = [i for i in high if total[i] >= total[max(i - 2, 0) : i + 3].max()]
-    steps = dict(step for i in peaks for step in _steps_at(i, size, total))
+    steps = dict(step for i in peaks for step in _steps_at(int(i), size, total))
     missing = open_gaps(samples)
     rows = [row for row in sorted(steps) if not missing[row]]
     return Jumps(np.array(rows, dtype=int), np.array([steps[row] for row in rows]).reshape(-1, 6))

@@ -237,9 +237,9 @@ def _lowest(cost: Callable[[int], float], most: int) -> tuple[int, float]:
     """The count of 0 … most with the lowest cost, a valley, and what it saves against 0: coarse steps first, then all between."""
     step = max(1, most // 16)
     costs = {count: cost(count) for count in range(0, most + 1, step)}
-    best = min(costs, key=costs.get)
+    best = min(costs, key=costs.__getitem__)
     costs |= {count: cost(count) for count in range(max(best - step + 1, 0), min(best + step, most + 1)) if count not in costs}
-    best = min(costs, key=costs.get)
+    best = min(costs, key=costs.__getitem__)
     return best, costs[0] - costs[best]
 
 

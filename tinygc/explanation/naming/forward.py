@@ -137,7 +137,7 @@ def _completes(fit: Refit, better: Refit) -> bool:
     return beyond > len(fit.r) and fit.chi_square - better.chi_square > WHOLE_SHARE * beyond
 
 
-def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int) -> Selection:
+def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int) -> Selection[int]:
     """The candidates' columns, whitened, against what the fit already has."""
     columns = {
         number: whiten(twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked()) for number, effect in enumerate(rest)
@@ -147,7 +147,9 @@ def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], s
     return Selection(fit.J, columns, seed, allowances=whiten.allowances, scale_rows=rows, along=along)
 
 
-def _best_exact(twin, whiten, fit: Refit, effects, rest, selection: Selection, log_p: np.ndarray) -> tuple[Effect, Refit]:
+def _best_exact(
+    twin: Twin, whiten: Whitener, fit: Refit, effects: list[Effect], rest: list[Effect], selection: Selection[int], log_p: np.ndarray
+) -> tuple[Effect, Refit]:
     """Of the candidates that linear columns cannot tell apart, the one whose exact refit is best for its number of parameters."""
     gains = np.array(list(selection.gains(fit.r).values()))
     best = int(np.argmin(log_p))
@@ -187,7 +189,7 @@ def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effec
         at = effect.shape[effect.scan.name] * effect.scan.si
         trials = effect.variants(np.linspace(at - reach, at + reach, 15))
         gains = selection_of(twin, whiten, fit, trials, 0).gains(fit.r)
-        effect = trials[max(gains, key=gains.get)]
+        effect = trials[max(gains, key=gains.__getitem__)]
         reach /= 6
     return effect
 
@@ -212,7 +214,7 @@ def _sharpened_again(twin: Twin, whiten: Whitener, effects: list[Effect], fit: R
     return effects, fit
 
 
-def _without_idle(twin, whiten, effects: list[Effect], fit: Refit) -> tuple[list[Effect], Refit]:
+def _without_idle(twin: Twin, whiten: Whitener, effects: list[Effect], fit: Refit) -> tuple[list[Effect], Refit]:
     """Drop an earlier effect that the latest one has made needless: without it chi-square rises by no more than its parameters may."""
     from scipy.stats import chi2
 
@@ -224,7 +226,9 @@ def _without_idle(twin, whiten, effects: list[Effect], fit: Refit) -> tuple[list
     return effects, fit
 
 
-def _replacements(twin, whiten, effects, effect: Effect, fit: Refit, tried: list[Effect], seed: int) -> list[tuple[Effect, Refit]]:
+def _replacements(
+    twin: Twin, whiten: Whitener, effects: list[Effect], effect: Effect, fit: Refit, tried: list[Effect], seed: int
+) -> list[tuple[Effect, Refit]]:
     """Candidates that may replace an effect by their linear gain, each refitted exactly, with the fit in its gauge."""
     others = [other for other in effects if other is not effect]
     ids = {other.id for other in effects}
@@ -234,7 +238,7 @@ def _replacements(twin, whiten, effects, effect: Effect, fit: Refit, tried: list
     gains = selection.gains(base.r)
     bar = 0.9 * (base.chi_square - fit.chi_square) - STAND_IN
     found: dict[str, tuple[Effect, Refit]] = {}
-    for number in sorted(gains, key=gains.get, reverse=True):
+    for number in sorted(gains, key=gains.__getitem__, reverse=True):
         candidate = rest[number]
         if gains[number] < bar or candidate.id in found or len(found) >= MOST_LOOKALIKES:
             continue
@@ -243,7 +247,15 @@ def _replacements(twin, whiten, effects, effect: Effect, fit: Refit, tried: list
     return list(found.values())
 
 
-def _exchanged(twin, whiten, effects: list[Effect], fit: Refit, tried, seed: int, named: dict[str, tuple[float, float]]):
+def _exchanged(
+    twin: Twin,
+    whiten: Whitener,
+    effects: list[Effect],
+    fit: Refit,
+    tried: list[Effect],
+    seed: int,
+    named: dict[str, tuple[float, float]],
+) -> tuple[list[Effect], Refit, list[list[tuple[Effect, Refit]]], dict[str, tuple[float, float]]]:
     """An effect that was named while others were still in the way gives place to a lookalike that does better beside them, by Schwarz's
     criterion; at last effects, fit, each effect's replacements, and p-value and gain by id."""
 

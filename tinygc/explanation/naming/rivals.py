@@ -26,7 +26,7 @@ def best_rival(twin: Twin, whiten: Whitener, naming: Naming, rivals: list[Effect
     gains = selection.gains(naming.first.r)
     guess = {number: _ahead(naming, rivals[number], naming.first.chi_square - gain) for number, gain in gains.items()}
     best, lead = None, -np.inf
-    for number in sorted(guess, key=guess.get, reverse=True)[:MOST]:
+    for number in sorted(guess, key=guess.__getitem__, reverse=True)[:MOST]:
         # A linear gain is a guess of the exact one: the far ones are not worth a refit.
         if guess[number] < -STAND_IN - 0.1 * gains[number]:
             continue

@@ -7,8 +7,10 @@ many correlated groups is not a p-value; its distribution when nothing is missin
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy import stats
@@ -25,16 +27,19 @@ UNSEEN = 1e-4
 #: the same beside the allowances, of which there are twelve, themselves known to finite differences (``twin.SMALL_SHARE``)
 UNSEEN_BESIDE = 1e-3
 
+#: of a candidate: an id, a number, the effect itself
+Name = TypeVar("Name")
+
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class Group(Generic[Name]):
     """A candidate's columns (n, r), orthonormal, after projection; gone where nothing of it is left."""
 
-    name: str
+    name: Name
     basis: np.ndarray
 
 
-class Selection:
+class Selection(Generic[Name]):
     """Candidates against one set of nuisance columns.
 
     nuisance (n, p); candidates: name -> columns (n, P); allowances (n, m): directions that the covariance is wide along;
@@ -44,7 +49,7 @@ class Selection:
     def __init__(
         self,
         nuisance: np.ndarray,
-        candidates: dict[object, np.ndarray],
+        candidates: Mapping[Name, np.ndarray],
         seed: int,
         *,
         allowances: np.ndarray | None = None,
@@ -56,7 +61,7 @@ class Selection:
         self.n = len(nuisance)
         self._seed, self._rows, self._along = seed, scale_rows, along
         self._candidates, self._nuisance, self._allowances = candidates, nuisance, allowances
-        self._lowest = None
+        self._lowest: np.ndarray | None = None
 
     def log_p(self, r: np.ndarray) -> np.ndarray:
         """(groups, …) logarithm of each group's p-value for residuals r (n, …): their order, no more."""
@@ -64,12 +69,12 @@ class Selection:
         rss = np.sum(r**2, axis=0)
         return np.array([self._log_p_of(group, r, rss) for group in self.groups])
 
-    def gains(self, r: np.ndarray) -> dict[str, float]:
+    def gains(self, r: np.ndarray) -> dict[Name, float]:
         """Chi-square that each candidate would take up."""
         r = r - self.q @ (self.q.T @ r)
         return {group.name: float(np.sum((group.basis.T @ r) ** 2)) for group in self.groups}
 
-    def _log_p_of(self, group: Group, r: np.ndarray, rss: np.ndarray) -> np.ndarray:
+    def _log_p_of(self, group: Group[Name], r: np.ndarray, rss: np.ndarray) -> np.ndarray:
         rank = group.basis.shape[1]
         freedom = self.n - self.q.shape[1] - rank
         gain = np.sum((group.basis.T @ r) ** 2, axis=0)
@@ -92,7 +97,7 @@ class Selection:
         return min((1 + DRAWS // 100) / (DRAWS + 1), float(-np.expm1(tests * np.log1p(-np.exp(max(log_p, -700))))))
 
     @cached_property
-    def _tested(self) -> tuple[np.ndarray, list[tuple[Group, bool]]]:
+    def _tested(self) -> tuple[np.ndarray, list[tuple[Group[Name], bool]]]:
         """Orthonormal nuisance with the allowances, and the groups left beside it, each with whether it is along them."""
         if self._allowances is None:
             return self.q, [(group, False) for group in self.groups]

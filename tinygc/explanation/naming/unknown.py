@@ -6,6 +6,7 @@ smooth curve over attitude, time, temperature or rate, two axes that move togeth
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
@@ -15,6 +16,7 @@ from tinygc.attitude.earth import EarthRate
 from tinygc.effects import Effect, Movement, Parameter, Reach, diagonal, per_axis, without_vibration
 from tinygc.effects.conditions import HAND_S
 from tinygc.effects.picture import WORLD
+from tinygc.effects.reach import NOWHERE
 from tinygc.explanation.twin.twin import Twin
 
 #: orders of the smooth curves
@@ -33,6 +35,10 @@ LIKE_THE_EARTH = 0.25
 ANOTHER_DEG = 10.0
 #: a hand's mean of the force
 HAND_REACH = Reach.around(samples=2, seconds=HAND_S / 2)
+
+
+#: of a movement (N samples): columns (N, 3, P), curves (N, K), or a variable (N,)
+OfMovement = Callable[[Movement], np.ndarray]
 
 
 def unknown_candidates(twin: Twin) -> list[Effect]:
@@ -58,23 +64,39 @@ def slow_candidates(twin: Twin) -> list[Effect]:
 
 
 def _interval(twin: Twin) -> float:
-    """s between stills"""
+    """Seconds between stills."""
     return twin.movements[0].duration_s / max(len(twin.stills), 2)
 
 
-def _finding(name: str, equation: str, size: int, says: str, regime: tuple[str, str], *, columns=None, basis=None, **looks) -> Effect:
-    """``looks``: what it reads and how far around, as an ``Effect`` declares it."""
+def _finding(
+    name: str,
+    equation: str,
+    size: int,
+    says: str,
+    regime: tuple[str, str],
+    *,
+    columns: OfMovement | None = None,
+    basis: OfMovement | None = None,
+    inputs: tuple[str, ...] = (),
+    reach: Reach = NOWHERE,
+) -> Effect:
+    """``columns`` (N, 3, size), or the curves (N, K) of a ``basis``, which each axis follows with coefficients of its own; inputs and
+    reach as an ``Effect`` declares them."""
+    if columns is None:
+        assert basis is not None
+        columns = per_axis(basis)
     return Effect(
         id=f"unknown.{name}",
         equation=equation,
         parameter=Parameter("coefficients_dps", (size,), "dps", DEG, plausible=PLAUSIBLE_RPS),
         seen_in=("still", "turn"),
-        columns=columns or per_axis(basis),
+        columns=columns,
         basis=basis,
         says=lambda theta: f"{says} (up to {np.abs(theta).max() / DEG:.3f} dps); nothing in the catalogue does this",
         splits="repeat the session with this variable changed on purpose, all else alike",
         regime=regime,
-        **looks,
+        inputs=inputs,
+        reach=reach,
     )
 
 
@@ -88,7 +110,7 @@ def _periodic(frequency_hz: float) -> Effect:
     return _finding("periodic", equation, 6, says, ("time", "s"), basis=basis, inputs=("time",))
 
 
-def _curve(variable: str, unit: str, scaled, order: int) -> Effect:
+def _curve(variable: str, unit: str, scaled: OfMovement, order: int) -> Effect:
     def basis(movement: Movement) -> np.ndarray:
         return np.polynomial.legendre.legvander(np.clip(scaled(movement), -1, 1), order)[:, 1:]
 

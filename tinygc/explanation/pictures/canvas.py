@@ -6,9 +6,13 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from textwrap import fill
+from typing import TYPE_CHECKING, Any
 
 from session.common.errors import CalibrationError
 from session.files.results import whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def can_draw() -> bool:
@@ -16,7 +20,7 @@ def can_draw() -> bool:
     return find_spec("matplotlib") is not None
 
 
-def canvas(rows: int, headline: str, ids: Sequence[str], says: Sequence[str]):
+def canvas(rows: int, headline: str, ids: Sequence[str], says: Sequence[str]) -> tuple[Figure, Any]:
     """Figure and its (rows, 2) panels.  Raises CalibrationError where matplotlib is missing."""
     try:
         from matplotlib.figure import Figure
@@ -28,7 +32,7 @@ def canvas(rows: int, headline: str, ids: Sequence[str], says: Sequence[str]):
     return figure, figure.subplots(rows, 2)
 
 
-def save(figure, path: Path) -> None:
+def save(figure: Figure, path: Path) -> None:
     """As PNG, whole or not at all."""
     with whole(path) as partial:
         figure.savefig(partial, dpi=110, format="png")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from session.common.units import DEG
@@ -10,6 +12,9 @@ from tinygc.explanation.pictures.channel_values import added_in_stills, added_to
 from tinygc.explanation.twin.variable import Regime
 from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.explain import Explanation
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def drawn(e: Explanation, claim: Claimed) -> Drawn:
@@ -35,10 +40,12 @@ def drawn(e: Explanation, claim: Claimed) -> Drawn:
     )
 
 
-def draw_own(e: Explanation, claim: Claimed, left, right) -> None:
+def draw_own(e: Explanation, claim: Claimed, left: Axes, right: Axes) -> None:
     """Call the effect's own function.  EffectError, with what it said, where it fails."""
+    own = claim.effect.pair
+    assert callable(own)
     try:
-        claim.effect.picture(drawn(e, claim), left, right)
+        own(drawn(e, claim), left, right)
     except Exception as error:
         what = " ".join(str(error).split())
         raise EffectError(

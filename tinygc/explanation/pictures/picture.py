@@ -19,6 +19,7 @@ from tinygc.explanation.verdict.proof import tilt_rms
 from tinygc.explanation.verdict.words import VERDICTS
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MOST_ROWS = 4  #: of causes that are drawn, strongest first
@@ -51,7 +52,7 @@ def figure_of(e: Explanation) -> Figure:
     return figure
 
 
-def _closure(e: Explanation, axes) -> None:
+def _closure(e: Explanation, axes: Axes) -> None:
     """Held-out closure per segment: before, after, floor."""
     series = [("before", BEFORE, BEFORE, e.proof.before_numbers, e.proof.before)] if e.claimed else []
     series += [("after" if e.claimed else "held out", AFTER, "none", e.proof.after_numbers, e.proof.after)]
@@ -63,7 +64,7 @@ def _closure(e: Explanation, axes) -> None:
     axes.legend()
 
 
-def _stills_in_time(e: Explanation, axes) -> None:
+def _stills_in_time(e: Explanation, axes: Axes) -> None:
     """Rate in each still over the session: where drifts and steps show."""
     before, after = rates_per_still(e)
     t_s, refitted = Regime("time").of_stills(e.twin), bool(e.naming.fit.state.claims)
@@ -77,7 +78,7 @@ def _stills_in_time(e: Explanation, axes) -> None:
     axes.legend(ncols=3)
 
 
-def _lengths_in_time(e: Explanation, axes) -> None:
+def _lengths_in_time(e: Explanation, axes: Axes) -> None:
     """Length of gravity in each still."""
     _, left = lengths_per_still(e)
     axes.plot(Regime("time").of_stills(e.twin), left / MG, "o", mfc="none", color=AFTER, ms=4)
@@ -85,7 +86,7 @@ def _lengths_in_time(e: Explanation, axes) -> None:
     axes.set(xlabel="time (s)", ylabel="beyond one value (mg)", title="Length of gravity in the stills over time")
 
 
-def _channels(e: Explanation, axes) -> None:
+def _channels(e: Explanation, axes: Axes) -> None:
     """The channels' sigmas: what is left in each beside what noise alone leaves."""
     refitted = bool(e.naming.fit.state.claims)
     fits = [("before", BEFORE, e.naming.first), ("after", AFTER, e.naming.fit)] if refitted else [("", AFTER, e.naming.fit)]

@@ -9,10 +9,11 @@ from scipy.optimize import nnls
 
 from session.common.robust import sigma_of
 from session.common.units import DEG, NS
-from session.detect.truth_segments import cut_at_truth, moments_inside
+from session.detect.segments import Segment
+from session.detect.truth_segments import Ends, cut_at_truth, moments_inside
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.closure.residual import Batch
+from tinygc.closure.residual import Batch, RateMap
 from tinygc.effects import movement_of
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
@@ -48,7 +49,8 @@ class Force:
     sigma: np.ndarray
 
 
-def error_angles(batch: Batch, model) -> np.ndarray:
+def error_angles(batch: Batch, model: RateMap) -> np.ndarray:
+    """(S, 3) rad: what a model leaves of each segment's rotation, about the truth's axes."""
     return closure.error_angles(closure.segment_residuals(batch, model(batch.rate)))
 
 
@@ -60,7 +62,7 @@ def neighbours(problem: Problem) -> np.ndarray:
     )
 
 
-def offset_columns(batch: Batch, model) -> np.ndarray:
+def offset_columns(batch: Batch, model: RateMap) -> np.ndarray:
     """(S, 3) rad/s: how the residual turns with the truth's clock.  Truth that is late by s shows what was s before."""
     rate = model(batch.rate) - batch.earth
     counts = np.sum(batch.dt > 0, axis=1)
@@ -70,11 +72,11 @@ def offset_columns(batch: Batch, model) -> np.ndarray:
     return ends[1] - ends[0]
 
 
-def _again(problem: Problem, segment_s: float):
+def _again(problem: Problem, segment_s: float) -> list[tuple[Segment, Ends]]:
     """The same session cut at another length, within what is used."""
     session, protocol = problem.session, replace(problem.session.config.protocol, segment_s=segment_s)
     cut = []
-    for number, (log, truth) in enumerate(zip(problem.logs, session.truths, strict=True)):
+    for number, (log, truth) in enumerate(zip(problem.logs, session.truths or (), strict=True)):
         used = [(s.start, s.stop) for s in problem.used if s.log == number]
         for segment, ends in cut_at_truth(log.samples, truth, session.config.sensor, protocol, log=number):
             inside = any(a <= segment.start and segment.stop <= b for a, b in _joined(used))
@@ -164,11 +166,12 @@ def short_segments(problem: Problem, model: LinearModel) -> tuple[tuple[float, f
 
 def force_against_truth(problem: Problem, turned: np.ndarray) -> Force | None:
     """Mean specific force against the truth's vertical in long windows, over which a vehicle's acceleration averages out."""
-    rows, values = ([], []), ([], [])
+    rows: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    values: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     g = problem.session.config.site.expected_gravity_mps2
     down = np.array([0, 0, g])
     spin = rotation.matrix(rotation.exp(np.nan_to_num(turned)))
-    for log, truth in zip(problem.logs, problem.session.truths, strict=True):
+    for log, truth in zip(problem.logs, problem.session.truths or (), strict=True):
         at, q = moments_inside(log.samples, truth)
         force, size = log.samples.accel[at], int(FORCE_WINDOW_S / np.median(np.diff(log.samples.t_ns[at]) * NS))
         turn, has = rotation.matrix(q), np.abs(force).sum(axis=1) > 0

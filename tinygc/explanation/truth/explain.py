@@ -169,7 +169,7 @@ def explain_truth(
         truth_rad=truth_rad,
         walk_rad=walk_rad,
         gyro_rad=float(np.mean(sound.noise.angle_random_walk)),
-        neighbours=tuple(neighbours_correlation(sound, each) for each in angles),
+        neighbours=(neighbours_correlation(sound, angles[0]), neighbours_correlation(sound, angles[1])),
         offset=offset,
         turned=turned,
         turned_sigma=turned_sigma,
@@ -177,6 +177,10 @@ def explain_truth(
         force=force,
         warnings=prepared.warnings,
     )
+
+
+#: an effect as it was chosen, its p-value, and its share of chi-square
+Chosen = tuple[Effect, float, float]
 
 
 def _select(
@@ -195,7 +199,9 @@ def _select(
     r = white(error_angles(batch, model))[:, 0]
     nuisance = white(linear.columns(sensitivity, batch.rate) * PRIOR_SIGMA)
     tried = {effect: white(columns) for effect, columns in _candidates(problem, model, sensitivity)}
-    first_p, claims, refused = None, [], []
+    first_p: float | None = None
+    claims: list[Chosen] = []
+    refused: list[Claim] = []
     q = _project(nuisance)
     chi = float(np.sum((r - q @ (q.T @ r)) ** 2))
     freedom = max(len(r) - q.shape[1], 1)
@@ -228,11 +234,14 @@ def _select(
             break
         refused += [drop[-1]] if drop[-1].implausible else []
         claims = [claim for claim in claims if claim[0] is not drop[-1].effect]
-    rms = tuple(float(np.sqrt(np.mean(np.sum((factor @ x).reshape(-1, 3) ** 2, axis=1)))) for x in (r - q @ (q.T @ r), after))
+    before_rms, after_rms = (float(np.sqrt(np.mean(np.sum((factor @ x).reshape(-1, 3) ** 2, axis=1)))) for x in (r - q @ (q.T @ r), after))
+    rms = before_rms, after_rms
     return 1.0 if first_p is None else first_p, found, refused, (chi / freedom, float(after @ after) / freedom_after), rms, after
 
 
-def _together(r, nuisance, claims, tried) -> tuple[list[Claim], np.ndarray, int]:
+def _together(
+    r: np.ndarray, nuisance: np.ndarray, claims: list[Chosen], tried: dict[Effect, np.ndarray]
+) -> tuple[list[Claim], np.ndarray, int]:
     """All claims fitted at once, with what is left (n,) and its degrees of freedom."""
     whole = np.concatenate([nuisance, *(tried[effect] for effect, _, _ in claims)], axis=1)
     theta = np.linalg.lstsq(whole, -r, rcond=None)[0]
@@ -265,8 +274,8 @@ def _candidates(problem: Problem, model: LinearModel, sensitivity: np.ndarray) -
     for effect in catalogue().values():
         if effect.kind != "rate" or ("temperature" in effect.inputs and any(log.samples.temp_c is None for log in problem.logs)):
             continue
-        own_grid = effect.scan is not None and effect.scan.grid is not None
-        tried += effect.variants(effect.scan.grid(movements) if own_grid else times)
+        grid = None if effect.scan is None else effect.scan.grid
+        tried += effect.variants(times if grid is None else grid(movements))
     found = []
     for effect in tried:
         columns = np.zeros((len(problem.batch), 3, effect.parameter.size))

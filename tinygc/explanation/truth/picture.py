@@ -14,6 +14,7 @@ from tinygc.explanation.truth.evidence import neighbours
 from tinygc.explanation.truth.explain import TruthExplanation
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 #: segments in the running median that shows what is slow
@@ -40,7 +41,7 @@ def figure_of(e: TruthExplanation) -> Figure:
     return figure
 
 
-def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes, when: str) -> None:
+def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes: Axes, when: str) -> None:
     """The rate that each segment's closure asks for, (S, 3), and what is slow in it; wrong moments of truth."""
     t_s = e.problem.middle_s
     rate = angles / np.array([segment.duration_s for segment in e.problem.used])[:, None] / DEG
@@ -61,7 +62,7 @@ def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes, when: str) -> N
     axes.legend(fontsize=8, title="lines: running median" if len(t_s) >= SLOW_SEGMENTS else None, title_fontsize=8)
 
 
-def _growth(e: TruthExplanation, axes) -> None:
+def _growth(e: TruthExplanation, axes: Axes) -> None:
     """Closure against length: a truth's noise is the same for each, the gyro's grows as the root, a bias as the length."""
     axes.set(xlabel="length of a segment (s)", ylabel="closure per angle (°)", title="Closure against length, about the truth's axes")
     if not len(e.lengths_s):
@@ -81,7 +82,7 @@ def _growth(e: TruthExplanation, axes) -> None:
     axes.legend(fontsize=8)
 
 
-def _neighbours(e: TruthExplanation, axes) -> None:
+def _neighbours(e: TruthExplanation, axes: Axes) -> None:
     """A segment's closure against its predecessor's: along the rising line something slow, along the falling one the truth's noise."""
     axes.set(xlabel="closure of a segment (°)", ylabel="closure of the next (°)", title="Neighbouring segments")
     at = neighbours(e.problem)
@@ -98,7 +99,7 @@ def _neighbours(e: TruthExplanation, axes) -> None:
     axes.legend(fontsize=8)
 
 
-def _frame(e: TruthExplanation, axes) -> None:
+def _frame(e: TruthExplanation, axes: Axes) -> None:
     """The rotation from the gyro's axes to the truth's."""
     axes.set(ylabel="rotation (°)", title="Truth's frame against the gyro's, ± one sigma")
     if not np.isfinite(e.turned).all():
@@ -112,7 +113,7 @@ def _frame(e: TruthExplanation, axes) -> None:
     axes.set_xlabel(f"clock of the truth against the gyro's: {offset:+.2f} ± {sigma:.2f} ms")
 
 
-def _force(e: TruthExplanation, axes) -> None:
+def _force(e: TruthExplanation, axes: Axes) -> None:
     """What the accelerometer misses by against the truth's vertical, as it stands, and turned as the gyro asks."""
     axes.set(ylabel="apparent bias (mg)", title="Accelerometer against the truth's vertical, ± one sigma")
     if e.force is None:
@@ -129,6 +130,6 @@ def _force(e: TruthExplanation, axes) -> None:
     axes.legend(fontsize=8)
 
 
-def _nothing(axes, why: str) -> None:
+def _nothing(axes: Axes, why: str) -> None:
     axes.text(0.5, 0.5, f"not known: {why}", ha="center", va="center", transform=axes.transAxes, color=FLOOR)
     axes.set(xticks=[], yticks=[])

@@ -160,7 +160,7 @@ def _evidence(e: TruthExplanation) -> Table:
 def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
     """What each line of evidence is of (empty: as the line above), and what it says."""
 
-    def triple(values, digits: int = 2) -> str:
+    def triple(values: np.ndarray, digits: int = 2) -> str:
         return ", ".join(f"{value:.{digits}f}" for value in values)
 
     grown = "; ".join(f"{t:g} s: {np.sqrt(np.mean(row**2)) / DEG:.3f}" for t, row in zip(e.lengths_s, e.closure_rad, strict=True))

@@ -257,6 +257,7 @@ class Twin:
 
     def _basis_columns(self, effect: Effect, sensitivity: np.ndarray) -> Channels:
         """``effect_columns`` of an effect that is a basis: each curve is summed once for all axes."""
+        assert effect.basis is not None
         by_log = [effect.basis(movement) for movement in self.movements]
         d, curves = self.batch.angles, by_log[0].shape[1]
         design = np.empty((len(self.segments), d, curves, 3))

@@ -74,5 +74,6 @@ def regime_of(effect: Effect | None, theta: np.ndarray | None = None) -> Regime:
         return Regime(variable, int(np.argmax(np.linalg.norm(np.reshape(theta, (3, 3)), axis=0))))
     if variable != "attitude":
         return Regime(variable)
-    in_body = theta is not None and np.size(theta) == 3 and effect.kind != "earth"
-    return Regime(variable, int(np.argmax(np.abs(theta))) if in_body else Z)
+    if effect is None or theta is None or np.size(theta) != 3 or effect.kind == "earth":
+        return Regime(variable, Z)
+    return Regime(variable, int(np.argmax(np.abs(theta))))

@@ -37,7 +37,7 @@ class Whitener:
     def __init__(self, twin: Twin):
         allowances = _precalibration(twin)
         self._covariance = _covariance(twin) + allowances @ allowances.T
-        self._rows = slice(None)
+        self._rows: slice | np.ndarray = slice(None)
         self._factor = np.linalg.cholesky(self._covariance)
         s, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
         #: (n, m) whitened: directions along which the covariance allows more than most recordings need

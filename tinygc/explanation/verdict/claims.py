@@ -36,7 +36,7 @@ def mended_claims(mended: Mended) -> list[Claimed]:
     claims = []
     for name, (parameters, std) in mended.found.items():
         effect = catalogue()[name]
-        value = parameters.get(effect.parameter.name)
+        value = parameters[effect.parameter.name]
         theta = np.array([len(value) if isinstance(value, list) else value * effect.parameter.si], dtype=float)
         claims.append(Claimed(effect, parameters, std, mended.p_value[name], np.inf, (), effect.says(theta)))
     return claims

@@ -41,6 +41,7 @@ def moments_s(e: Explanation, claim: Claimed) -> np.ndarray | None:
 
 def clipped_readings(e: Explanation, claim: Claimed) -> Clipped:
     """All readings at the level of a claim that happens there."""
+    assert claim.effect.occurs is not None
     key = claim.effect.occurs.key
     level = claim.parameters[key] * DEG
     magnitude = np.concatenate([np.abs(log.samples.gyro).max(axis=1) for log in e.session.logs])

@@ -94,7 +94,7 @@ def explain_session(
 def _heading_not_used(problem: Problem) -> list[Finding]:
     """A warning where the stills contradict the heading that session.toml gives, so that theirs was taken."""
     given, earth = problem.session.config.site.heading_deg, problem.earth
-    if given is None or earth.source != "estimated":
+    if given is None or earth.source != "estimated" or earth.heading_rad is None:
         return []
     seen = f"{earth.heading_rad / DEG:.0f}° ± {earth.heading_sigma_rad / DEG:.0f}°"
     says = f"site.heading_deg = {given:g}, the stills say {seen}, which was used"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from rich.console import Group
 from rich.table import Table
@@ -12,6 +14,7 @@ from tinygc.effects.occurrence import STILLS
 from tinygc.explanation.naming.seen_from import in_words
 from tinygc.explanation.twin.channels import own_residuals
 from tinygc.explanation.twin.variable import Regime
+from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.measured import measured, p_words
 from tinygc.explanation.verdict.next_step import what_next
@@ -55,7 +58,7 @@ def explanation_page(e: Explanation) -> Group:
     return Group(*parts)
 
 
-def parameter_lines(claim) -> list[str]:
+def parameter_lines(claim: Claimed) -> list[str]:
     """``name: value ± std``, a matrix by rows."""
     lines = []
     for name, value in claim.parameters.items():
@@ -68,7 +71,7 @@ def parameter_lines(claim) -> list[str]:
     return lines
 
 
-def _numbers(value, std) -> str:
+def _numbers(value: Any, std: Any) -> str:
     if not isinstance(value, list):
         return str(value) if isinstance(value, int) else measured(value, std)
     if not isinstance(std, list) or len(std) != len(value):
@@ -88,6 +91,7 @@ def _channels(e: Explanation) -> Table:
         values = part.stop - part.start
         rms = [(np.sum(r[part] ** 2) / max(values - taken[name], 1)) ** 0.5 for r, taken in looks]
         table.add_row(CHANNELS[name], str(values), *(f"{each:.2f}" for each in rms))
+    assert e.within is not None  # an explanation that is told is whole
     for name in ("slope", "scatter"):  # which no effect that is fitted moves
         table.add_row(f"{name} of the rate within each still", str(e.within.slope.size), f"{e.within.rms(name):.2f}")
     return table
@@ -96,7 +100,8 @@ def _channels(e: Explanation) -> Table:
 def _stamps(e: Explanation) -> Text:
     """Registers and stamps: what is predicted is none that is false, and one sample a period."""
     longest = max(float(log.samples.dt_s.max() / log.samples.period_s) for log in e.problem.logs)
-    found = [claim.effect.id for claim in e.claimed if claim.effect.id in e.mended.found and claim.effect.occurs.counts != STILLS]
+    mended = [claim.effect for claim in e.claimed if claim.effect.id in e.mended.found]
+    found = [effect.id for effect in mended if effect.occurs is None or effect.occurs.counts != STILLS]
     return Text(
         f"registers: {', '.join(found) or 'none at a limit, none false, none lost unseen'}; stamps: longest interval {longest:.2f} periods"
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.detect.segments import Segment
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles
 from tinygc.explanation.twin.refit import Refit, refit
@@ -68,7 +69,7 @@ def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit) -> Proof:
 def _numbers_before(original: Problem, twin: Twin) -> list[int]:
     """Numbers that the twin's segments had before mending: a still that is none any more joins two turns, and shifts those behind it."""
 
-    def middle(segment) -> float:
+    def middle(segment: Segment) -> float:
         return segment.start_s + segment.duration_s / 2
 
     numbers = []

@@ -24,6 +24,7 @@ SCHEMA = "tinygc-explain/1"
 
 def to_json(e: Explanation) -> dict:
     """The whole result, JSON-ready."""
+    assert e.within is not None  # an explanation that is told is whole
     return {
         "schema": SCHEMA,
         "session": e.session.name,

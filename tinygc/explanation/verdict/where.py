@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from session.common.units import DEG
@@ -18,7 +20,7 @@ BELONGS_P = 1e-3
 #: an axis, or a segment: two angles pass by chance once in 3000 segments
 BELONGS_SIGMAS = 4.0
 MOST_SEGMENTS = 12
-NOWHERE = {"phases": [], "axes": [], "segments": [], "segment_seconds": [], "seconds": None, "regime": None}
+NOWHERE: dict[str, Any] = {"phases": [], "axes": [], "segments": [], "segment_seconds": [], "seconds": None, "regime": None}
 
 
 def where(e: Explanation) -> dict:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 from tinygc.effects import picture as named
 from tinygc.explanation.pictures.own_picture import draw_own
@@ -24,6 +25,9 @@ from tinygc.explanation.pictures.panels import (
 )
 from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.explain import Explanation
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 #: (explanation, claim, matplotlib axes)
 Panel = Callable[..., None]
@@ -42,10 +46,11 @@ PAIRS: dict[str, tuple[Panel, Panel]] = {
 }
 
 
-def draw_claim(e: Explanation, claim: Claimed, left, right) -> None:
+def draw_claim(e: Explanation, claim: Claimed, left: Axes, right: Axes) -> None:
     """The mismatch where it lives, and a second look at it, into two axes.  EffectError where an effect's own picture fails."""
-    if callable(claim.effect.pair):
+    pair = claim.effect.pair
+    if not isinstance(pair, str):
         draw_own(e, claim, left, right)
         return
-    for panel, axes in zip(PAIRS[claim.effect.pair], (left, right), strict=True):
+    for panel, axes in zip(PAIRS[pair], (left, right), strict=True):
         panel(e, claim, axes)

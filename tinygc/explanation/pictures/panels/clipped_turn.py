@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from session.common.units import DEG
+from session.detect.segments import Segment
 from tinygc.explanation.pictures.channel_values import closure_as_recorded
 from tinygc.explanation.pictures.panels.palette import AXES, BEFORE, FLOOR
 from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.explain import Explanation
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
-def one_turn(e: Explanation, claim: Claimed, axes) -> None:
+
+def one_turn(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """The turn that stands at the level for longest, the level drawn."""
     level = claim.parameters["dps"]
     least = level - claim.std["dps"]
 
-    def at_level(segment) -> np.ndarray:
+    def at_level(segment: Segment) -> np.ndarray:
         rate = _rate_dps(e, segment)
         return (np.abs(rate) >= least).sum(axis=0)
 
@@ -33,7 +39,7 @@ def one_turn(e: Explanation, claim: Claimed, axes) -> None:
     axes.legend(fontsize=8)
 
 
-def closure_over_peak(e: Explanation, claim: Claimed, axes) -> None:
+def closure_over_peak(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """Closure as recorded of every segment, over the greatest reading in it: what stands at the level does not close."""
     level, closure = claim.parameters["dps"], closure_as_recorded(e)
     left = {segment.number for segment in e.twin.segments}
@@ -48,10 +54,10 @@ def closure_over_peak(e: Explanation, claim: Claimed, axes) -> None:
     axes.legend(fontsize=8)
 
 
-def _rate_dps(e: Explanation, segment) -> np.ndarray:
+def _rate_dps(e: Explanation, segment: Segment) -> np.ndarray:
     return e.problem.logs[segment.log].samples.gyro[segment.start : segment.stop] / DEG
 
 
-def _t_s(e: Explanation, segment) -> np.ndarray:
+def _t_s(e: Explanation, segment: Segment) -> np.ndarray:
     t_s = e.problem.logs[segment.log].samples.t_s[segment.start : segment.stop]
     return t_s - t_s[0]

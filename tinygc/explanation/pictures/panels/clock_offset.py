@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from session.common.units import MG
@@ -10,8 +12,11 @@ from tinygc.explanation.twin.turn_gravity import turn_equations
 from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.explain import Explanation
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
-def misfit_over_offset(e: Explanation, claim: Claimed, axes) -> None:
+
+def misfit_over_offset(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """The lever arm is fitted anew for each offset."""
     equations = turn_equations(e.twin, e.naming.fit)
     found = e.gravity.offset_s
@@ -27,7 +32,7 @@ def misfit_over_offset(e: Explanation, claim: Claimed, axes) -> None:
     axes.legend(fontsize=8)
 
 
-def misfit_by_turn(e: Explanation, claim: Claimed, axes) -> None:
+def misfit_by_turn(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """Each segment with one clock, and with the offset."""
     equations = turn_equations(e.twin, e.naming.fit)
     numbers = [segment.number for segment in e.twin.segments]

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from session.common.units import DEG
-from session.detect.stills import CREEP_RPS, CREEP_SIGMAS
+from session.detect.stills import CREEP_RPS, CREEP_SIGMAS, Still
 from tinygc.explanation.pictures.panels.palette import AFTER, BEFORE, FLOOR, PALE
 from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.explain import Explanation
+from tinygc.problem.still_set import StillSet
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
-def turned_angle(e: Explanation, claim: Claimed, axes) -> None:
+def turned_angle(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """Integral of the gyro, less its usual zero, within each still: those that were not still run away."""
     moving, zero = set(claim.parameters["stills"]), _zero(e, claim)
     for number, (log, still) in enumerate(_stills(e)):
@@ -28,7 +34,7 @@ def turned_angle(e: Explanation, claim: Claimed, axes) -> None:
     axes.legend(fontsize=8)
 
 
-def rate_against_bar(e: Explanation, claim: Claimed, axes) -> None:
+def rate_against_bar(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """By gravity and by the gyro, and what noise would make of gravity."""
     zero, stills = _zero(e, claim), _stills(e)
     numbers = np.arange(len(stills))
@@ -54,12 +60,12 @@ def _zero(e: Explanation, claim: Claimed) -> np.ndarray:
     return np.median(good or [still.gyro_mean for _, still in _stills(e)], axis=0)
 
 
-def _bar(log, still) -> float:
+def _bar(log: StillSet, still: Still) -> float:
     """rad/s: what the first look lets noise make of gravity's movement in this still (``session.detect.stills``)."""
     sigma = float(log.noise.velocity_random_walk.max()) * np.sqrt(12 / still.duration_s**3) / still.gravity_mps2
     return max(CREEP_SIGMAS * sigma, CREEP_RPS)
 
 
-def _label(axes, bad: bool) -> str | None:
+def _label(axes: Axes, bad: bool) -> str | None:
     name = "not still" if bad else "still"
     return None if name in axes.get_legend_handles_labels()[1] else name

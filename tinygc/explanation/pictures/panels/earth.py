@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from session.common.units import DEG, EARTH_RATE_RPS
@@ -11,10 +13,13 @@ from tinygc.explanation.pictures.panels.palette import AFTER, BEFORE, FLOOR
 from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.explain import Explanation
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 MDPS = 1e-3 * DEG
 
 
-def in_the_table(e: Explanation, claim: Claimed, axes, as_the_earths: bool = False) -> None:
+def in_the_table(e: Explanation, claim: Claimed, axes: Axes, as_the_earths: bool = False) -> None:
     """Horizontal, along the found rate's own horizontal direction, and down; with a circle as large as the Earth's rate."""
     turn, fixed = rotation.matrix(e.twin.q_tb), theta(e, claim)
     size = np.hypot(*fixed[:2])

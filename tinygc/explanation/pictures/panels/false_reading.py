@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from session.common.units import DEG
@@ -11,10 +13,13 @@ from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.events import reading_s
 from tinygc.explanation.verdict.explain import Explanation
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 AROUND = 12  #: samples on either side
 
 
-def one_reading(e: Explanation, claim: Claimed, axes) -> None:
+def one_reading(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """The greatest: as read, false samples marked, and the bridge across them."""
     runs = _runs(e, claim)
     log, first, count, _ = max(runs, key=lambda run: np.abs(run[3]).max())
@@ -33,7 +38,7 @@ def one_reading(e: Explanation, claim: Claimed, axes) -> None:
     axes.legend(fontsize=8, ncols=2)
 
 
-def all_readings(e: Explanation, claim: Claimed, axes) -> None:
+def all_readings(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """How far each is off its bridge, over the session."""
     t_s = reading_s(e, np.array(claim.parameters["at"], dtype=int))
     size = np.array([off[np.argmax(np.abs(off), axis=0), range(3)] for _, _, _, off in _runs(e, claim)])

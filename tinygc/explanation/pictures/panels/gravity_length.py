@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from session.common.units import MG
@@ -10,8 +12,11 @@ from tinygc.explanation.pictures.panels.palette import AFTER, BEFORE, FLOOR
 from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.explain import Explanation
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
-def over_attitude(e: Explanation, claim: Claimed, axes) -> None:
+
+def over_attitude(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """Gravity has one length, whatever the attitude."""
     variable, (before, after) = regime(e, claim), lengths_per_still(e)
     x = variable.of_stills(e.twin)
@@ -26,7 +31,7 @@ def over_attitude(e: Explanation, claim: Claimed, axes) -> None:
     axes.legend()
 
 
-def against_explained(e: Explanation, claim: Claimed, axes) -> None:
+def against_explained(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """What the bias adds to gravity's length in each attitude."""
     down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
     says = down @ theta(e, claim) / MG

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from session.common.units import DEG
@@ -10,8 +12,11 @@ from tinygc.explanation.pictures.panels.palette import AFTER, AXES, BEFORE, FLOO
 from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.explain import Explanation
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
-def along(e: Explanation, claim: Claimed, axes) -> None:
+
+def along(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """Closure before and after, along the greatest that the variable reaches in the segment."""
     variable = regime(e, claim)
     x, numbers = variable.of_segments(e.twin), [segment.number for segment in e.twin.segments]
@@ -23,7 +28,7 @@ def along(e: Explanation, claim: Claimed, axes) -> None:
     axes.legend()
 
 
-def against_explained(e: Explanation, claim: Claimed, axes) -> None:
+def against_explained(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """Each angle of each closure, on the line where the effect is all there is."""
     says, recorded = (angles / DEG for angles in added_to_closure(e, claim))
     for i, (name, colour) in enumerate(zip(("about x", "about y", "about z"), AXES.values(), strict=True)):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from session.common.units import DEG
@@ -11,13 +13,16 @@ from tinygc.explanation.pictures.panels.palette import AFTER, AXES, BEFORE, FLOO
 from tinygc.explanation.verdict.claims import Claimed
 from tinygc.explanation.verdict.explain import Explanation
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 AROUND = 15  #: samples on either side
 
 
-def one_loss(e: Explanation, claim: Claimed, axes) -> None:
+def one_loss(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """The loss with the greatest jump: black crosses as stamped, dots where they belong, rings what was put between."""
     count = claim.parameters["length"]
-    log, row, before = max(_losses(e, claim), key=lambda loss: _jump(e, *loss[:2], count))
+    log, row, before = max(_losses(e, claim), key=lambda loss: _jump(e, loss[0], loss[1], count))
     read, mended = e.session.logs[log].samples, e.mended.problem.session.logs[log].samples
     start, stop = max(row - before - AROUND, 0), row - before + AROUND
     zero_s = mended.t_s[row]
@@ -52,7 +57,7 @@ def one_loss(e: Explanation, claim: Claimed, axes) -> None:
     axes.legend(fontsize=8, ncols=2)
 
 
-def closure_over_losses(e: Explanation, claim: Claimed, axes) -> None:
+def closure_over_losses(e: Explanation, claim: Claimed, axes: Axes) -> None:
     """Closure as recorded and with the losses filled, over how many losses a segment has."""
     losses = [(log, row - before) for log, row, before in _losses(e, claim)]
     inside = {

@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline
 
 from session.common.units import DEG, NS_PER_S, G
 from session.log.samples import Samples
-from tinygc.effects import Claim, CommonDelay, Conditions, Effect, Movement
+from tinygc.effects import AppliedEffect, CommonDelay, Conditions, Effect, Movement
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
 
@@ -29,7 +29,7 @@ class Trial:
 
     def model(self) -> PhysicsModel:
         """That undoes it and nothing else."""
-        return PhysicsModel(LinearModel(np.eye(3), np.zeros(3)), (Claim(self.effect, self.theta),), KNOWN)
+        return PhysicsModel(LinearModel(np.eye(3), np.zeros(3)), (AppliedEffect(self.effect, self.theta),), KNOWN)
 
 
 LENGTH_S = 20.0

@@ -10,7 +10,7 @@ from session.common.errors import CalibrationError
 
 if TYPE_CHECKING:
     from session.log.samples import Samples
-    from tinygc.effects.applied import Claim
+    from tinygc.effects.applied_effect import AppliedEffect
 
 
 @runtime_checkable
@@ -34,7 +34,7 @@ class Model(Protocol):
     def parameters(self) -> int: ...
 
     @property
-    def undone(self) -> tuple[Claim, ...]: ...
+    def undone(self) -> tuple[AppliedEffect, ...]: ...
 
     @property
     def conditions(self) -> tuple[str, ...]: ...
@@ -62,7 +62,7 @@ class BaseModel:
     rates_only: ClassVar[bool] = True
 
     @property
-    def undone(self) -> tuple[Claim, ...]:
+    def undone(self) -> tuple[AppliedEffect, ...]:
         """Effects that the model takes off, in the order in which it does."""
         return ()
 

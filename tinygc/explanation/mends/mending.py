@@ -21,6 +21,7 @@ from tinygc.attitude import rotation
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles
 from tinygc.explanation.mends import interpolation, lost_samples, plateaus
+from tinygc.explanation.mends.ceilings import ReachedCeiling, find_ceiling
 from tinygc.explanation.mends.false_readings import find_glitches, without_glitches
 from tinygc.explanation.twin.refit import refit
 from tinygc.explanation.twin.twin import Twin
@@ -93,7 +94,7 @@ def _with_logs(session: Session, logs: list[Log]) -> Session:
 def _without_clipped(problem: Problem, found: dict, chances: dict) -> Problem:
     """Leave out the segments in which a rate stands at a level."""
     full_scale = problem.session.config.sensor.gyro_fs_dps * DEG
-    ceilings = [lost_samples.find_ceiling(log.samples, full_scale) for log in problem.logs]
+    ceilings = [find_ceiling(log.samples, full_scale) for log in problem.logs]
     known_to, chance = LEVEL_KNOWN, 6 * len(ceilings) * FALSE_ALARM
     if not any(ceilings):
         known_to = plateaus.SAME  # the linear errors came after
@@ -111,7 +112,7 @@ def _without_clipped(problem: Problem, found: dict, chances: dict) -> Problem:
         return problem
 
 
-def _at_a_level(problem: Problem, ceilings: list[lost_samples.Ceiling | None]) -> list[int]:
+def _at_a_level(problem: Problem, ceilings: list[ReachedCeiling | None]) -> list[int]:
     """Numbers of the segments that reach a ceiling."""
     return [s.number for s in problem.segments if (c := ceilings[s.log]) is not None and c.mask[s.start : s.stop].any()]
 

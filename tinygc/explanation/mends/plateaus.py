@@ -11,7 +11,7 @@ import numpy as np
 from session.common.robust import sigma_of_steps
 from session.common.runs import runs_of
 from session.log.samples import Samples
-from tinygc.explanation.mends.lost_samples import Ceiling
+from tinygc.explanation.mends.ceilings import ReachedCeiling
 
 #: a plateau stays within this share of its level (the linear errors that came after it: a data sheet's 1 % and a little), or so many times
 #: the readings' noise (once in 10^9)
@@ -26,7 +26,7 @@ LEAST = 0.05
 WHOLE, ALIKE = 0.9, 0.6
 
 
-def find_plateaus(samples: Samples, full_scale_rps: float) -> Ceiling | None:
+def find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
     """The level of rates that were clipped before they were misaligned, filtered or made noisy; the same for all axes."""
     noise = sigma_of_steps(samples.gyro)
     levels, masks = [], []
@@ -46,7 +46,7 @@ def find_plateaus(samples: Samples, full_scale_rps: float) -> Ceiling | None:
     mask = np.zeros(len(samples), dtype=bool)
     for start, stop in alike:
         mask[start:stop] = True
-    return Ceiling(level, mask | (np.abs(samples.gyro) > (1 - SAME) * level).any(axis=1))
+    return ReachedCeiling(level, mask | (np.abs(samples.gyro) > (1 - SAME) * level).any(axis=1))
 
 
 def _plateaus(values: np.ndarray, noise: float, least: float, shortest: float) -> list[tuple[float, int, int]]:

@@ -35,7 +35,7 @@ STAND_IN = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class NamedEffect:
     """One effect with its family-wise p-value, the chi-square it takes up, and the effects that could stand in for it."""
 
     effect: Effect
@@ -51,7 +51,7 @@ class Naming:
     first: Refit
     first_p: float
     fit: Refit
-    named: list[Named] = field(default_factory=list)
+    named: list[NamedEffect] = field(default_factory=list)
 
 
 def candidates(twin: Twin) -> list[Effect]:
@@ -117,17 +117,18 @@ def name_effects(
         named[effect.id] = (p_value, gain)
         effects, fit = _without_idle(twin, whiten, effects, fit)
     if not stand_ins:
-        return Naming(first, first_p, fit, _sorted([Named(effect, *named[effect.id]) for effect in effects]))
+        return Naming(first, first_p, fit, _sorted([NamedEffect(effect, *named[effect.id]) for effect in effects]))
     if effects:
         progress("lookalikes")
     effects, fit, others, named = _exchanged(twin, whiten, effects, fit, tried, seed, named)
     result = [
-        Named(effect, *named[effect.id], _stand_ins(twin, whiten, fit, trials)) for effect, trials in zip(effects, others, strict=True)
+        NamedEffect(effect, *named[effect.id], _stand_ins(twin, whiten, fit, trials))
+        for effect, trials in zip(effects, others, strict=True)
     ]
     return Naming(first, first_p, fit, _sorted(result))
 
 
-def _sorted(named: list[Named]) -> list[Named]:
+def _sorted(named: list[NamedEffect]) -> list[NamedEffect]:
     return sorted(named, key=lambda n: -n.gain)
 
 

@@ -60,7 +60,7 @@ LEFT_EXCESS = 1.5  #: chi-square per freedom: three sigmas of the same 90 angles
 
 
 @dataclass(frozen=True, eq=False)
-class Claim:
+class TruthClaim:
     """An effect with its parameters theta (P,) SI, their sigma (None of moments, which are stamps), a p-value, and the share of chi-square
     it takes up (None of what was found beside the selection)."""
 
@@ -98,8 +98,8 @@ class TruthExplanation:
     problem: Problem
     model: LinearModel
     jumps: list[tuple[int, float]]
-    claims: list[Claim]
-    refused: list[Claim]
+    claims: list[TruthClaim]
+    refused: list[TruthClaim]
     p_value: float
     angles: tuple[np.ndarray, np.ndarray]
     excess: tuple[float, float]
@@ -153,7 +153,7 @@ def explain_truth(
     if jumps:
         began = problem.began_s
         at_s = np.array([round(float(began[log]) + at, 3) for log, at in jumps])
-        claims = [Claim(wrong_moments(len(at_s)), at_s, None, jumps_p, None), *claims]
+        claims = [TruthClaim(wrong_moments(len(at_s)), at_s, None, jumps_p, None), *claims]
     return TruthExplanation(
         problem=sound,
         model=fit.model,
@@ -185,7 +185,7 @@ Chosen = tuple[Effect, float, float]
 
 def _select(
     problem: Problem, model: LinearModel, seed: int
-) -> tuple[float, list[Claim], list[Claim], tuple[float, float], tuple[float, float], np.ndarray]:
+) -> tuple[float, list[TruthClaim], list[TruthClaim], tuple[float, float], tuple[float, float], np.ndarray]:
     """Forward selection: p-value of the first look, claims, what is refused, chi-square per freedom and closure rms rad before and after;
     what is left."""
     batch = problem.batch
@@ -201,7 +201,7 @@ def _select(
     tried = {effect: white(columns) for effect, columns in _candidates(problem, model, sensitivity)}
     first_p: float | None = None
     claims: list[Chosen] = []
-    refused: list[Claim] = []
+    refused: list[TruthClaim] = []
     q = _project(nuisance)
     chi = float(np.sum((r - q @ (q.T @ r)) ** 2))
     freedom = max(len(r) - q.shape[1], 1)
@@ -241,7 +241,7 @@ def _select(
 
 def _together(
     r: np.ndarray, nuisance: np.ndarray, claims: list[Chosen], tried: dict[Effect, np.ndarray]
-) -> tuple[list[Claim], np.ndarray, int]:
+) -> tuple[list[TruthClaim], np.ndarray, int]:
     """All claims fitted at once, with what is left (n,) and its degrees of freedom."""
     whole = np.concatenate([nuisance, *(tried[effect] for effect, _, _ in claims)], axis=1)
     theta = np.linalg.lstsq(whole, -r, rcond=None)[0]
@@ -251,7 +251,7 @@ def _together(
     found, at = [], linear.PARAMETERS
     for effect, p_value, share in claims:
         size = effect.parameter.size
-        found.append(Claim(effect, theta[at : at + size], np.sqrt(np.diag(covariance)[at : at + size]), p_value, share))
+        found.append(TruthClaim(effect, theta[at : at + size], np.sqrt(np.diag(covariance)[at : at + size]), p_value, share))
         at += size
     return found, after, freedom
 
@@ -290,7 +290,7 @@ def _candidates(problem: Problem, model: LinearModel, sensitivity: np.ndarray) -
     return found
 
 
-def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> list[Claim]:
+def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> list[TruthClaim]:
     """The truth's frame is turned if the gyro says so, and the accelerometer's apparent bias becomes less with it."""
     if not np.isfinite(turned).all():
         return []
@@ -300,4 +300,4 @@ def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> 
         return []
     if np.linalg.norm(force.turned) > FRAME_LEAVES * np.linalg.norm(force.bias):
         return []
-    return [Claim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), None)]
+    return [TruthClaim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), None)]

@@ -27,7 +27,7 @@ LEAST_FINDING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Decision:
+class NamingDecision:
     """naming: the names that are kept, with the fit; beyond: shapes without a name, where names were refused or none was found;
     p_value of the detection; channel p-values before and with what is kept."""
 
@@ -43,7 +43,7 @@ class Decision:
         return not self.naming.named and self.p_value <= FAMILY_WISE
 
 
-def decide(mended: Mended, twin: Twin, whiten: Whitener, seed: int, progress: Callable[[str], None] = lambda what: None) -> Decision:
+def decide(mended: Mended, twin: Twin, whiten: Whitener, seed: int, progress: Callable[[str], None] = lambda what: None) -> NamingDecision:
     """Detect and name; keep the names only if they leave what noise allows, or next to nothing, and no shape without a name does
     better; else say what is there without a name."""
     naming = name_effects(twin, whiten, candidates(twin), seed, progress, explained=mended.misfit)
@@ -51,14 +51,14 @@ def decide(mended: Mended, twin: Twin, whiten: Whitener, seed: int, progress: Ca
     detected = detection_p(naming.first_p, channel_p)
     left = channel_p_values(twin, whiten, naming.fit.r, naming.fit.J)
     if not naming.named and detected > FAMILY_WISE:
-        return Decision(naming, None, detected, channel_p, left)
+        return NamingDecision(naming, None, detected, channel_p, left)
     progress("beyond the catalogue")
     enough = bonferroni(left) > LEFT_P or _share(whiten, naming, mended.misfit) >= RIGHT_SHARE
     rival, lead = best_rival(twin, whiten, naming, slow_candidates(twin), seed) if enough and naming.named else (None, -np.inf)
     if enough and lead < BETTER:
-        return Decision(naming if rival is None else _with_stand_in(naming, rival), None, detected, channel_p, left)
+        return NamingDecision(naming if rival is None else _with_stand_in(naming, rival), None, detected, channel_p, left)
     beyond = name_effects(twin, whiten, unknown_candidates(twin), seed, most=MOST_FINDINGS, stand_ins=False)
-    return Decision(Naming(naming.first, naming.first_p, naming.first), beyond, detected, channel_p, channel_p)
+    return NamingDecision(Naming(naming.first, naming.first_p, naming.first), beyond, detected, channel_p, channel_p)
 
 
 def _with_stand_in(naming: Naming, rival: Effect) -> Naming:

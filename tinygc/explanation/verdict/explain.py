@@ -19,7 +19,7 @@ from tinygc.explanation.twin.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.twin.within_stills import WithinStills, within_stills
-from tinygc.explanation.verdict.claims import Claimed, mended_claims, named_claims, offset_claim
+from tinygc.explanation.verdict.claims import Claim, mended_claims, named_claims, offset_claim
 from tinygc.explanation.verdict.decision import LEAST_FINDING, LEFT_P, decide
 from tinygc.explanation.verdict.proof import Proof, prove
 from tinygc.problem.prepared import Prepared, prepare
@@ -44,8 +44,8 @@ class Explanation:
     proof: Proof
     verdict: str
     p_value: float
-    claimed: list[Claimed] = field(default_factory=list)
-    findings: list[Claimed] = field(default_factory=list)
+    claimed: list[Claim] = field(default_factory=list)
+    findings: list[Claim] = field(default_factory=list)
     left: dict[str, float] = field(default_factory=dict)
     channel_p: dict[str, float] = field(default_factory=dict)
     own_p: dict[str, tuple[float, float]] = field(default_factory=dict)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.effects import Claim, Convention, Effect
+from tinygc.effects import AppliedEffect, Convention, Effect
 from tinygc.explanation.twin.twin import State
 
 
-def readable(claim: Claim, covariance: np.ndarray) -> tuple[np.ndarray, dict, dict]:
+def readable(claim: AppliedEffect, covariance: np.ndarray) -> tuple[np.ndarray, dict, dict]:
     """theta (P,) SI, its JSON parameters, and their std."""
     theta, effect = claim.theta, claim.effect
     if effect.derived is not None:

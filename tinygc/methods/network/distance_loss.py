@@ -13,7 +13,7 @@ import numpy as np
 
 from tinygc import closure
 from tinygc.closure.residual import Batch, RateMap
-from tinygc.methods.network.training import Net, train_second_order
+from tinygc.methods.network.training import TrainableNet, train_second_order
 from tinygc.problem import sequences
 
 PASSES = 12
@@ -39,7 +39,7 @@ def fit_distance(
 
 def train_distance(
     batch: Batch, sigma: np.ndarray, *, tie: float = 0.0, passes: int = PASSES, before: np.ndarray | None = None, **how: Any
-) -> Net:
+) -> TrainableNet:
     """The same for a net by the second order, one step to each pass, from the squared loss's linear solution; as fast as it gets.
 
     tie: how freely it may bend (0: linear), with no proof asked for.  ``how``: as of ``train_second_order``.
@@ -50,7 +50,9 @@ def train_distance(
     return net
 
 
-def distance_pass(batch: Batch, sigma: np.ndarray, net: Net, *, tie: float = 0.0, before: np.ndarray | None = None, **how: Any) -> Net:
+def distance_pass(
+    batch: Batch, sigma: np.ndarray, net: TrainableNet, *, tie: float = 0.0, before: np.ndarray | None = None, **how: Any
+) -> TrainableNet:
     """One pass of ``train_distance``."""
     weights = distance_sigma(batch, sigma, net, before)
     return train_second_order(batch, weights, ties=(tie,), begin=net, steps=1, before=before, **how).net

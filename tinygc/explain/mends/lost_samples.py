@@ -18,8 +18,8 @@ from session.detect.pace import pace_of
 from session.log.samples import Samples
 from tinygc.explain.mends import interpolation
 
-#: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump (benchmarks/thresholds.py: half of
-#: it gives false names)
+#: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump
+#: (benchmarks/thresholds.py: half of it gives false names)
 JUMP = 12.0
 #: the two peaks of a short false reading are alike, and each has at least a third of itself, reversed, beyond it; a step's second peak is
 #: half of its first, and a corner has nothing beyond: the bars are between

@@ -20,12 +20,13 @@ SIDE = 4  #: samples on either side that carry the cubic: twice as many as it ha
 #: an excursion is false where it is beyond the cubic by this many times the readings' own scatter (three axes: once in 10^13)
 BEYOND = 8.0
 #: the cubic may miss the readings that carry it by this share of the excursion; one that does not come back is missed by half of it
-#: (benchmarks/thresholds.py)
+#: (benchmarks/thresholds.py: double of it gives false names)
 CAME_BACK = 0.12
-#: an excursion is off the straight lines of both sides by this share of itself (benchmarks/thresholds.py)
+#: an excursion is off the straight lines of both sides by this share of itself (benchmarks/thresholds.py: half of it gives
+#: false names)
 SHARE = 0.5
 #: a cubic misses the readings that carry it by this many times their scatter at most, if nothing but noise is in them
-#: (benchmarks/thresholds.py)
+#: (not critical: benchmarks/thresholds.py)
 NOISE_MISSES = 2.5
 #: standard deviation of a third difference of white noise
 THIRD = np.sqrt(20.0)

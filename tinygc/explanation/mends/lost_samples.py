@@ -19,12 +19,13 @@ from session.detect.pace import pace_of
 from session.log.samples import Samples
 from tinygc.explanation.mends import interpolation
 
-#: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump (benchmarks/thresholds.py)
+#: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump
+#: (benchmarks/thresholds.py: half of it gives false names)
 JUMP = 12.0
 #: the two peaks of a short false reading are alike, and each has at least a third of itself, reversed, beyond it; a step's second peak is
 #: half of its first, and a corner has nothing beyond: the bars are between
 SPIKE, FLANK = 0.75, 0.2
-#: s: where that scatter is taken (benchmarks/thresholds.py), and what a sensor's filter takes to start
+#: s: where that scatter is taken (not critical: benchmarks/thresholds.py), and what a sensor's filter takes to start
 NEIGHBOURHOOD_S, START_S = 0.2, 0.1
 ALONE = 8  #: samples on either side of a loss without another jump: as long as the longest false reading
 #: a loss shows in the accelerometer, too: most of them by at least this (noise alone: 0.9); where a rate clips it does not

@@ -32,16 +32,16 @@ from tinygc.problem.rejections import CLIPPED, LEFT_OUT
 
 #: chi-square per missing-sample parameter that a loss must save: a chance of some 10^-9
 SURE = 40.0
-LONGEST_LOSS_S = 0.5  #: (benchmarks/thresholds.py)
+LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
 #: segments without a loss from which a linear model can be had: twice as many angles as it has parameters
 FEWEST_WHOLE = 12
 #: share to which a level in the registers is known: three steps of 17.5 mdps at the least ceiling that is looked for, 25 dps
 LEVEL_KNOWN = 0.002
 #: segments with plateaus that miss by so many times what the others do were clipped: a tenth of a degree of a turn is enough
-#: (benchmarks/thresholds.py)
+#: (not critical: benchmarks/thresholds.py)
 PLATEAU_EXCESS = 10.0
 #: a still that turns about the vertical shows only in the gyro: its rate must stand out by this much from stills that agree
-#: (benchmarks/thresholds.py)
+#: (not critical: benchmarks/thresholds.py)
 OUTLIER_SIGMAS = 10.0
 #: and lie within 18 degrees of it
 VERTICAL = 3.0

@@ -18,11 +18,12 @@ from tinygc.explanation.mends.ceilings import ReachedCeiling
 FLAT, NOISES = 0.012, 6.0
 #: as far beyond its ends as it is long, a round peak has fallen by 9 times what it stays within; a plateau's stroke by more than this
 CORNER = 18.0
-#: strokes of one height, within this share (twice those linear errors), and the least a plateau lasts (benchmarks/thresholds.py)
+#: strokes of one height, within this share (twice those linear errors), and the least a plateau lasts
+#: (not critical: benchmarks/thresholds.py)
 FEWEST, SAME, SHORTEST_S = 3, 0.02, 0.05
 #: what is clipped is a turn: share of full scale, 25 dps of 500
 LEAST = 0.05
-#: shares: of a plateau's readings that are flat; of the plateaus that are of one height (benchmarks/thresholds.py)
+#: shares: of a plateau's readings that are flat; of the plateaus that are of one height (not critical: benchmarks/thresholds.py)
 WHOLE, ALIKE = 0.9, 0.6
 
 

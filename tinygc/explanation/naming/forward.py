@@ -15,16 +15,17 @@ from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
 MOST_EFFECTS = 4  #: twice what `calibrate.py challenge` hides: each costs a round (benchmarks/explain_speed.py)
-#: a further effect must be surer than the first: what the first explains is only as exact as its model (benchmarks/thresholds.py)
+#: a further effect must be surer than the first: what the first explains is only as exact as its model
+#: (not critical: benchmarks/thresholds.py)
 LATER_FAMILY_WISE = 0.01
 #: and take up at least this share of what has been explained so far: a model is good to a tenth of an effect's size,
 #: and a tenth of the size is a hundredth of the chi-square
 LATER_SHARE = 1e-2
 #: or else this share of what is left beyond noise, and that must be as much as noise at least: what an inexact model leaves has no name
-#: (benchmarks/thresholds.py)
+#: (not critical: benchmarks/thresholds.py)
 WHOLE_SHARE = 0.95
 #: candidates whose linear gain is at least this share of the best one's are refitted exactly before one is named
-#: (benchmarks/thresholds.py); an exact refit is most of a round's time (benchmarks/explain_speed.py)
+#: (not critical: benchmarks/thresholds.py); an exact refit is most of a round's time (benchmarks/explain_speed.py)
 LOOKALIKE_SHARE = 0.75
 MOST_LOOKALIKES = 4
 #: a shape is scanned over so many values, and sharpened between them: more would make the work grow with the session's square

@@ -47,14 +47,14 @@ from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
 MOST_EFFECTS, STEPS_TRIED = 4, 40  #: of work, as ``naming.forward`` has them
-#: a further effect must be as sure, and take up this share of what is left (benchmarks/thresholds.py)
+#: a further effect must be as sure, and take up this share of what is left (not critical: benchmarks/thresholds.py)
 LATER_FAMILY_WISE, LATER_SHARE = 0.01, 0.03
 #: a rotation of the frame is claimed if it is as large (a zero-g offset of 10 mg turns the vertical by 0.6 deg, so that no accelerometer
-#: could confirm less), as sure (by chance once in 60 000), and leaves at most this of the accelerometer's bias (thresholds.py)
+#: could confirm less), as sure (by chance once in 60 000), and leaves at most this of the accelerometer's bias (not critical: as above)
 FRAME_RAD, FRAME_SIGMAS, FRAME_LEAVES = 0.5 * DEG, 5.0, 0.7
 WANDER_S = 20.0  #: between knots: a shape, whose number of knots is priced by Fisher's F
 KEPT_SIGMAS = 4.0  #: of a claim's greatest parameter, all fitted together: 5 % over some 300 directions is 3.8 (Bonferroni)
-IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``, which is generous: no gyroscope has that (benchmarks/thresholds.py: refused)
+IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``, no gyroscope has that (benchmarks/thresholds.py: double lets false names in)
 SLOW = 0.3  #: correlation of neighbours' errors: three sigmas of 30 segments' three angles, whose own is not above 0
 LEFT_EXCESS = 1.5  #: chi-square per freedom: three sigmas of the same 90 angles
 

@@ -19,7 +19,8 @@ from tinygc.explanation.twin.whitening import Whitener
 
 #: what is left after naming is judged at this level over the channels (Bonferroni): a right name is refused once in a thousand
 LEFT_P = 1e-3
-#: a right name takes up nearly all of the misfit; what it may leave, for what its model simplifies (benchmarks/thresholds.py)
+#: a right name takes up nearly all of the misfit; what it may leave, for what its model simplifies
+#: (not critical: benchmarks/thresholds.py)
 RIGHT_SHARE = 0.975
 MOST_FINDINGS = 2  #: that a page holds
 #: a shape without a name is not worth a reader's time if it carries less of the misfit than this: of what is said, not of what is decided

@@ -25,7 +25,7 @@ class Finding:
     says: str
     do: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.level not in LEVELS:
             raise ValueError(f"level is {self.level!r}, expected one of {', '.join(LEVELS)}")
         for name in ("where", "says", "do"):  # they may quote a file
@@ -37,12 +37,12 @@ def worst(findings: Iterable[Finding]) -> str:
     return max((finding.level for finding in findings), key=LEVELS.index, default="ok")
 
 
-def axes_text(flags) -> str:
+def axes_text(flags: Iterable[bool]) -> str:
     """Names of the axes (3,) whose flag is set: ``x, z``."""
     return ", ".join(axis for axis, flag in zip("xyz", flags, strict=True) if flag)
 
 
-def xyz_text(values, digits: int = 2) -> str:
+def xyz_text(values: Iterable[float], digits: int = 2) -> str:
     """Three numbers for a person: ``0.31, -1.20, 0.05``."""
     return ", ".join(f"{value:.{digits}f}" for value in values)
 

@@ -67,13 +67,14 @@ def _axes_below(ceiling: Ceiling | None, log: Log, samples: Samples, stills: lis
     skip = ceiling.at if ceiling is not None and clean >= ENOUGH_CLEAN else None
     findings = check_axes(log.path.name, samples, stills, config, log.raw, skip)
     spoilt = ceiling is not None and clean < min(turns, ENOUGH_CLEAN) and worst(findings) != "ok"
-    return [ceiling_finding(log, config.sensor, ceiling, stills)] if spoilt else findings
+    return [ceiling_finding(log, config.sensor, ceiling, stills)] if spoilt and ceiling is not None else findings
 
 
 def check_folder(folder: Path) -> list[Finding]:
     """The first look at every log and closure run of a folder; a log that cannot be read becomes an error among the findings."""
+    findings: list[Finding] = []
     try:
-        session, findings = read_session(folder), []
+        session: Session | None = read_session(folder)
     except CalibrationError as error:
         session, findings = _read_what_there_is(folder, error)
     return findings if session is None else findings + check_session(session)
@@ -112,7 +113,8 @@ def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session 
         paths = {stem: log_paths(folder, stem) for stem in ("log", "closure")}
     except CalibrationError:
         return None, [finding(folder.name, error)]
-    logs, findings = {"log": [], "closure": []}, []
+    logs: dict[str, list[Log]] = {"log": [], "closure": []}
+    findings: list[Finding] = []
     for stem in paths:
         for path in paths[stem]:
             try:

@@ -12,6 +12,7 @@ from session.detect.segments import GAP_PERIODS
 from session.detect.stills import Noise, Still
 from session.log.config import Sensor
 from session.log.logfile import Log
+from session.log.samples import Samples
 
 ODR_HZ = (12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667)
 ODR_UNIT_SPREAD = 0.01  #: part-to-part departure from the nominal rate that is usual
@@ -81,7 +82,7 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     single = pace.missing(steps[~gaps])
     findings = [_gaps(samples, gaps, pace.missing(steps), single, where)]
     # A step of two periods is no jitter where a sample is missing.
-    share = single / max(np.count_nonzero(~gaps), 1)
+    share = single / max(int(np.count_nonzero(~gaps)), 1)
     jitter = float(np.sqrt(max(steps[~gaps].var() - share * (1 - share) * period**2, 0.0) / 2))
     change = (samples.gyro[2:] - samples.gyro[:-2]) / 2
     angle = float(np.sqrt((change**2).mean(axis=0).max(initial=0.0) * segment_s / period)) * jitter if len(change) else 0.0
@@ -97,7 +98,7 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     return findings
 
 
-def _gaps(samples, gaps: np.ndarray, lost: int, single: int, where: str) -> Finding:
+def _gaps(samples: Samples, gaps: np.ndarray, lost: int, single: int, where: str) -> Finding:
     """What is missing: in gaps, which cost turns, and one at a time, which cost accuracy."""
     if gaps.any():
         longest_s, first_s = samples.dt_s.max(), samples.t_s[int(np.argmax(gaps))]
@@ -139,14 +140,14 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
             says = f"{axes_text(stuck)} reads one value throughout; a sensor has noise"
             findings.append(Finding("error", log.path.name, f"{name} stuck", says, "look at the wiring, the register map, the columns"))
         noise = np.median(stds, axis=0) if stds else np.zeros(3)
-        says = [
+        each = [
             _clipping(values[:, i] / factor, noise[i] / factor, reach, t_s, f"{axis}", unit) for i, axis in enumerate("xyz") if not stuck[i]
         ]
-        says = [text for text in says if text]
+        clipped = [text for text in each if text]
         peak = np.abs(values).max() / factor
-        if says:
+        if clipped:
             do = "turn slower or choose a larger full scale" if name == "gyro" else "choose a larger full scale, or do not knock"
-            findings.append(Finding("warning", log.path.name, f"{name} clipping", "; ".join(says), do))
+            findings.append(Finding("warning", log.path.name, f"{name} clipping", "; ".join(clipped), do))
         else:
             level = "note" if peak > full else "ok"
             beyond = " is passed: the datasheet promises nothing there" if peak > full else ""
@@ -154,7 +155,7 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
     return findings + _repeats(log, stills)
 
 
-def _clipping(values, noise_std: float, reach: float, t_s, axis: str, unit: str) -> str | None:
+def _clipping(values: np.ndarray, noise_std: float, reach: float, t_s: np.ndarray, axis: str, unit: str) -> str | None:
     """At the register's end, or at an extreme that the axis keeps for longer than noise lets it."""
     run = run_bar(noise_std, _step(values))
     rest = np.median(values)

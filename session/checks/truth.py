@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from session.checks.findings import Finding, xyz_text
 from session.common.errors import CalibrationError
 from session.common.units import DEG
+from session.detect.segments import Segment
 from session.detect.truth_segments import cut_at_truth
 from session.log.config import Config
 from session.log.logfile import Log
@@ -61,7 +62,7 @@ def _misfit(gyro: Rotation, turned: Rotation, duration: np.ndarray) -> tuple[flo
     return float(np.sum((error - bias * duration) ** 2) / np.sum(turned.magnitude() ** 2)), bias
 
 
-def _integrated(log: Log, segment) -> np.ndarray:
+def _integrated(log: Log, segment: Segment) -> np.ndarray:
     """Quaternion (4,) of a segment's rotation by the measured rate."""
     part = log.samples.between(segment.start, segment.stop)
     steps = Rotation.from_rotvec((part.gyro[1:] + part.gyro[:-1]) / 2 * part.dt_s[:, None])

@@ -19,7 +19,7 @@ def register_reach(full_scale: float, table: dict[int, float], per_lsb: float) -
     A register goes further than the full scale: 32767 x 17.5 mdps = 573 dps at +-500 dps, and sensors do read on up there.
     A full scale that is not the sensor's own has no register here: then it is the limit itself.
     """
-    return registers.REGISTER_MAX * table[full_scale] * per_lsb if full_scale in table else full_scale
+    return registers.REGISTER_MAX * table[int(full_scale)] * per_lsb if full_scale in table else full_scale
 
 
 def gyro_reach_dps(full_scale_dps: float) -> float:

@@ -64,14 +64,16 @@ def cut_segments(
 ) -> list[Segment]:
     """All segments of one log, accepted or with the reason why not, in order; ``number`` is given to the first."""
     references = [still for still in stills if still.problem is None]
-    segments = []
+    segments: list[Segment] = []
     for first, last in pairwise(references):
         passed = [still for still in stills if first.start < still.start < last.start]
         segments.append(_cut(samples, first, last, passed, sensor, protocol, log, number + len(segments)))
     return segments
 
 
-def _cut(samples, first: Still, last: Still, passed, sensor, protocol, log, number) -> Segment:
+def _cut(
+    samples: Samples, first: Still, last: Still, passed: list[Still], sensor: Sensor, protocol: Protocol, log: int, number: int
+) -> Segment:
     start, stop = _window(samples, first, last, protocol)
     turn = slice(first.stop, last.start + 1)
     t_s = (samples.t_ns[turn] - samples.t_ns[first.stop - 1]) * NS
@@ -107,7 +109,7 @@ def _window(samples: Samples, first: Still, last: Still, protocol: Protocol) -> 
     return start, stop
 
 
-def _note(passed, turn_s: float, turn_deg: float, protocol: Protocol) -> str | None:
+def _note(passed: list[Still], turn_s: float, turn_deg: float, protocol: Protocol) -> str | None:
     if passed:
         return f"passes over a still that {passed[0].problem}"
     usual = protocol.segment_s - 2 * protocol.still_s

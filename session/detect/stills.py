@@ -93,8 +93,7 @@ def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], No
         return [], None
     quiet = _quiet_blocks(blocks)
     spread = _spread_of_block_means(blocks.gyro_mean, quiet)
-    runs = _trim_to_constant_rate(_runs(quiet), blocks, spread)
-    runs = _close_bumps(runs, blocks, spread)
+    runs = _close_bumps(_trim_to_constant_rate(_runs(quiet), blocks, spread), blocks, spread)
     shortest = MIN_STILL_FRACTION * still_s / blocks.duration_s
     runs = [run for run in runs if sum(stop - start for start, stop in run) >= shortest]
     if not runs:
@@ -141,7 +140,7 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return [(int(start), int(stop)) for start, stop in zip(*runs_of(mask), strict=True)]
 
 
-def _trim_to_constant_rate(runs, blocks: Blocks, spread: np.ndarray) -> list[tuple[int, int]]:
+def _trim_to_constant_rate(runs: list[tuple[int, int]], blocks: Blocks, spread: np.ndarray) -> list[tuple[int, int]]:
     """Split each run where a block's mean rate leaves the run's: the slow ends of a turn are not still."""
     kept = []
     for start, stop in runs:
@@ -151,7 +150,7 @@ def _trim_to_constant_rate(runs, blocks: Blocks, spread: np.ndarray) -> list[tup
     return kept
 
 
-def _close_bumps(runs, blocks: Blocks, spread: np.ndarray) -> list[list[tuple[int, int]]]:
+def _close_bumps(runs: list[tuple[int, int]], blocks: Blocks, spread: np.ndarray) -> list[list[tuple[int, int]]]:
     """Join runs that only a short bump parts, one that left the attitude where it was.  A still is a list of runs."""
     joined: list[list[tuple[int, int]]] = []
     for run in runs:
@@ -163,7 +162,7 @@ def _close_bumps(runs, blocks: Blocks, spread: np.ndarray) -> list[list[tuple[in
     return joined
 
 
-def _same_rest(a, b, blocks: Blocks, spread: np.ndarray) -> bool:
+def _same_rest(a: tuple[int, int], b: tuple[int, int], blocks: Blocks, spread: np.ndarray) -> bool:
     gap_s = (b[0] - a[1]) * blocks.duration_s
     if gap_s > BUMP_S or min(a[1] - a[0], b[1] - b[0]) < 2:
         return False
@@ -178,7 +177,7 @@ def _same_rest(a, b, blocks: Blocks, spread: np.ndarray) -> bool:
     return bool(np.linalg.norm(turned) < BUMP_RAD + noise and tilted < BUMP_RAD)
 
 
-def _noise(runs, blocks: Blocks) -> Noise:
+def _noise(runs: list[list[tuple[int, int]]], blocks: Blocks) -> Noise:
     """Overlapping Allan variance inside the stills (IEEE 952, C.1), over three blocks: long beside the sensor's own filter, whose
     correlation would hide some per cent of the noise from a shorter one."""
     longest = max(b - a for run in runs for a, b in run)
@@ -228,7 +227,7 @@ def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
     )
 
 
-def _settled(samples: Samples, run, size: int, noise: Noise, shortest: int) -> Still:
+def _settled(samples: Samples, run: list[tuple[int, int]], size: int, noise: Noise, shortest: int) -> Still:
     """The still once it has come to rest: what settles at its ends is cut off; one that never rests has a problem."""
     whole = still = _measure(samples, run, size)
     zero_rate = _zero_rate(samples, run, size, whole)
@@ -244,7 +243,7 @@ def _settled(samples: Samples, run, size: int, noise: Noise, shortest: int) -> S
     return still
 
 
-def _zero_rate(samples: Samples, run, size: int, whole: Still) -> np.ndarray:
+def _zero_rate(samples: Samples, run: list[tuple[int, int]], size: int, whole: Still) -> np.ndarray:
     """What the gyro reads (3,) at rest: its mean over a still less the rate at which gravity turns in it.
 
     A fitted slope weighs a rate at time t by ``(T/2)^2 - (t - T/2)^2``; so must the gyro's mean that is compared with it.
@@ -278,7 +277,7 @@ def _creep(still: Still, whole: Still, zero_rate: np.ndarray, noise: Noise) -> b
     return still is not whole and _horizontal_rate(still, zero_rate) > max(CREEP_SIGMAS * sigma, CREEP_RPS)
 
 
-def _without_end(run, cut: int, at_start: bool) -> list[tuple[int, int]]:
+def _without_end(run: list[tuple[int, int]], cut: int, at_start: bool) -> list[tuple[int, int]]:
     """A still's runs of blocks, ``cut`` blocks shorter at one end."""
     blocks = np.concatenate([np.arange(start, stop) for start, stop in run])
     blocks = blocks[cut:] if at_start else blocks[:-cut]

@@ -122,8 +122,7 @@ def _lag(turns: Turns) -> float:
 def _cut(samples: Samples, stills: list[Still], skip: np.ndarray | None, size: int) -> Turns | None:
     good = [still for still in stills if still.problem is None]
     pairs = [(a, b) for a, b in pairwise(good) if skip is None or not skip[a.stop : b.start].any()]
-    parts = [_blocks(samples, a, b, size) for a, b in pairs]
-    parts = [part for part in parts if part is not None]
+    parts = [part for a, b in pairs if (part := _blocks(samples, a, b, size)) is not None]
     if sum(_tilt_path(down) for _, down, _, _ in parts) < LEAST_PATH_RAD:
         return None
     longest = max(len(angle) for angle, _, _, _ in parts)
@@ -139,7 +138,7 @@ def _cut(samples: Samples, stills: list[Still], skip: np.ndarray | None, size: i
     )
 
 
-def _blocks(samples: Samples, first: Still, last: Still, size: int):
+def _blocks(samples: Samples, first: Still, last: Still, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     start, stop = first.stop - 1, last.start + 1
     steps = np.diff(samples.t_ns[start:stop]) * NS
     if len(steps) < 2 * size or steps.max() > GAP_PERIODS * samples.period_s:
@@ -157,7 +156,8 @@ def _blocks(samples: Samples, first: Still, last: Still, size: int):
     down = np.where(np.abs(length / gravity - 1) < FORCE_RATIO, -force / np.maximum(length, 1e-9), np.nan)
     if _tilt_path(down) < LEAST_TILT_RAD:
         return None
-    return angle, down, *(-end / np.linalg.norm(end) for end in ends)
+    begin, end = (-end / np.linalg.norm(end) for end in ends)
+    return angle, down, begin, end
 
 
 def _tilt_path(down: np.ndarray) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from session.common.errors import DataError
 from session.common.units import DEG, NS, NS_PER_S
 from session.detect.segments import LONGEST_TURN_SEGMENTS, Segment, why_broken
+from session.log.config import Protocol, Sensor
 from session.log.samples import Samples
 from session.log.truth import Truth
 
@@ -23,7 +24,9 @@ class Ends:
     last: int
 
 
-def cut_at_truth(samples: Samples, truth: Truth, sensor, protocol, *, log: int = 0, number: int = 0) -> list[tuple[Segment, Ends]]:
+def cut_at_truth(
+    samples: Samples, truth: Truth, sensor: Sensor, protocol: Protocol, *, log: int = 0, number: int = 0
+) -> list[tuple[Segment, Ends]]:
     """Segments between moments of the truth, accepted or with the reason why not; ``number`` is given to the first.
 
     Raises DataError where the truth's times are not the log's.
@@ -32,7 +35,7 @@ def cut_at_truth(samples: Samples, truth: Truth, sensor, protocol, *, log: int =
     nearest = _nearest(samples, truth)
     there = np.abs(samples.t_ns[nearest] - truth.t_ns) * NS < samples.period_s
     q = _at_samples(samples, truth, nearest)
-    segments = []
+    segments: list[tuple[Segment, Ends]] = []
     for first, last in _pairs(truth, protocol.segment_s):
         a, b = int(nearest[first]), int(nearest[last])
         missing = None if there[first] and there[last] else "the log has no sample at one of its moments of truth"
@@ -70,7 +73,8 @@ def _pairs(truth: Truth, segment_s: float) -> list[tuple[int, int]]:
     if truth.window is not None:
         rows = [np.flatnonzero(truth.window == number) for number in dict.fromkeys(truth.window.tolist())]
         return [(int(row[0]), int(row[-1])) for row in rows if len(row) > 1]
-    pairs, first = [], 0
+    pairs: list[tuple[int, int]] = []
+    first = 0
     while True:
         # The moment nearest to the protocol's length, but always a later one.
         aim = truth.t_ns[first] + round(segment_s * NS_PER_S)
@@ -83,7 +87,9 @@ def _pairs(truth: Truth, segment_s: float) -> list[tuple[int, int]]:
         first = last
 
 
-def _segment(samples: Samples, start: int, last: int, missing, sensor, protocol, log: int, number: int) -> Segment:
+def _segment(
+    samples: Samples, start: int, last: int, missing: str | None, sensor: Sensor, protocol: Protocol, log: int, number: int
+) -> Segment:
     duration_s = float(samples.t_ns[last] - samples.t_ns[start]) * NS
     long = duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s
     problem = missing or why_broken(samples, slice(start + 1, last + 1), sensor)

@@ -76,8 +76,8 @@ class Layout:
 
     def is_register(self, column: int) -> bool:
         """Whether a column holds a sensor's registers."""
-        kinds = [(triad.columns, triad.unit) for triad in (self.gyro, self.accel) if triad is not None]
-        kinds += [] if self.temp is None else [((self.temp,), self.temp_unit)]
+        kinds: list[tuple[tuple[int, ...], Unit]] = [(triad.columns, triad.unit) for triad in (self.gyro, self.accel) if triad is not None]
+        kinds += [] if self.temp is None or self.temp_unit is None else [((self.temp,), self.temp_unit)]
         return any(column in columns and unit.si is None for columns, unit in kinds)
 
     def is_whole(self, column: int) -> bool:
@@ -90,12 +90,21 @@ class Layout:
 
     def gyro_si(self, fs_dps: float | None) -> float:
         """rad/s per written unit."""
-        return registers.gyro_rps_per_lsb(fs_dps) if self.gyro.unit.si is None else self.gyro.unit.si
+        assert self.gyro is not None  # who asks has seen that it is there
+        if self.gyro.unit.si is not None:
+            return self.gyro.unit.si
+        assert fs_dps is not None  # registers without a full scale were refused
+        return registers.gyro_rps_per_lsb(fs_dps)
 
     def accel_si(self, fs_g: float | None) -> float:
         """m/s^2 per written unit."""
-        return registers.accel_mps2_per_lsb(fs_g) if self.accel.unit.si is None else self.accel.unit.si
+        assert self.accel is not None
+        if self.accel.unit.si is not None:
+            return self.accel.unit.si
+        assert fs_g is not None
+        return registers.accel_mps2_per_lsb(fs_g)
 
     def temperature_c(self, values: np.ndarray) -> np.ndarray:
         """degC (N,) of temperatures as written."""
+        assert self.temp_unit is not None
         return registers.temperature_c(values) if self.temp_unit.si is None else values * self.temp_unit.si

@@ -22,7 +22,7 @@ def face_up(accel: np.ndarray) -> str | None:
 class Coverage:
     """stills: how many with each face up, and slanted; turned_deg: how far about each axis, each way."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.stills = dict.fromkeys((*FACES, "slanted"), 0)
         self.turned_deg = dict.fromkeys(FACES, 0.0)
 
@@ -31,8 +31,9 @@ class Coverage:
         self.stills[face_up(accel) or "slanted"] += 1
 
     def add(self, turn: AcceptedTurn) -> None:
-        self.first(turn.segment.last.accel_mean)
-        first, last = turn.segment.first, turn.segment.last
+        """A turn that was accepted, and the still that it ended in."""
+        first, last = turn.segment.stills
+        self.first(last.accel_mean)
         rate = turn.samples.gyro - (first.gyro_mean + last.gyro_mean) / 2
         step = np.diff(turn.samples.t_s)[:, None]
         noise = 3 * np.maximum(first.gyro_std, last.gyro_std)  # what the noise alone turns to and fro is no turn

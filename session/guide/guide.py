@@ -9,6 +9,7 @@ from __future__ import annotations
 from session.common.units import DEG, NS
 from session.detect.blocks import block_size
 from session.detect.pace import Pace, pace_of
+from session.detect.segments import Segment
 from session.detect.stills import MIN_STILL_FRACTION
 from session.guide.coverage import Coverage
 from session.guide.health import Health
@@ -46,6 +47,8 @@ class Guide:
         self._before_s = 0.0  # in earlier logs
         self._waits = ""  # what the port or the stream lacks
         self._changes: list[Change] = []
+        self._pending: list[Samples] = []
+        self._asked_s: float | None = None
         self._new_log()
 
     def begin(self, sensor: Sensor) -> None:
@@ -80,6 +83,7 @@ class Guide:
         if checking and not self._check_stream():
             return self._changes
         pending = joined(self._pending)
+        assert self._pace is not None  # the stream has been looked at
         self.health.feed(pending if checking else samples, self._pace)
         size = block_size(self._period_s)
         whole = len(pending) // size * size
@@ -141,16 +145,16 @@ class Guide:
         if not self._turn.moving:
             why = self.advice.reason if self.advice and self.advice.reason else f"segment {self.accepted + 1} of {self.segments}"
             return Instruction(self.stage, do, f"waiting for the turn; {why}")
-        peak_dps, bar_dps = self._turn.peak_rps / DEG, PEAK_FULL_SCALE * self.sensor.gyro_fs_dps
+        peak_dps, bar_dps = self._turn.peak_rps / DEG, PEAK_FULL_SCALE * self._sensor.gyro_fs_dps
         turned = f"turned {self._turn.path_rad / DEG:.0f}° so far"
         if peak_dps > bar_dps:
             return Instruction(self.stage, do, f"{turned}, but {peak_dps:.0f} > {bar_dps:.0f} dps: slower, or it clips", good=False)
-        return Instruction(self.stage, do, f"{turned}, peak {peak_dps:.0f} of {self.sensor.gyro_fs_dps:.0f} dps; then let go")
+        return Instruction(self.stage, do, f"{turned}, peak {peak_dps:.0f} of {self._sensor.gyro_fs_dps:.0f} dps; then let go")
 
     def _new_log(self) -> None:
-        self._pending: list[Samples] = []
-        self._asked_s: float | None = None
-        self._began_ns, self._now_ns = None, 0
+        self._pending = []
+        self._asked_s = None
+        self._began_ns = self._now_ns = 0
         self._period_s = 0.0
         self._pace: Pace | None = None
         self._window: Window | None = None
@@ -159,11 +163,29 @@ class Guide:
         self._why = self._objection = ""
         self._examined_s = 0.0
 
+    @property
+    def _seen(self) -> Window:
+        """The recent part of the log; there is one as soon as its stream has been looked at."""
+        assert self._window is not None
+        return self._window
+
+    @property
+    def _at_rest(self) -> Stillness:
+        """The judge of blocks, there as soon."""
+        assert self._stillness is not None
+        return self._stillness
+
+    @property
+    def _sensor(self) -> Sensor:
+        """As it was set before the first sample."""
+        assert self.sensor is not None
+        return self.sensor
+
     def _check_stream(self) -> bool:
         pending = joined(self._pending)
         if pending.duration_s < CHECK_S or len(pending) < FEWEST:
             return False
-        problem = stream_problem(pending, self.sensor.odr_hz, self.sensor.accel_fs_g)
+        problem = stream_problem(pending, self._sensor.odr_hz, self._sensor.accel_fs_g)
         if problem:
             if problem != self._waits:
                 self._say(Kind.WARNING, problem)
@@ -172,7 +194,7 @@ class Guide:
         if self._window is None:
             self._period_s, self._began_ns, self._now_ns = pending.period_s, int(pending.t_ns[0]), int(pending.t_ns[0])
             self._pace = pace_of(pending.t_ns)
-            self._window = Window(self.sensor, self.protocol, self._period_s)
+            self._window = Window(self._sensor, self.protocol, self._period_s)
             self._stillness = Stillness(self._period_s)
         self._waits, self.stage = "", Stage.HOLD_STILL
         self._say(Kind.STAGE, f"the stream is good: {1 / pending.period_s:.1f} Hz")
@@ -180,10 +202,10 @@ class Guide:
 
     def _block(self, samples: Samples) -> None:
         self._now_ns = int(samples.t_ns[-1])
-        self._window.feed(samples)
-        block = self._stillness.feed(samples)
+        self._seen.feed(samples)
+        block = self._at_rest.feed(samples)
         self._why = block.why
-        ended_s = self._turn.feed(block, self._stillness.zero_rps)
+        ended_s = self._turn.feed(block, self._at_rest.zero_rps)
         if self.stage is Stage.TURN:
             self._turning()
         elif block.quiet:
@@ -193,7 +215,7 @@ class Guide:
 
     def _turning(self) -> None:
         if self._turn.path_rad < STIR_DEG * DEG:
-            self._window.rest(self._turn.still_s)
+            self._seen.rest(self._turn.still_s)
         elif max(self._turn.still_s, self._turn.restless_s) >= SETTLING_S:
             self.stage, self._objection = Stage.HOLD_STILL, ""
             self._say(Kind.STAGE, f"turned {self._turn.path_rad / DEG:.0f}°: now hold still")
@@ -203,7 +225,7 @@ class Guide:
         if self._turn.still_s < self.hold_s or self._examined_s < EXAMINE_EVERY_S:
             return
         self._examined_s = 0.0
-        examined = self._window.examine()
+        examined = self._seen.examine()
         self._objection = examined.why
         if examined.still is not None:
             self._judge(examined)
@@ -211,21 +233,22 @@ class Guide:
     def _let_go(self, held_s: float) -> None:
         """The still ended before the countdown: it may have been long enough all the same."""
         shortest = MIN_STILL_FRACTION * self.protocol.still_s
-        examined = self._window.examine() if held_s >= shortest else None
+        examined = self._seen.examine() if held_s >= shortest else None
         if examined is not None and examined.still is not None:
             self._judge(examined)
             return
         self._objection = ""
         if held_s >= SETTLING_S:
             why = examined.why if examined is not None else f"too short a still, {held_s:.1f} < {shortest:.1f} s"
-            turns = ": this turn goes on to the next still" if self._window.has_reference else ""
+            turns = ": this turn goes on to the next still" if self._seen.has_reference else ""
             self._say(Kind.WARNING, f"{why}{turns}")
 
     def _judge(self, examined: Examined) -> None:
         """The present still is a reference; is the turn before it a segment?"""
         segment, still = examined.segment, examined.still
-        self._window.accept(examined)
-        self._stillness.zero_rps = still.gyro_mean
+        assert still is not None
+        self._seen.accept(examined)
+        self._at_rest.zero_rps = still.gyro_mean
         self._turn.accepted_still()
         self.stage, self._objection = Stage.TURN, ""
         if segment is None:
@@ -241,7 +264,7 @@ class Guide:
             self._say(Kind.REJECTED, f"turn {number} rejected: {problem}")
             return
         self.accepted += 1
-        turn = self._accepted_turn(examined)
+        turn = self._accepted_turn(segment, examined)
         self.coverage.add(turn)
         note = f"; {segment.note}" if segment.note else ""
         said = f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}"
@@ -250,8 +273,8 @@ class Guide:
         if self.accepted >= self.segments:
             self._finish(f"{self.accepted} segments")
 
-    def _accepted_turn(self, examined: Examined) -> AcceptedTurn:
-        segment = examined.segment
+    def _accepted_turn(self, segment: Segment, examined: Examined) -> AcceptedTurn:
+        assert examined.noise is not None  # a still, which ends a segment, shows it
         samples = examined.samples.between(segment.start, segment.stop)
         middle_s = self._before_s + float((int(samples.t_ns[0]) + int(samples.t_ns[-1])) // 2 - self._began_ns) * NS
         return AcceptedTurn(segment, samples, examined.noise, self.log, middle_s)
@@ -266,4 +289,4 @@ class Guide:
     @property
     def _now_s(self) -> float:
         """Since the present log began."""
-        return (self._now_ns - self._began_ns) * NS if self._began_ns is not None else 0.0
+        return (self._now_ns - self._began_ns) * NS

@@ -193,7 +193,7 @@ class GuidedRecording:
             else:
                 for change in self.guide.advise(coaching.result()):
                     self._view.change(change)
-        if self._coaching is None and self._to_coach:
+        if self._coaching is None and self._to_coach and self._coach is not None:
             self._coaching = self._thread.submit(self._coach, self._to_coach)
             self._to_coach = []
 
@@ -209,7 +209,7 @@ def _joined(events: Iterable[Event]) -> Iterator[Event]:
     """Neighbouring chunks as one: a busy machine reads many small portions at once."""
     for are_chunks, group in groupby(events, lambda event: isinstance(event, Chunk)):
         if are_chunks:
-            chunks = list(group)
+            chunks = [event for event in group if isinstance(event, Chunk)]
             yield Chunk(np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks]))
         else:
             yield from group

@@ -20,8 +20,9 @@ TEMP_EVERY_S = 1.0
 class Health:
     """Counts over a session.  troubles: by kind, as the stream's decoder names them."""
 
-    def __init__(self):
-        self.samples, self.gaps, self.troubles = 0, 0, Counter()
+    def __init__(self) -> None:
+        self.samples = self.gaps = 0
+        self.troubles: Counter[str] = Counter()
         self._extra = 0  # periods that the steps hold beyond one each
         self.temp_c: float | None = None
         self.info_odr_hz: float | None = None  #: what the board says

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Collection
+from types import TracebackType
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -36,8 +38,8 @@ class LiveScreen:
         self._live.__enter__()
         return self
 
-    def __exit__(self, *error) -> None:
-        self._live.__exit__(*error)
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:
+        self._live.__exit__(kind, error, traceback)
 
     def change(self, change: Change) -> None:
         """Remember it on the screen, and ring."""
@@ -62,7 +64,7 @@ class PlainLines:
     def __enter__(self) -> PlainLines:
         return self
 
-    def __exit__(self, *error) -> None:
+    def __exit__(self, *error: object) -> None:
         pass
 
     def change(self, change: Change) -> None:
@@ -78,7 +80,7 @@ class PlainLines:
         self.console.print(f"{'':12}{now.do}{f' ({why})' if why else ''}", soft_wrap=True)
 
 
-def view(guide: Guide, title: str, changes) -> Group:
+def view(guide: Guide, title: str, changes: Collection[Change]) -> Group:
     """The whole screen, at most 22 lines of 80 columns."""
     said = Table.grid(padding=(0, 2))
     said.add_column(justify="right", width=8)

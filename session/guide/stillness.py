@@ -42,7 +42,8 @@ class Stillness:
     def __init__(self, period_s: float):
         self._period_s = period_s
         self.size = block_size(period_s)
-        self._gyro_var, self._accel_var = deque(maxlen=MEMORY_BLOCKS), deque(maxlen=MEMORY_BLOCKS)
+        self._gyro_var: deque[np.ndarray] = deque(maxlen=MEMORY_BLOCKS)
+        self._accel_var: deque[np.ndarray] = deque(maxlen=MEMORY_BLOCKS)
         self._steps: deque[np.ndarray] = deque(maxlen=200)
         self._noise: tuple[np.ndarray, np.ndarray] | None = None
         self._run: list[np.ndarray] = []
@@ -67,7 +68,7 @@ class Stillness:
             self._run = [*self._run[-100:], gyro_mean]
         return Block(self.block_s, gyro_mean, float(np.abs(samples.gyro).max()), not why, why)
 
-    def _why_not_quiet(self, gyro_mean, gyro_var, accel_var) -> str:
+    def _why_not_quiet(self, gyro_mean: np.ndarray, gyro_var: np.ndarray, accel_var: np.ndarray) -> str:
         gyro_noise, accel_noise = self._noise_now()
         rate = gyro_mean - (0.0 if self.zero_rps is None else self.zero_rps)
         bar = UNKNOWN_ZERO_RPS if self.zero_rps is None else TURNING_RPS
@@ -103,7 +104,7 @@ class Stillness:
         return sigma_of(np.array(self._steps)) / np.sqrt(2)
 
 
-def _scatter(variance, noise, ratio, unit, what, unit_name) -> str:
+def _scatter(variance: np.ndarray, noise: np.ndarray, ratio: float, unit: float, what: str, unit_name: str) -> str:
     """Whether a block's scatter leaves what the noise allows: "rate scatter 0.31 > 0.20 dps on z"."""
     share = np.maximum(variance / (2 * ratio * noise), (variance / noise).mean() / ratio * (variance == variance.max()))
     axis = int(np.argmax(share))

@@ -20,7 +20,7 @@ class TurnInProgress:
     turning (a hand rests on the table); path_rad, peak_rps: of the movement since the last reference still.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.still_s = self.moving_s = self.restless_s = 0.0
         self.path_rad = self.peak_rps = 0.0
         self._bump, self._bump_path = np.zeros(3), 0.0

@@ -63,6 +63,7 @@ class Window:
 
     def accept(self, examined: Examined) -> None:
         """The present still is a reference from now on; what lies before the last few is forgotten."""
+        assert examined.still is not None
         self._starts_ns = [*self._starts_ns, int(examined.samples.t_ns[examined.still.start])][-REFERENCES:]
         self._forget_before(self._starts_ns[0])
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from math import isfinite, nan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -139,7 +140,7 @@ class _Reader:
         last = get_close_matches(key.lower().split(".")[-1], bare, n=1, cutoff=0.75)
         return bare[last[0]] if last else whole[0] if whole else None
 
-    def _value(self, section: str, key: str, default):
+    def _value(self, section: str, key: str, default: Any) -> Any:
         self._read.append(f"{section}.{key}")
         group = self._table.get(section, {})
         if not isinstance(group, dict):
@@ -154,7 +155,8 @@ class _Reader:
             raise FormatError(f"{self._path}: {section}.{key} is {_said(value)}, expected text in quotes")
         return value
 
-    def number(self, section: str, key: str, default=_REQUIRED, *, low: float, high: float):
+    def number(self, section: str, key: str, default: Any = _REQUIRED, *, low: float, high: float) -> Any:
+        """A float between the limits; None where the key is missing and that is the default."""
         value = self._value(section, key, default)
         if value is None and default is None:
             return None
@@ -177,7 +179,7 @@ class _Reader:
         return array
 
 
-def _said(value) -> str:
+def _said(value: object) -> str:
     """A value as a complaint quotes it, never longer than a line."""
     try:
         text = repr(value)

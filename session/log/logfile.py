@@ -40,6 +40,9 @@ def read_log(path: Path, sensor: Sensor) -> Log:
     rows, layout = reader.whole(), reader.layout
     if rows is None:
         raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
+    assert rows.t_ns is not None  # a standard log without one of these three was refused
+    assert rows.gyro is not None
+    assert rows.accel is not None
     gyro = rows.gyro * layout.gyro_si(sensor.gyro_fs_dps)
     accel = rows.accel * layout.accel_si(sensor.accel_fs_g)
     samples = Samples(rows.t_ns, gyro, accel, None if rows.temp is None else layout.temperature_c(rows.temp))
@@ -51,5 +54,5 @@ def read_log(path: Path, sensor: Sensor) -> Log:
         samples = Samples(samples.t_ns[kept], gyro[kept], accel[kept], None if samples.temp_c is None else samples.temp_c[kept])
     if len(samples) < 2:
         raise DataError(f"{path.name}: a single sample; expected a recording of some seconds")
-    raw = layout.gyro.unit.si is None or layout.accel.unit.si is None
+    raw = any(triad is not None and triad.unit.si is None for triad in (layout.gyro, layout.accel))
     return Log(path=path, samples=samples, comments=reader.comments, notes=tuple(notes), raw=raw)

@@ -63,5 +63,7 @@ def start_times(logs: Iterable[Samples]) -> np.ndarray:
 
 def joined(parts: list[Samples]) -> Samples:
     """Parts of one log, in their order, as one."""
-    temp_c = None if any(part.temp_c is None for part in parts) else np.concatenate([part.temp_c for part in parts])
-    return Samples(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("t_ns", "gyro", "accel")), temp_c)
+    temps = [part.temp_c for part in parts if part.temp_c is not None]
+    temp_c = np.concatenate(temps) if len(temps) == len(parts) else None
+    t_ns, gyro, accel = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t_ns", "gyro", "accel"))
+    return Samples(t_ns, gyro, accel, temp_c)

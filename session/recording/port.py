@@ -20,12 +20,12 @@ try:
     from termios import error as TerminalError
 except ImportError:  # Windows, where pyserial raises nothing of the kind
 
-    class TerminalError(Exception):
+    class TerminalError(Exception):  # type: ignore[no-redef]  # there is no other on Windows
         """What a POSIX terminal raises."""
 
 
 #: what pyserial raises when a cable is pulled: SerialException is an OSError, a terminal's own error is none
-UNPLUGGED = (OSError, serial.SerialException, TerminalError)
+UNPLUGGED: tuple[type[Exception], ...] = (OSError, serial.SerialException, TerminalError)
 HINTS = {
     errno.EACCES: ": your user may not use it; join the group that owns it, usually dialout",
     errno.EAGAIN: ": another program has it open",
@@ -121,7 +121,7 @@ class Port:
 
 
 def _close(port: serial.Serial) -> None:
-    with contextlib.suppress(UNPLUGGED):
+    with contextlib.suppress(*UNPLUGGED):
         port.close()
 
 

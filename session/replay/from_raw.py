@@ -71,7 +71,9 @@ def convert_raw(
     return Converted(out, logs.paths[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)
 
 
-def _configure(raw_path: Path, out: Path, decoder: StreamDecoder, odr_hz, gyro_fs_dps, accel_fs_g) -> None:
+def _configure(
+    raw_path: Path, out: Path, decoder: StreamDecoder, odr_hz: float | None, gyro_fs_dps: float | None, accel_fs_g: float | None
+) -> None:
     beside = raw_path.with_name(NAME)
     if beside.is_file():
         shutil.copyfile(beside, out / NAME)

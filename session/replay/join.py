@@ -36,22 +36,24 @@ def join(readers: list[Reader], odr_hz: float | None) -> Joined:
     whole = [(reader, _whole(reader, odr_hz, notes)) for reader in readers]
     gyro_reader, gyro = _only(whole, "gyro", "gyroscope")
     accel_reader, accel = _only(whole, "accel", "accelerometer")
-    keep = np.ones(len(gyro.t_ns), dtype=bool)
-    force = accel.accel
+    gyro_ns, accel_ns, rate, force = gyro.t_ns, accel.t_ns, gyro.gyro, accel.accel
+    assert gyro_ns is not None and accel_ns is not None  # noqa: PT018  # ``_whole`` gives stamps to what has none
+    assert rate is not None and force is not None  # noqa: PT018  # ``_only`` has looked
+    keep = np.ones(len(gyro_ns), dtype=bool)
     if accel_reader is not gyro_reader:
-        force, keep = _at(gyro.t_ns, accel.t_ns, accel.accel)
-        notes.append(_joined_note(gyro.t_ns, accel.t_ns, keep))
+        force, keep = _at(gyro_ns, accel_ns, force)
+        notes.append(_joined_note(gyro_ns, accel_ns, keep))
         if not keep.any():
             raise DataError(f"{gyro_reader.path.name} and {accel_reader.path.name} share no time; are they of one recording, on one clock?")
     temps = [(reader, piece) for reader, piece in whole if piece.temp is not None]
     # The gyro's own temperature before any other's.
     temp_reader, temp = next((entry for entry in temps if entry[0] is gyro_reader), temps[0] if temps else (None, None))
-    values = None
-    if temp is not None:
-        values = temp.temp if temp_reader is gyro_reader else np.interp(gyro.t_ns, temp.t_ns, temp.temp)
+    values = None if temp is None else temp.temp
+    if temp is not None and values is not None and temp.t_ns is not None and temp_reader is not gyro_reader:
+        values = np.interp(gyro_ns, temp.t_ns, values)
     return Joined(
-        gyro.t_ns[keep],
-        gyro.gyro[keep],
+        gyro_ns[keep],
+        rate[keep],
         force[keep],
         None if values is None else values[keep],
         gyro_reader.layout,

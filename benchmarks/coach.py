@@ -29,7 +29,7 @@ from tinygc.closure.bias_wander import BiasWander
 from tinygc.closure.floor import Floor
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.plan.coach import Coach
-from tinygc.plan.plan import TARGETS
+from tinygc.plan.proposals import TARGETS
 from tinygc.plan.turns import Turn, TurnPart
 from tinygc.problem.build import build_problem
 from tinygc.simulation import motion

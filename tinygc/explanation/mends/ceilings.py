@@ -12,6 +12,11 @@ from session.detect.clipping import run_bar
 from session.log.samples import Samples
 from tinygc.explanation.mends.lost_samples import lsb
 
+#: a plateau ends in corners: as far beyond its ends as it is long, a smooth peak has fallen by 9 times what it stays within (2 steps)
+CORNER = 3 * 9 * 2
+#: share of full scale, below which no ceiling is looked for: 25 dps of 500, slower than a turn
+LEAST_CEILING = 0.05
+
 
 @dataclass(frozen=True, eq=False)
 class ReachedCeiling:
@@ -38,14 +43,6 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
         return None
     level = float(np.median([top for top, _, _ in found]))
     return ReachedCeiling(level, np.any([at for _, at, _ in found], axis=0))
-
-
-#: a plateau ends in corners: as far beyond its ends as it is long, a smooth peak has fallen by 9 times what it stays within (2 steps)
-CORNER = 3 * 9 * 2
-
-
-#: share of full scale, below which no ceiling is looked for: 25 dps of 500, slower than a turn
-LEAST_CEILING = 0.05
 
 
 def _longest_run(mask: np.ndarray) -> tuple[int, int]:

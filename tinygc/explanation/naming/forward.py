@@ -21,7 +21,7 @@ LATER_FAMILY_WISE = 0.01
 #: and take up at least this share of what has been explained so far: a model is good to a tenth of an effect's size,
 #: and a tenth of the size is a hundredth of the chi-square
 LATER_SHARE = 1e-2
-#: or else this share of what is left beyond noise, and that must be as much as noise at least: what an inexact model leaves has no name
+#: or else this share of what is left beyond noise, and at least as much as noise: what an inexact model leaves must not be named
 #: (not critical: benchmarks/thresholds.py)
 WHOLE_SHARE = 0.95
 #: candidates whose linear gain is at least this share of the best one's are refitted exactly before one is named

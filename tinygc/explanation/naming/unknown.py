@@ -106,7 +106,7 @@ def _periodic(frequency_hz: float) -> Effect:
         return np.stack([np.cos(phase), np.sin(phase)], axis=-1)
 
     equation = f"ω += a cos(2π f t) + b sin(2π f t), f = {frequency_hz:.4f} Hz"
-    says = f"the zero oscillates with a period of {1 / frequency_hz:.1f} s"
+    says = f"the zero-rate offset oscillates with a period of {1 / frequency_hz:.1f} s"
     return _finding("periodic", equation, 6, says, ("time", "s"), basis=basis, inputs=("time",))
 
 
@@ -118,7 +118,7 @@ def _curve(variable: str, unit: str, scaled: OfMovement, order: int) -> Effect:
         f"curve_over_{variable}",
         f"ω += smooth curve of {variable}, Legendre order {order}",
         3 * order,
-        f"the zero follows {variable} on a curve that is no straight line",
+        f"the zero-rate offset follows {variable} on a curve that is no straight line",
         (variable, unit),
         basis=basis,
         inputs=(variable,),
@@ -139,7 +139,7 @@ def _attitude(order: int) -> Effect:
         "attitude",
         f"ω += polynomial of the specific force, order {order}",
         3 * len(powers),
-        "the zero depends on attitude in a way that no g-sensitivity has",
+        "the zero-rate offset depends on attitude in a way that no g-sensitivity has",
         ("attitude", "g"),
         basis=basis,
         inputs=("force",),

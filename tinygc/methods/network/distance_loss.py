@@ -1,7 +1,8 @@
 """The paper's loss as it stands: the mean distance of the end quaternions, not its square.
 
 A sum of distances is minimised by reweighted least squares (Weiszfeld 1937): each pass divides a segment's weight by the distance that
-the last one left.  It is to the squared loss what a median is to a mean: days, or windows, that are unlike the others pull less.
+the last one left.  Segments that fit badly count less than in the squared loss, as outliers do in a median: a day, or a window, that
+is unlike the others pulls the result less.
 """
 
 from __future__ import annotations

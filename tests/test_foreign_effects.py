@@ -132,14 +132,15 @@ def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strang
 
         # Live: what is needed is asked for; then sample by sample as whole.
         rate_hz = 1 / samples.period_s
-        live = tinygc.load(path, rate_hz)
-        assert live.needs == (("temp",) if name == "gyro.thermal_curvature" else ("rate_hz",))
-        if "rate_hz" in live.needs:
+        calibration = tinygc.load(path, rate_hz)
+        assert calibration.needs == (("temp",) if name == "gyro.thermal_curvature" else ("rate_hz",))
+        if "rate_hz" in calibration.needs:
             with pytest.raises(CalibrationError, match="load it with rate_hz="):
                 tinygc.load(path)(samples.gyro[:10])
-        if "temp" in live.needs:
+        if "temp" in calibration.needs:
             with pytest.raises(CalibrationError, match="the model needs temp"):
-                live(samples.gyro[0])
+                calibration.live()(samples.gyro[0])
+        live = calibration.live()
         one_by_one = [live(*sample) for sample in zip(samples.gyro[:800], samples.accel, samples.temp_c, strict=False)]
         np.testing.assert_allclose(one_by_one, model.calibrate(samples.between(0, 800), live=True), atol=1e-6)
 

@@ -142,7 +142,7 @@ def lsb(values: np.ndarray) -> float:
 
 
 def _longest_run(mask: np.ndarray) -> tuple[int, int]:
-    """start, stop"""
+    """Start and stop of it."""
     starts, stops = runs_of(mask)
     longest = int(np.argmax(stops - starts))
     return int(starts[longest]), int(stops[longest])

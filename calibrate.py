@@ -17,7 +17,7 @@ from tinygc.cli.commands._results import standard_output
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; returns the exit code (FORMATS, exit codes)."""
+    """Run one command; returns the exit code (docs/formats.md, exit codes)."""
     _make_streams_safe()
     # Many small matrices: on a machine that is busy with other work, threads that wait for one another cost more than they give.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

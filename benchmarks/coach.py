@@ -29,8 +29,8 @@ from tinygc.closure.bias_wander import BiasWander
 from tinygc.closure.floor import Floor
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.plan.coach import Coach
-from tinygc.plan.plan import TARGETS
-from tinygc.plan.turns import Part, Turn
+from tinygc.plan.proposals import TARGETS
+from tinygc.plan.turns import Turn, TurnPart
 from tinygc.problem.build import build_problem
 from tinygc.simulation import motion
 from tinygc.simulation.options import SimulationOptions
@@ -76,7 +76,7 @@ class CoachedHand:
             strokes.append(stroke(gimbal, self._clock_s, seconds, STRAY_RAD * self._rng.standard_normal(), self._rng))
         return not_faster(strokes, PEAK_RPS), seconds
 
-    def _part(self, part: Part, angles: np.ndarray, begin_s: float, seconds: float) -> list:
+    def _part(self, part: TurnPart, angles: np.ndarray, begin_s: float, seconds: float) -> list:
         strokes = []
         along = self._axes(angles) @ part.axis
         if np.abs(along).max() < NEAR and abs(np.cos(angles[1])) < 0.5:

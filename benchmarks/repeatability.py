@@ -25,7 +25,7 @@ from tinygc.models.linear import bias_only
 from tinygc.problem.build import build_problem
 from tinygc.simulation import simulate
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.unit import Unit
+from tinygc.simulation.unit import SimulatedUnit
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def recorded(options: SimulationOptions, scale_ppm: float = 0.0) -> Session:
     return as_session(options, made.unit, made.log)
 
 
-def as_session(options: SimulationOptions, unit: Unit, log) -> Session:
+def as_session(options: SimulationOptions, unit: SimulatedUnit, log) -> Session:
     """As the folder would be read."""
     gyro, accel = gyro_rps_per_lsb(options.gyro_fs_dps), accel_mps2_per_lsb(options.accel_fs_g)
     samples = Samples(log.t_us * 1000, log.gyro * gyro, log.accel * accel, temperature_c(log.temp))

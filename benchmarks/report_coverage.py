@@ -20,7 +20,7 @@ from tinygc.methods.options import FitOptions
 from tinygc.report.html.evidence import gather
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
-from tinygc.simulation.unit import Unit
+from tinygc.simulation.unit import SimulatedUnit
 
 #: one sigma of what --hide conceals
 HIDDEN_DPS_PER_G, HIDDEN_HALF_DIFFERENCE = 0.05, 0.002
@@ -81,7 +81,7 @@ def one_session(job: Job) -> dict:
     }
 
 
-def in_words(unit: Unit, options: SimulationOptions, period_s: float) -> dict[tuple[str, str], float]:
+def in_words(unit: SimulatedUnit, options: SimulationOptions, period_s: float) -> dict[tuple[str, str], float]:
     """The unit's true errors as a report says them: ppm, mrad, dps, °/√h, °/h."""
     M = np.linalg.inv(unit.E)
     gain = np.sqrt(np.sum(M**2, axis=1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tinygc.deploy.embedded.stage import Inputs
-from tinygc.effects import Claim, Conditions, NoC, catalogue
+from tinygc.effects import AppliedEffect, Conditions, NoC, catalogue
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
@@ -27,10 +27,10 @@ def denoiser(slope: float = 1.0) -> Denoiser:
     return Denoiser.from_vector(np.abs(RNG.normal(size=(3, 56))), slope=slope).normalised()
 
 
-def claim(effect: str) -> Claim:
+def claim(effect: str) -> AppliedEffect:
     """An effect of a size that a sensor may have."""
     parameter = catalogue()[effect].parameter
-    return Claim(catalogue()[effect], 0.1 * parameter.plausible * RNG.normal(size=parameter.size))
+    return AppliedEffect(catalogue()[effect], 0.1 * parameter.plausible * RNG.normal(size=parameter.size))
 
 
 def physics(*effects: str) -> PhysicsModel:

@@ -21,7 +21,7 @@ from session.log.logfile import read_log
 from session.log.samples import Samples
 from tinygc import models
 from tinygc.deploy.calibration import Calibration
-from tinygc.effects import Claim, Conditions, catalogue, movement_of
+from tinygc.effects import AppliedEffect, Conditions, catalogue, movement_of
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
@@ -46,7 +46,7 @@ def physics(*ids):
     claims = []
     for name in ids:
         effect = catalogue()[name]
-        claims.append(Claim(effect, 0.02 * effect.parameter.plausible * (0.5 + RNG.random(effect.parameter.size))))
+        claims.append(AppliedEffect(effect, 0.02 * effect.parameter.plausible * (0.5 + RNG.random(effect.parameter.size))))
     return PhysicsModel(LINEAR, tuple(claims), KNOWN)
 
 

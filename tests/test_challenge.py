@@ -147,7 +147,7 @@ def test_two_codes_of_one_effect_agree(name):
     t = np.arange(0, plan.log_s, 1 / 1664)
     rate, force, temp = true_signals(options, draw_unit(options, np.random.default_rng(0)), plan, t)
     effect, g = catalogue()[name], 9.80665
-    if effect.variants:
+    if effect.scan:
         effect = effect.variants(np.array([hidden.truth["at_s"]]))[0]
     vibration = np.zeros(len(t))
     if hidden.disturb:

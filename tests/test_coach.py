@@ -9,7 +9,7 @@ from tinygc.attitude import rotation
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.models import linear
 from tinygc.plan.coach import Coach
-from tinygc.plan.plan import TARGETS
+from tinygc.plan.proposals import TARGETS
 from tinygc.plan.turns import columns, turns_from
 from tinygc.problem.build import build_problem
 

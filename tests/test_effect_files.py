@@ -9,7 +9,7 @@ import pytest
 
 from session.common.units import DEG
 from tinygc import models
-from tinygc.effects import Claim, Conditions, Effect, EffectError, Parameter, catalogue, effect_of, load_folder, using
+from tinygc.effects import AppliedEffect, Conditions, Effect, EffectError, Parameter, catalogue, effect_of, load_folder, using
 from tinygc.effects.discovery import _installed, having, loaded_folders
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
@@ -191,7 +191,7 @@ def test_a_model_whose_effect_is_missing_says_so(tmp_path, run, simulated):
     with using([FOREIGN]):
         effect = effect_of("gyro.thermal_curvature")
         known = Conditions(100.0, 500 * DEG, 25.0)
-        table = models.to_dict(PhysicsModel(LinearModel(np.eye(3), np.zeros(3)), (Claim(effect, np.zeros(3)),), known))
+        table = models.to_dict(PhysicsModel(LinearModel(np.eye(3), np.zeros(3)), (AppliedEffect(effect, np.zeros(3)),), known))
     path = tmp_path / "model.json"
     path.write_text(json.dumps(table))
     log = simulated() / "log0001.csv.gz"

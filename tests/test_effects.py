@@ -1,4 +1,4 @@
-"""The catalogue: every effect that FORMATS lists, each the physics that its equation says, forwards, backwards and linearised."""
+"""The catalogue: every effect that docs/formats.md lists, each the physics that its equation says, forwards, backwards and linearised."""
 
 import re
 from dataclasses import replace
@@ -33,7 +33,7 @@ IDS = (
     "reference.not_still",
     "earth.rotation",
 )
-#: FORMATS, the table of effects: JSON name, shape, and the size of one unit in SI
+#: docs/formats.md, the table of effects: JSON name, shape, and the size of one unit in SI
 PARAMETERS = {
     "gyro.g_sensitivity": ("matrix_dps_per_g", (3, 3), DEG),
     "gyro.g2_sensitivity": ("dps_per_g2", (3,), DEG),
@@ -53,7 +53,7 @@ PARAMETERS = {
     "data.glitches": ("samples", (), 1),
     "reference.accelerometer": ("bias_mg", (3,), MG),
 }
-#: a strong one of each, as FORMATS would print it; and how much of what it does may be left when it is undone
+#: a strong one of each, as docs/formats.md would have it; and how much of what it does may be left when it is undone
 STRONG = {
     "gyro.g_sensitivity": ([[0.05, -0.03, 0.02], [0.04, 0.06, -0.05], [-0.07, 0.02, 0.03]], 1e-12),
     "gyro.g2_sensitivity": ([0.08, -0.07, 0.13], 1e-12),
@@ -249,7 +249,7 @@ def test_correcting_is_the_inverse_of_distorting_to_first_order(name):
     ],
 )
 def test_it_adds_what_its_equation_says(name, what):
-    """The equations of FORMATS written out by hand, parameters in people's units."""
+    """The equations of docs/formats.md written out by hand, parameters in people's units."""
     effect, moved = catalogue()[name], movement()
     value = np.ravel(STRONG[name][0])
     added = effect.distort(moved, value * effect.parameter.si) - moved.rate

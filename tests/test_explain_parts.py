@@ -12,10 +12,11 @@ from session.log.folder import read_session
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.bias_wander import wander_covariance
-from tinygc.effects import Claim, catalogue
+from tinygc.effects import AppliedEffect, catalogue
 from tinygc.explanation.naming.forward import candidates
 from tinygc.explanation.naming.selection import Selection
-from tinygc.explanation.naming.unknown import slow_candidates
+from tinygc.explanation.naming.unknown import slow_candidates, unknown_candidates
+from tinygc.explanation.truth.truth_effects import wander
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.refit import refit
 from tinygc.explanation.twin.turn_gravity import turn_gravity
@@ -267,6 +268,16 @@ def test_columns_of_gravity_and_of_the_earth(twin_of):
     assert errors(horizontal, along(twin, state, 12, 2, 0.1 * EARTH_RATE_RPS)).max() < 2e-3
 
 
+def test_shapes_without_a_name_read_only_what_they_declare(twin_of):
+    """What they do not declare is not shown to them."""
+    twin, _ = twin_of(warm_up_c=6.0)
+    tried = [*unknown_candidates(twin), wander(np.linspace(0, twin.movements[0].duration_s, 5))]
+    assert {effect.id for effect in tried} >= {"unknown.curve_over_temperature", "unknown.attitude", "unknown.slow_bias"}
+    for effect in tried:
+        theta = np.full(effect.parameter.size, 1e-3)
+        assert np.isfinite(effect.correct(twin.movements[0].rate, twin.movements[0], theta)).all()
+
+
 @pytest.mark.parametrize("name", sorted(set(catalogue()) - {n for n, e in catalogue().items() if e.kind == "register"}))
 def test_columns_of_each_effect(twin_of, name):
     """At zero, where naming looks at them."""
@@ -274,7 +285,7 @@ def test_columns_of_each_effect(twin_of, name):
     effect = catalogue()[name]
     if effect.scan:
         effect = effect.variants(np.array([twin.movements[0].duration_s * 0.4]))[0]
-    state = replace(twin.start(), claims=(Claim(effect, np.zeros(effect.parameter.size)),))
+    state = replace(twin.start(), claims=(AppliedEffect(effect, np.zeros(effect.parameter.size)),))
     rates = twin.rates(state)
     bare = replace(state, claims=())
     columns = twin.effect_columns(effect, bare, twin.sensitivity(state, rates), rates).stacked()
@@ -305,7 +316,7 @@ def test_columns_of_a_claimed_lag_are_those_where_it_stands(twin_of):
     """A lag's linear columns, taken from the corrected rate, would not see what all axes have in common."""
     twin, _ = twin_of()
     effect = catalogue()["gyro.bandwidth"]
-    state = replace(twin.start(), claims=(Claim(effect, np.array([0.01, 0.02, 0.015])),))
+    state = replace(twin.start(), claims=(AppliedEffect(effect, np.array([0.01, 0.02, 0.015])),))
     rates = twin.rates(state)
     columns = twin.effect_columns(effect, state, twin.sensitivity(state, rates), rates).stacked()
     exact = along(twin, state, 15, 3, 1e-5)
@@ -315,11 +326,11 @@ def test_columns_of_a_claimed_lag_are_those_where_it_stands(twin_of):
 def test_the_state_is_its_vector(twin_of):
     twin, _ = twin_of()
     effects = [catalogue()["gyro.g_sensitivity"], catalogue()["gyro.thermal_bias"]]
-    state = replace(twin.start(), claims=tuple(Claim(effect, np.arange(effect.parameter.size, dtype=float)) for effect in effects))
+    state = replace(twin.start(), claims=tuple(AppliedEffect(effect, np.arange(effect.parameter.size, dtype=float)) for effect in effects))
     np.testing.assert_array_equal(state.with_vector(state.vector).vector, state.vector)
     assert len(state.vector) == 15 + 9 + 3
     with pytest.raises(ValueError, match=r"gyro\.thermal_bias: theta has shape \(2,\)"):
-        Claim(effects[1], np.zeros(2))
+        AppliedEffect(effects[1], np.zeros(2))
 
 
 # Refit
@@ -437,7 +448,7 @@ def test_a_lag_is_never_negative(twin_of):
     twin, whiten = twin_of(skewed, segments=16)
     effect = catalogue()["gyro.bandwidth"]
     for begin in (-0.006, 0.006):
-        start = replace(twin.start(), claims=(Claim(effect, np.full(3, begin)),))
+        start = replace(twin.start(), claims=(AppliedEffect(effect, np.full(3, begin)),))
         (claim,) = in_gauge(twin, whiten, refit(twin, whiten, [effect], start)).state.claims
         assert claim.theta.min() >= 0
         assert not turn_gravity(twin, in_gauge(twin, whiten, refit(twin, whiten, [effect], start))).is_offset

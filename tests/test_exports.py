@@ -16,7 +16,7 @@ from tinygc import models
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.exports import FORMATS, ExportError, exporter
 from tinygc.deploy.exports._context import Context
-from tinygc.effects import Claim, Conditions, catalogue
+from tinygc.effects import AppliedEffect, Conditions, catalogue
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
@@ -96,7 +96,9 @@ KNOWN = Conditions(duration_s=200.0, fs_rps=500 * DEG, first_temp_c=25.5)
 
 def physics(linear, *ids):
     effects = [catalogue()[name] for name in ids]
-    return PhysicsModel(linear, tuple(Claim(effect, 0.1 * DEG * RNG.normal(size=effect.parameter.size)) for effect in effects), KNOWN)
+    return PhysicsModel(
+        linear, tuple(AppliedEffect(effect, 0.1 * DEG * RNG.normal(size=effect.parameter.size)) for effect in effects), KNOWN
+    )
 
 
 def context(said=None, **changes):

@@ -87,7 +87,7 @@ def test_chi_square_of_the_drawn_angles_has_the_right_mean(turns, drawn):
 
 
 def test_walk_over_five_seconds_is_design_s_eight_thousandths():
-    """DESIGN: about 0.008 degrees over 5 s at 5 mdps per root hertz."""
+    """docs/model.md: about 0.008 degrees over 5 s at 5 mdps per root hertz."""
     rate = np.zeros((1, 521, 3))
     dt = np.full((1, 520), 5 / 520)
     level = np.array([[1.0, 0, 0, 0]])

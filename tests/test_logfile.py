@@ -1,4 +1,4 @@
-"""Logs and folders: every header that FORMATS allows gives the same physics, and every malformed file says where."""
+"""Logs and folders: every header that docs/formats.md allows gives the same physics, and every malformed file says where."""
 
 import gzip
 import re

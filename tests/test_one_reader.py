@@ -1,4 +1,4 @@
-"""``fit`` and ``apply`` read a log through the same reader; a session's own logs are held to the letter of FORMATS."""
+"""``fit`` and ``apply`` read a log through the same reader; a session's own logs are held to the letter of docs/formats.md."""
 
 import gzip
 

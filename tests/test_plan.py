@@ -10,8 +10,8 @@ import calibrate
 from session.log.folder import read_session
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.models import linear
-from tinygc.plan.plan import TARGETS, parameter_words, propose
-from tinygc.plan.requested import asked
+from tinygc.plan.proposals import TARGETS, parameter_words, propose
+from tinygc.plan.requested import requested_by_explain
 from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
@@ -61,19 +61,19 @@ def test_an_explanation_of_other_logs_asks_for_nothing(tmp_path):
     (tmp_path / "explain").mkdir()
     logs = {"log0001.csv": hashlib.sha256(b"the log\n").hexdigest()}
     (tmp_path / "explain" / "explain.json").write_text(json.dumps({"next": WORDS, "logs": logs}))
-    assert asked(tmp_path) == WORDS
+    assert requested_by_explain(tmp_path) == WORDS
     (tmp_path / "log0002.csv").write_text("what was recorded since, and not explained\n")
-    assert asked(tmp_path) == WORDS
+    assert requested_by_explain(tmp_path) == WORDS
     (tmp_path / "log0001.csv").write_text("another log\n")
-    assert asked(tmp_path) is None
+    assert requested_by_explain(tmp_path) is None
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"next": null}', '{"next": 3}', '{"next": ""}'])
 def test_a_damaged_explanation_asks_for_nothing(tmp_path, text):
-    assert asked(tmp_path) is None
+    assert requested_by_explain(tmp_path) is None
     (tmp_path / "explain").mkdir()
     (tmp_path / "explain" / "explain.json").write_text(text)
-    assert asked(tmp_path) is None
+    assert requested_by_explain(tmp_path) is None
 
 
 def test_a_folder_without_a_log_is_one_line(tmp_path, capsys):

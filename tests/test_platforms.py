@@ -37,8 +37,11 @@ serial.Serial = object
 tools = types.ModuleType("serial.tools")
 tools.list_ports = types.ModuleType("serial.tools.list_ports")
 tools.list_ports.comports = lambda: [port]
+tools.list_ports_common = types.ModuleType("serial.tools.list_ports_common")
+tools.list_ports_common.ListPortInfo = types.SimpleNamespace
 serial.tools = tools
-sys.modules.update({"serial": serial, "serial.tools": tools, "serial.tools.list_ports": tools.list_ports})
+sys.modules.update({"serial": serial, "serial.tools": tools, "serial.tools.list_ports": tools.list_ports,
+                    "serial.tools.list_ports_common": tools.list_ports_common})
 """
 
 

@@ -13,7 +13,7 @@ from session.log.folder import read_session
 from tinygc.explanation.verdict.explain import explain_session
 from tinygc.fitting.session import fit_session
 from tinygc.methods.options import FitOptions
-from tinygc.plan.plan import propose
+from tinygc.plan.proposals import propose
 from tinygc.problem.build import build_problem
 from tinygc.problem.closure_run import read_closure_runs
 from tinygc.report.html.evidence import gather

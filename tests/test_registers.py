@@ -11,8 +11,9 @@ from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc.explanation.mends import false_readings, interpolation, lost_samples
+from tinygc.explanation.mends.ceilings import find_ceiling
 from tinygc.explanation.mends.false_readings import find_glitches, without_glitches
-from tinygc.explanation.mends.lost_samples import find_ceiling, find_jumps, find_losses, with_lost
+from tinygc.explanation.mends.lost_samples import find_jumps, find_losses, with_lost
 from tinygc.explanation.mends.mending import mend
 from tinygc.problem.build import build_problem
 

@@ -37,7 +37,7 @@ def test_crc_is_the_published_one():
 
 
 def test_a_frame_byte_by_byte():
-    """Worked out by hand from FORMATS and the definition of COBS: registers of zero are the many codes 01."""
+    """Worked out by hand from docs/formats.md and the definition of COBS: registers of zero are the many codes 01."""
     frame = frames.encode_samples(np.array([0x0102]), np.array([0x03000405]), np.zeros((1, 7), np.int16))[0].tobytes()
     body = bytes([1, 0x02, 0x01, 0x05, 0x04, 0x00, 0x03]) + bytes(14)
     check = binascii.crc_hqx(body, 0xFFFF)
@@ -127,7 +127,7 @@ def test_a_header_says_in_which_order_the_columns_are():
 
 @pytest.mark.parametrize("shared_counter", [True, False])
 def test_info_frames_are_read_and_do_not_count_as_lost(shared_counter):
-    """FORMATS does not say whether both types share the counter: either is understood."""
+    """docs/formats.md says one counter for both types; a board that has two is understood as well."""
     t_us, registers = sent(3000)
     messages, number = [], 0
     for k, row in enumerate(zip(t_us, registers, strict=True)):

@@ -12,7 +12,7 @@ from paper.euroc import EUROC
 from session.common.units import DEG, MG
 from session.log.folder import read_session
 from session.public.euroc import write_sequences, write_training_windows
-from tinygc.explanation.truth.explain import Claim, TruthExplanation, explain_truth
+from tinygc.explanation.truth.explain import TruthClaim, TruthExplanation, explain_truth
 from tinygc.explanation.truth.result import independent
 from tinygc.fitting.bias.days import level_days
 from tinygc.problem.build import build_problem
@@ -85,11 +85,11 @@ def _claims(e: TruthExplanation) -> str:
     )
 
 
-def _share(claim: Claim) -> str:
+def _share(claim: TruthClaim) -> str:
     return "" if claim.share is None else f", {100 * claim.share:.0f} %"
 
 
-def _size(claim: Claim) -> str:
+def _size(claim: TruthClaim) -> str:
     if claim.sigma is None:
         return f"{len(claim.theta)} moments"
     return f"{np.abs(claim.theta).max() / claim.effect.parameter.si:.2g} {claim.effect.parameter.unit}"

@@ -16,7 +16,7 @@ class CalibrationError(Exception):
 
 
 class FormatError(CalibrationError):
-    """A file does not hold what FORMATS says it holds."""
+    """A file does not hold what docs/formats.md says it holds."""
 
 
 class DataError(CalibrationError):

@@ -1,4 +1,4 @@
-"""``--columns t_us=NAME,gx_dps=NAME,…``: any CSV at all, in the words of FORMATS' headers."""
+"""``--columns t_us=NAME,gx_dps=NAME,…``: any CSV at all, in the words of the headers of docs/formats.md."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class Triad:
 class Layout:
     """dialect's name; delimiter (None: white space); first: number of lines before the rows; time: column, or None where rows are only
     counted; time_ns per unit of it; clock: it is a time of day; gyro, accel: what is there; temp: column; names of all columns;
-    frame, as far as it is documented; header_line as it stands in the file; standard: held to the letter of FORMATS, as a session's
+    frame, as far as it is documented; header_line as it stands in the file; standard: held to the letter of docs/formats.md, as a session's
     logs are: commas, no quotes, whole numbers for registers and for stamps in ns or us, a counter only in us."""
 
     dialect: str

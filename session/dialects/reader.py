@@ -38,7 +38,7 @@ class Reader:
     """One file: ``layout`` at once, ``pieces()`` or ``whole()`` once, ``notes`` and ``comments`` as they are met."""
 
     def __init__(self, path: Path, answers: Answers | None):
-        """answers: what a person says of a log of any dialect; None: it must be a standard log, to the letter of FORMATS.
+        """answers: what a person says of a log of any dialect; None: it must be a standard log, to the letter of docs/formats.md.
 
         Raises FormatError: what cannot be read or told.
         """

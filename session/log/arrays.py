@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike
 
 from session.common.errors import DataError
 from session.common.units import DEG, NS, G
+from session.dialects.stamps import ERA_NS
 from session.log.samples import Samples
 from session.sensor.registers import ACCEL_MG_PER_LSB, GYRO_MDPS_PER_LSB
 
-#: times up to here, 146 years, are whole nanoseconds without overflow
-LAST_S = 2**62 * NS
+LAST_S = ERA_NS * NS
 
 
 def samples_from_arrays(name: str, t_s: ArrayLike, gyro_rps: ArrayLike, accel_mps2: ArrayLike, temp_c: ArrayLike | None) -> Samples:

@@ -1,4 +1,4 @@
-"""``session.toml``: what was recorded, with what, where (FORMATS, ``tinygc-session/1``)."""
+"""``session.toml``: what was recorded, with what, where (docs/formats.md, ``tinygc-session/1``)."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def read_config(path: Path) -> Config:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise FormatError(f"{path}: not found; a session folder holds session.toml and log*.csv (see FORMATS, README)") from None
+        raise FormatError(f"{path}: not found; a session folder holds session.toml and log*.csv (see docs/session-folder.md)") from None
     except OSError as error:
         raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, UnicodeDecodeError, a number of thousands of digits

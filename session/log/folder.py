@@ -1,4 +1,4 @@
-"""A session folder as one record: configuration, calibration logs, closure runs, dial readings (FORMATS)."""
+"""A session folder as one record: configuration, calibration logs, closure runs, dial readings (docs/formats.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Events into ``log*.csv`` (FORMATS).  A reset of the device, or a new connection, begins a new file: device time begins anew."""
+"""Events into ``log*.csv`` (docs/formats.md).  A reset of the device, or a new connection, begins a new file: device time begins anew."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ def nominal_hz(odr_hz: float) -> float:
 
 
 def toml_text(config: Config) -> str:
-    """``session.toml`` of a configuration (FORMATS)."""
+    """``session.toml`` of a configuration (docs/formats.md)."""
     sensor, site, protocol = config.sensor, config.site, config.protocol
     matrix = ", ".join("[" + ", ".join(map(repr, map(float, row))) + "]" for row in config.accelerometer.matrix)
     bias = ", ".join(map(repr, map(float, config.accelerometer.bias_mps2)))

@@ -121,7 +121,7 @@ def _ask_full_scales(readers: list[Reader], answers: Answers) -> None:
 
 
 def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Path, list[str], int]:
-    """Our own logs byte for byte, others as numbers in the units of FORMATS; the file, notes, and how many samples."""
+    """Our own logs byte for byte, others as numbers in the units of docs/formats.md; the file, notes, and how many samples."""
     joined = join(readers, answers.odr_hz)
     notes = list(joined.notes)
     if len(readers) == 1 and not notes and _is_ours(readers[0], answers):

@@ -1,4 +1,4 @@
-"""What a sensor's registers mean, and what no sensor measures.
+"""What a sensor's registers mean, what sensors of known models typically read, and what no sensor measures.
 
 May import: common.
 """

@@ -1,4 +1,4 @@
-"""``tinygc-frame/1`` (FORMATS): COBS between zero bytes, little-endian, CRC-16/CCITT-FALSE.  Both ways, many at a time.
+"""``tinygc-frame/1`` (docs/formats.md): COBS between zero bytes, little-endian, CRC-16/CCITT-FALSE.  Both ways, many at a time.
 
 One counter numbers the frames of both types.  A frame is shorter than 254 bytes, so COBS replaces each zero by the distance to
 the next, puts the first distance in front, and adds nothing else (Cheshire and Baker 1999).

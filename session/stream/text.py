@@ -1,4 +1,4 @@
-"""The text form of a stream: the log's own lines (FORMATS).
+"""The text form of a stream: the log's own lines (docs/formats.md).
 
 A line carries no check.  What protects it: it stands between two line ends, it has the columns that the others have, its numbers are
 written as a program writes them (no sign without a digit, no leading zero), registers fit 16 bits; and ``continuity`` looks at its stamp.

@@ -1,4 +1,4 @@
-"""The gyro's zero bends with temperature: needs a temperature."""
+"""The gyro's zero-rate offset bends with temperature: needs a temperature."""
 
 import numpy as np
 
@@ -16,7 +16,9 @@ EFFECT = Effect(
     parameter=Parameter("dps_per_c2", (3,), "dps/°C²", DEG, plausible=0.1 * DEG),
     seen_in=("still", "turn"),
     columns=_columns,
-    says=lambda theta: f"the gyro's zero bends with temperature, {abs(largest(theta)) / DEG:.5f} dps per °C² on {axis_of(theta)}",
+    says=lambda theta: (
+        f"the gyro's zero-rate offset bends with temperature, {abs(largest(theta)) / DEG:.5f} dps per °C² on {axis_of(theta)}"
+    ),
     splits="let the sensor warm up, cool, and warm up again",
     inputs=("temperature",),
     regime=("temperature", "°C"),

@@ -105,7 +105,7 @@ def from_euler(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndar
 
 
 def from_gravity(accel: np.ndarray) -> np.ndarray:
-    """Attitude q_nb (..., 4) with yaw 0 of a still body whose specific force is accel (..., 3): FORMATS, frames and signs."""
+    """Attitude q_nb (..., 4) with yaw 0 of a still body whose specific force is accel (..., 3): docs/formats.md, frames and signs."""
     x, y, z = (accel[..., i] for i in range(3))
     return from_euler(np.arctan2(-y, -z), np.arctan2(x, np.hypot(y, z)), 0.0)
 

@@ -14,7 +14,7 @@ from tinygc.simulation.table_movement import Plan
 
 @dataclass(frozen=True, eq=False)
 class Concealment:
-    """id; truth, its parameters by FORMATS' names and units; and what it does, each None where it does nothing.
+    """id; truth, its parameters by the names and units of docs/formats.md; and what it does, each None where it does nothing.
 
     distort: to the true rate; disturb: to the force that the accelerometer feels; movement: plan -> plan;
     spoil: to the recorded log, (recording) -> (recording, further truth); without_latitude: whether session.toml keeps it to itself.

@@ -106,7 +106,7 @@ def attitudes(batch: Batch, rate: np.ndarray) -> np.ndarray:
 def sensitivity(batch: Batch, rate: np.ndarray) -> np.ndarray:
     """(S, T, 3, 3) s: how a small error of the rate at each sample turns the end attitude, in the table frame.
 
-    phi = sum_k sensitivity_k @ d_omega_k (DESIGN, first-order sensitivity; in table axes instead of the end's body axes).
+    phi = sum_k sensitivity_k @ d_omega_k (docs/model.md, first-order sensitivity; in table axes instead of the end's body axes).
     The residual is half of phi, its first two or all three components.
     """
     return rotation.matrix(attitudes(batch, rate)) * sample_weights(batch.dt)[..., None, None]

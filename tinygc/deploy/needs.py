@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tinygc.effects import Claim
+from tinygc.effects import AppliedEffect
 from tinygc.effects.reach import NOWHERE, Reach
 from tinygc.models.model import Model
 
@@ -16,7 +16,7 @@ class Needs:
     """Of one model: ``told``, some of acc, temp and rate_hz; ``effects``, ids of those that it undoes."""
 
     def __init__(self, model: Model):
-        self._claims: tuple[Claim, ...] = model.undone
+        self._claims: tuple[AppliedEffect, ...] = model.undone
         self.effects: tuple[str, ...] = tuple(claim.effect.id for claim in self._claims)
         inputs = {*model.conditions, *(name for claim in self._claims for name in claim.effect.inputs)}
         told = {TOLD[name] for name in inputs if name in TOLD}

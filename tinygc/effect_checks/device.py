@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from session.common.units import NS_PER_S
 from session.log.samples import Samples
 from tinygc.deploy.embedded.program import Program, program
 from tinygc.deploy.embedded.source import FLAGS, SOURCE, source_files
@@ -56,7 +57,7 @@ def _samples() -> Samples:
     moved, rng = log(RATE_HZ), np.random.default_rng(0)
     assert moved.temp_c is not None  # as ``log`` makes it
     rate, force = rng.uniform(-FULL_SCALE, FULL_SCALE, (RANDOM, 3)), 9.8 * rng.normal(size=(RANDOM, 3))
-    stamps = moved.t_ns[-1] + np.rint(np.arange(1, RANDOM + 1) * (1e9 / RATE_HZ)).astype(np.int64)
+    stamps = moved.t_ns[-1] + np.rint(np.arange(1, RANDOM + 1) * (NS_PER_S / RATE_HZ)).astype(np.int64)
     temp_c = np.concatenate([moved.temp_c, rng.uniform(10, 40, RANDOM)])
     t_ns, gyro, accel = (np.concatenate(pair) for pair in ((moved.t_ns, stamps), (moved.gyro, rate), (moved.accel, force)))
     return Samples(t_ns, gyro, accel, temp_c)

@@ -37,7 +37,8 @@ def live(trial: Trial) -> str:
     _looks_no_farther(trial, samples)
     try:
         assert samples.temp_c is not None  # as ``log`` makes them
-        one_by_one = np.array([calibration(*sample) for sample in zip(samples.gyro, samples.accel, samples.temp_c, strict=True)])
+        one_at_a_time = calibration.live()
+        one_by_one = np.array([one_at_a_time(*sample) for sample in zip(samples.gyro, samples.accel, samples.temp_c, strict=True)])
     except CalibrationError as error:
         if calibration.looks_ahead and "\n" not in str(error):
             return f"refused live, since it looks ahead: {error}"

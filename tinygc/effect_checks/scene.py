@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
-from session.common.units import DEG, G
+from session.common.units import DEG, NS_PER_S, G
 from session.log.samples import Samples
-from tinygc.effects import Claim, CommonDelay, Conditions, Effect, Movement
+from tinygc.effects import AppliedEffect, CommonDelay, Conditions, Effect, Movement
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
 
@@ -29,7 +29,7 @@ class Trial:
 
     def model(self) -> PhysicsModel:
         """That undoes it and nothing else."""
-        return PhysicsModel(LinearModel(np.eye(3), np.zeros(3)), (Claim(self.effect, self.theta),), KNOWN)
+        return PhysicsModel(LinearModel(np.eye(3), np.zeros(3)), (AppliedEffect(self.effect, self.theta),), KNOWN)
 
 
 LENGTH_S = 20.0
@@ -77,7 +77,7 @@ def movement(odr_hz: float, length_s: float = LENGTH_S) -> Movement:
 def log(odr_hz: float, length_s: float = LENGTH_S) -> Samples:
     """The same movement as a log without noise."""
     moved = movement(odr_hz, length_s)
-    stamps = np.rint(np.arange(len(moved.t_s)) * (1e9 / odr_hz)).astype(np.int64)
+    stamps = np.rint(np.arange(len(moved.t_s)) * (NS_PER_S / odr_hz)).astype(np.int64)
     return Samples(stamps, moved.rate, moved.force_g * G, moved.temp_c)
 
 

@@ -13,10 +13,10 @@ from session.common.units import DEG, G
 from session.log.folder import read_session
 from tinygc.effect_checks.report import NotChecked
 from tinygc.effect_checks.scene import drawn_theta, middle_value
-from tinygc.effects import Claim, Effect, Movement
+from tinygc.effects import AppliedEffect, Effect, Movement
 from tinygc.effects.conditions import vibration
 from tinygc.explanation.mends.mending import mend
-from tinygc.explanation.naming.forward import Named, Naming, scanned, selection_of, sharpened
+from tinygc.explanation.naming.forward import NamedEffect, Naming, scanned, selection_of, sharpened
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.turn_gravity import turn_gravity
@@ -58,7 +58,7 @@ class Found:
     fit: Refit
 
     @property
-    def claim(self) -> Claim:
+    def claim(self) -> AppliedEffect:
         """The effect as it was fitted."""
         return self.fit.state.claims[0]
 
@@ -148,7 +148,7 @@ def explanation_of(found: Found) -> Explanation:
     """As ``explain`` gives it, with the effect named and nothing else looked for."""
     twin, whiten, fit = found.twin, found.whiten, found.fit
     problem = twin.problem
-    naming = Naming(found.first, 0.0, fit, [Named(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square)])
+    naming = Naming(found.first, 0.0, fit, [NamedEffect(found.claim.effect, 0.0, found.first.chi_square - fit.chi_square)])
     mended = mend(problem)
     proof = prove(problem, twin, whiten, fit)
     e = Explanation(problem.session, problem, mended, twin, whiten, naming, turn_gravity(twin, fit), proof, "explained", 0.0)

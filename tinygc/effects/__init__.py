@@ -8,7 +8,7 @@ changed: naming, refitting, simulating, drawing, live use, exports and C follow 
 May import: session.
 """
 
-from tinygc.effects.applied import Claim
+from tinygc.effects.applied_effect import AppliedEffect
 from tinygc.effects.columns import axis_of, diagonal, full, largest, nothing, per_axis
 from tinygc.effects.conditions import Conditions, movement_of, without_vibration
 from tinygc.effects.device import AHEAD, BYGONE, Cost, MatrixC, NoC, PerAxisC, StageC
@@ -26,7 +26,7 @@ __all__ = [
     "AHEAD",
     "BYGONE",
     "NEIGHBOURS",
-    "Claim",
+    "AppliedEffect",
     "CommonDelay",
     "Conditions",
     "Convention",

@@ -28,7 +28,7 @@ SEEN_IN = ("still", "turn", "reference", "timing")
 LINEAR_IN = ("force", "temperature")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Effect:
     """One entry of the catalogue.
 
@@ -99,6 +99,9 @@ class Effect:
         self._require(named, "picture", f"a function, or one of {', '.join(PAIRS)}")
         size = {None: self.parameter.size, "force": 9, "temperature": 3}.get(self.linear_in)
         self._require(size == self.parameter.size, "linear_in", f"one of {', '.join(LINEAR_IN)}, of 9 or 3 parameters")
+
+    def __repr__(self) -> str:
+        return f"Effect({self.id!r}" + "".join(f", {name}={value!r}" for name, value in self.shape.items()) + ")"
 
     def _require(self, fine: object, name: str, expected: str) -> None:
         if not fine:

@@ -50,7 +50,7 @@ class Derived:
 class Scan:
     """A shape number beside the parameter that no linear fit can find, such as the moment of a step: it is searched on a grid.
 
-    name in the JSON; unit for a person and its size in SI; make(value) -> the effect with that value, SI;
+    name in the JSON; unit for a person and its size in SI; make(value) -> the ``Effect`` with that value, SI;
     grid(movements) -> the values (K,), SI, to try on a recording, increasing; without it the middles of its turns, s of the session.
     """
 

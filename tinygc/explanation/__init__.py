@@ -1,4 +1,4 @@
-"""Why the recording differs from the simulation (DESIGN, explaining a mismatch): detect, locate, name, refuse, refit, prove.
+"""Why the recording differs from the simulation (docs/explain.md): detect, locate, name, refuse, refit, prove.
 
 May import: session, attitude, effects, models, closure, problem.
 """

@@ -19,7 +19,7 @@ class ClosureFigures(TypedDict):
 
 
 def closure_figures(angles: np.ndarray) -> ClosureFigures:
-    """FORMATS' four figures of error angles (S, 2 or 3) rad, in degrees."""
+    """The four figures of error angles (S, 2 or 3) rad, in degrees."""
     rms = np.sqrt(np.mean(angles**2, axis=0)) / DEG
     return {
         "tilt_rms_deg": float(np.hypot(rms[0], rms[1])),
@@ -30,6 +30,6 @@ def closure_figures(angles: np.ndarray) -> ClosureFigures:
 
 
 def run_figures(errors: np.ndarray) -> dict[str, float]:
-    """FORMATS' figures of one closure run, from roll, pitch, yaw errors (3,) rad."""
+    """The figures of one closure run, from roll, pitch, yaw errors (3,) rad."""
     roll, pitch, yaw = (float(error) / DEG for error in errors)
     return {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw, "rmse_deg": float(np.sqrt(np.mean(errors**2))) / DEG}

@@ -19,7 +19,7 @@ SCHEMA = "tinygc-fit/1"
 
 
 def to_json(result: FitResult) -> dict:
-    """``tinygc-fit/1`` (FORMATS); what goes beyond it is added beside its keys."""
+    """``tinygc-fit/1`` (docs/formats.md)."""
     problem = result.problem
     rejected = [segment for segment in problem.segments if not segment.accepted]
     earth = problem.earth

@@ -108,9 +108,9 @@ class Denoiser:
         x = xp.moveaxis(rate, -1, -2)[..., None, :]
         return xp.moveaxis(self._odd(x)[..., 0, :], -2, -1)
 
-    def stream(self) -> Stream:
+    def stream(self) -> DenoiserStream:
         """A filter that is fed sample by sample, as a microcontroller is."""
-        return Stream(self)
+        return DenoiserStream(self)
 
     def taps(self) -> np.ndarray:
         """(3, reach + 1): the response to a unit impulse, newest sample first; all there is to know where slope is 1 (NumPy only)."""
@@ -145,7 +145,7 @@ class Denoiser:
         return rotation.namespace(h).where(h >= 0, h, self.slope * h)
 
 
-class Stream:
+class DenoiserStream:
     """A denoiser's memory: ``step`` takes one rate (3,) rad/s and gives the denoised one (3,); ``reset`` forgets."""
 
     def __init__(self, denoiser: Denoiser):

@@ -1,4 +1,4 @@
-"""The linear model every calibration begins with: omega = E m + B, 12 parameters (FORMATS, the linear model)."""
+"""The linear model every calibration begins with: omega = E m + B, 12 parameters (docs/model.md)."""
 
 from __future__ import annotations
 

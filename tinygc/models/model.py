@@ -10,7 +10,7 @@ from session.common.errors import CalibrationError
 
 if TYPE_CHECKING:
     from session.log.samples import Samples
-    from tinygc.effects.applied import Claim
+    from tinygc.effects.applied_effect import AppliedEffect
 
 
 @runtime_checkable
@@ -36,7 +36,7 @@ class Model(Protocol):
         """How many numbers were fitted."""
 
     @property
-    def undone(self) -> tuple[Claim, ...]:
+    def undone(self) -> tuple[AppliedEffect, ...]:
         """Effects that it takes off, in the order in which it does."""
 
     @property
@@ -72,7 +72,7 @@ class BaseModel:
     rates_only: ClassVar[bool] = True
 
     @property
-    def undone(self) -> tuple[Claim, ...]:
+    def undone(self) -> tuple[AppliedEffect, ...]:
         """Effects that the model takes off, in the order in which it does."""
         return ()
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from session.log.samples import Samples
-from tinygc.effects import Claim, Conditions, movement_of
+from tinygc.effects import AppliedEffect, Conditions, movement_of
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.linear import PARAMETERS, LinearModel
 from tinygc.models.model import BaseModel
@@ -23,7 +23,7 @@ class PhysicsModel(BaseModel):
     rates_only: ClassVar[bool] = False
 
     linear: LinearModel
-    claims: tuple[Claim, ...]
+    claims: tuple[AppliedEffect, ...]
     known: Conditions
 
     @property
@@ -32,7 +32,7 @@ class PhysicsModel(BaseModel):
         return PARAMETERS + sum(len(claim.theta) for claim in self.claims)
 
     @property
-    def undone(self) -> tuple[Claim, ...]:
+    def undone(self) -> tuple[AppliedEffect, ...]:
         """The claims."""
         return self.claims
 
@@ -67,7 +67,7 @@ class CarriedNet(BaseModel):
         return len(self.net.vector) + self.physics.parameters - PARAMETERS
 
     @property
-    def undone(self) -> tuple[Claim, ...]:
+    def undone(self) -> tuple[AppliedEffect, ...]:
         """The claims of the physics."""
         return self.physics.claims
 

@@ -19,7 +19,7 @@ from tinygc.closure.floor import Floor, gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import covariance_from_columns
 from tinygc.models import linear
-from tinygc.plan.plan import TARGETS, parameter_words
+from tinygc.plan.proposals import TARGETS, parameter_words
 from tinygc.plan.turns import Turn, columns, turns_from
 
 UNKNOWN = 10.0  #: times its target: while something is as uncertain, the volume of all uncertainty is made small (D-optimality)

@@ -9,7 +9,7 @@ from session.files.results import read_json
 from session.log.hashes import sha256_of
 
 
-def asked(folder: Path) -> str | None:
+def requested_by_explain(folder: Path) -> str | None:
     """``next`` of DIR/explain/explain.json; None where nothing was explained, nothing asked, or the logs are not those any more."""
     try:
         explained = read_json(folder / "explain" / "explain.json")

@@ -25,7 +25,7 @@ TOWARDS = (("y", "z"), ("z", "x"), ("x", "y"))  #: a positive turn about x takes
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class TurnPart:
     """A turn about one axis: axis (3,) unit, in the body as it lies before; words without angle and time."""
 
     axis: np.ndarray
@@ -42,7 +42,7 @@ class Part:
 class Turn:
     """What lies between two stills."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[TurnPart, ...]
 
     @property
     def words(self) -> str:
@@ -87,19 +87,19 @@ def columns(accel: np.ndarray, turns: list[Turn]) -> np.ndarray:
     return linear.columns(closure.sensitivity(batch, rate), rate)[:, :2]
 
 
-_NOTHING = Part(np.zeros(3), 0.0, 1.0, "")
+_NOTHING = TurnPart(np.zeros(3), 0.0, 1.0, "")
 
 
-def _parts(accel: np.ndarray, angles_deg: tuple[int, ...], seconds: float) -> list[Part]:
+def _parts(accel: np.ndarray, angles_deg: tuple[int, ...], seconds: float) -> list[TurnPart]:
     up = accel / np.linalg.norm(accel)
     face = face_up(up)
     lies = f" ({face.replace('+', '')} axis up)" if face else ""
     found = []
     for sense, degrees in product((1, -1), angles_deg):
-        found.append(Part(sense * up, degrees * DEG, seconds, f"{'left' if sense > 0 else 'right'} about the vertical{lies}"))
+        found.append(TurnPart(sense * up, degrees * DEG, seconds, f"{'left' if sense > 0 else 'right'} about the vertical{lies}"))
         for i, axis in enumerate(np.eye(3)):
             if abs(axis @ up) < VERTICAL:
                 before, after = TOWARDS[i] if sense > 0 else TOWARDS[i][::-1]
                 words = f"about the sensor's {'xyz'[i]} axis ({before} towards {after})"
-                found.append(Part(sense * axis, degrees * DEG, seconds, words))
+                found.append(TurnPart(sense * axis, degrees * DEG, seconds, words))
     return found

@@ -1,4 +1,4 @@
-"""What a person may choose of a simulated session.  Sources: SENSOR section 1, FORMATS."""
+"""What a person may choose of a simulated session.  Sources: docs/sensor.md, docs/formats.md."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from session.common.errors import CalibrationError
 
-#: nominal output data rate, Hz -> bandwidth (-3 dB) of the gyro's LPF2, Hz, always on (SENSOR 1.2, LSM6DSO Table 18;
+#: nominal output data rate, Hz -> bandwidth (-3 dB) of the gyro's LPF2, Hz, always on (docs/sensor.md, LSM6DSO Table 18;
 #: the two highest rates are from memory, unchecked)
 GYRO_LPF2_HZ = {104: 33.0, 208: 66.8, 416: 135.9, 833: 295.5, 1667: 1108.1, 3333: 1320.7, 6667: 1441.8}
 #: stills at the two ends and some turning between them

@@ -13,7 +13,7 @@ from tinygc.simulation import sensor
 from tinygc.simulation.noise import bias_instability
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions
 from tinygc.simulation.table_movement import Plan, hand_plan
-from tinygc.simulation.unit import Unit, draw_unit
+from tinygc.simulation.unit import SimulatedUnit, draw_unit
 
 #: Physics beyond the linear model: ``distort(t_s (N,), rate (N, 3), force (N, 3), temp_c (N,)) -> rate (N, 3)``, SI, on the fine
 #: grid, before linear errors, noise and low-pass.  rate and force are what the elements truly feel (Earth and lever arm included).
@@ -46,7 +46,7 @@ class Simulation:
 
     options: SimulationOptions
     plan: Plan
-    unit: Unit
+    unit: SimulatedUnit
     log: Recording
     closure: Recording | None
 
@@ -57,7 +57,7 @@ def simulate_session(
     *,
     plan: Plan | None = None,
     disturb: Disturb | None = None,
-    unit: Unit | None = None,
+    unit: SimulatedUnit | None = None,
 ) -> Simulation:
     """Simulate a session; ``distort`` conceals physics of the gyro in it, ``disturb`` of the accelerometer; ``plan``: another movement
     than ``plan_of`` draws; ``unit``: another sensor than ``draw_unit`` draws.  The same arguments give the same registers."""
@@ -82,7 +82,7 @@ def _streams(options: SimulationOptions) -> list[np.random.Generator]:
 
 def _record(
     options: SimulationOptions,
-    unit: Unit,
+    unit: SimulatedUnit,
     plan: Plan,
     count: int,
     distort: Distort | None,
@@ -114,7 +114,7 @@ def _record(
     )
 
 
-def true_signals(options: SimulationOptions, unit: Unit, plan: Plan, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def true_signals(options: SimulationOptions, unit: SimulatedUnit, plan: Plan, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What the elements feel at times t_s (N,) s: rate against inertial space (N, 3) rad/s and specific force (N, 3) m/s^2, both
     in b, and temperature (N,) degC."""
     motion = table.move(plan, t_s)

@@ -17,7 +17,7 @@ MATRIX_DIGITS, BIAS_DIGITS, HEADING_DIGITS = 8, 7, 4
 
 
 @dataclass(frozen=True, eq=False)
-class Unit:
+class SimulatedUnit:
     """True errors: ``omega = E m + B`` with m as measured; ``f = accel_matrix @ (measured - accel_bias - accel_shift)``.
 
     E (3, 3), B (3,) rad/s; accel_matrix (3, 3), accel_bias (3,) m/s^2 as session.toml has them; accel_shift (3,) m/s^2 what
@@ -41,7 +41,7 @@ class Unit:
         return force @ np.linalg.inv(self.accel_matrix).T + self.accel_bias + self.accel_shift
 
 
-def draw_unit(options: SimulationOptions, rng: np.random.Generator) -> Unit:
+def draw_unit(options: SimulationOptions, rng: np.random.Generator) -> SimulatedUnit:
     """Draw a unit.  Everything is drawn whatever the options say, so that one option does not change the others' draws."""
     bias_dps = np.clip(options.gyro_bias_dps * rng.standard_normal(3), -LARGEST_BIAS_DPS, LARGEST_BIAS_DPS)
     E = _near_identity(options.gyro_scale_error, options.gyro_misalignment, rng)
@@ -51,7 +51,7 @@ def draw_unit(options: SimulationOptions, rng: np.random.Generator) -> Unit:
     drawn_error, drawn_heading = ODR_SPREAD * rng.standard_normal(), rng.uniform(-180, 180)
     odr_error = drawn_error if options.odr_error is None else options.odr_error
     freq_fine = int(np.clip(np.rint(odr_error / FREQ_FINE_STEP), -128, 127))
-    return Unit(
+    return SimulatedUnit(
         E=E,
         B=bias_dps * DEG,
         accel_matrix=np.round(accel_matrix, MATRIX_DIGITS),

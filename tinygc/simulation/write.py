@@ -1,4 +1,4 @@
-"""Write a simulated session as a folder (FORMATS ``tinygc-session/1``), and its truth beside it."""
+"""Write a simulated session as a folder (docs/formats.md, ``tinygc-session/1``), and its truth beside it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def write_session(
 ) -> Path:
     """Simulate a session and write its folder; returns the folder.
 
-    distort as for ``simulate_session``; effects: what it conceals, by id (FORMATS), only for truth.json.  The same arguments give
+    distort as for ``simulate_session``; effects: what it conceals, by id (docs/formats.md), only for truth.json.  The same arguments give
     the same bytes.  Raises FormatError where the folder holds something: ``force`` replaces an earlier simulation, nothing else.
     """
     check_folder(folder, force)

@@ -20,7 +20,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """What to record next."""
-    from tinygc.plan.plan import propose
+    from tinygc.plan.proposals import propose
 
     proposals, asked = propose(args.folder, args.count)
     console = output(args)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy.embedded.stage import Cost, Inputs, Stage, single
+from tinygc.deploy.embedded.stage import Cost, Inputs, ProgramStage, single
 from tinygc.models.linear import LinearModel
 
 #: of one affine map of three
@@ -44,7 +44,7 @@ def table(matrix: np.ndarray, bias: np.ndarray, what: str) -> np.ndarray:
     return single(np.column_stack([matrix, bias]), what)
 
 
-class Linear(Stage):
+class Linear(ProgramStage):
     """omega = E m + B as m + (D m + B)."""
 
     cost = COST + Cost(add=3)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy.embedded.stage import Cost, Inputs, Stage, single
+from tinygc.deploy.embedded.stage import Cost, Inputs, ProgramStage, single
 from tinygc.models.denoiser import Denoiser
 
 _LAYER = """\
@@ -32,7 +32,7 @@ static void layer{number}(const float *w, float ring[{slots}][{inputs}], unsigne
 """
 
 
-class Denoise(Stage):
+class Denoise(ProgramStage):
     """The three axes' convolutions; the weights (axis, tap, out, in), the oldest tap first, as the C reads them."""
 
     def __init__(self, denoiser: Denoiser):

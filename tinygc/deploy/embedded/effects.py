@@ -10,12 +10,12 @@ import re
 import numpy as np
 
 from tinygc.deploy.embedded import affine
-from tinygc.deploy.embedded.stage import Cost, Inputs, Stage, single
+from tinygc.deploy.embedded.stage import Cost, Inputs, ProgramStage, single
 from tinygc.deploy.exports import ExportError
-from tinygc.effects import Claim, Conditions, MatrixC, NoC, PerAxisC, StageC
+from tinygc.effects import AppliedEffect, Conditions, MatrixC, NoC, PerAxisC, StageC
 
 
-class Matrix(Stage):
+class Matrix(ProgramStage):
     """r -= K f, f in m/s^2."""
 
     cost = affine.COST + Cost(add=3)
@@ -31,7 +31,7 @@ class Matrix(Stage):
         return rate - affine.affine(self._w, inputs.force)
 
 
-class PerAxis(Stage):
+class PerAxis(ProgramStage):
     """One coefficient k per axis: r -= term, where the term, in C and in NumPy, may follow the rate w."""
 
     def __init__(self, code: PerAxisC, theta: np.ndarray, known: Conditions):
@@ -57,7 +57,7 @@ class PerAxis(Stage):
         return w
 
 
-class Own(Stage):
+class Own(ProgramStage):
     """An effect's own statements."""
 
     def __init__(self, code: StageC, theta: np.ndarray, known: Conditions):
@@ -71,14 +71,14 @@ class Own(Stage):
         return self._numpy(self.constants, rate, inputs)
 
 
-def effect_stage(claim: Claim, known: Conditions) -> Stage:
+def effect_stage(claim: AppliedEffect, known: Conditions) -> ProgramStage:
     """The stage that undoes a claimed effect.  ExportError for one that declares no C, with its reason, or C that cannot be."""
     effect, code = claim.effect, claim.effect.device
     if isinstance(code, NoC):
         raise ExportError(f"{effect.id} cannot be exported to C: {code.why}; json carries it, or export another method's model")
     theta = np.asarray(claim.theta, dtype=float)
     if isinstance(code, MatrixC):
-        stage: Stage = Matrix(code, theta, known, effect.id)
+        stage: ProgramStage = Matrix(code, theta, known, effect.id)
     else:
         stage = PerAxis(code, theta, known) if isinstance(code, PerAxisC) else Own(code, theta, known)
     for name in stage.constants:

@@ -8,7 +8,7 @@ import numpy as np
 
 from session.common.units import G
 from tinygc.deploy.embedded.affine import ADD, COST, affine, table
-from tinygc.deploy.embedded.stage import Cost, Inputs, Stage, single
+from tinygc.deploy.embedded.stage import Cost, Inputs, ProgramStage, single
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import CONDITIONS, ConditionsModel
 from tinygc.models.published_net import PublishedNet
@@ -19,7 +19,7 @@ def prelu(x: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return np.where(x >= 0, x, slope * x)
 
 
-class Net(Stage):
+class CalibrationNetStage(ProgramStage):
     """The paper's 27 parameters: r + W2 PReLU(W1 r + b1) + b2, a slope per axis."""
 
     says = "r += W2 h + b2, h = W1 r + b1 where positive, slope times that below"
@@ -42,7 +42,7 @@ affine(OUTER, h, s);
         return rate + affine(self.constants["OUTER"], h)
 
 
-class Published(Stage):
+class Published(ProgramStage):
     """The authors' 26 parameters: r + P2(W2 P1(W1 r + b1) + b2), one slope after each block."""
 
     says = "r += P2(W2 P1(W1 r + b1) + b2), P(x) = x where positive, slope x below"
@@ -67,13 +67,13 @@ for (int i = 0; i < 3; i++)
         return rate + prelu(affine(self.constants["OUTER"], h), second)
 
 
-class Conditioned(Stage):
+class Conditioned(ProgramStage):
     """A net of 27 beside what temperature and force do to its biases and gains: net(r) + bias c + r (gain c)."""
 
     says = "r = net(r) + bias c + r (gain c), c the temperature less T0 or the force, or both; in net(r):"
 
     def __init__(self, model: ConditionsModel):
-        self._net, names = Net(model.net.net), model.net.names
+        self._net, names = CalibrationNetStage(model.net.net), model.net.names
         units = np.concatenate([[1.0 / G if name == "force" else 1.0] * CONDITIONS[name][0] for name in names])
         self._bias, self._gain = (single(weight * units, "the conditions") for weight in (model.net.bias, model.net.gain))
         self._names = names

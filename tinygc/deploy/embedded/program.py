@@ -12,8 +12,8 @@ import numpy as np
 from tinygc.deploy.embedded.affine import Linear
 from tinygc.deploy.embedded.convolutions import Denoise
 from tinygc.deploy.embedded.effects import effect_stage
-from tinygc.deploy.embedded.nets import Conditioned, Net, Published
-from tinygc.deploy.embedded.stage import Cost, Inputs, Stage
+from tinygc.deploy.embedded.nets import CalibrationNetStage, Conditioned, Published
+from tinygc.deploy.embedded.stage import Cost, Inputs, ProgramStage
 from tinygc.deploy.exports import ExportError
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel
@@ -28,7 +28,7 @@ from tinygc.models.published_net import PublishedNet
 class Program:
     """stages in order; parameters of the model they were made of."""
 
-    stages: tuple[Stage, ...]
+    stages: tuple[ProgramStage, ...]
     parameters: int
 
     def run(self, inputs: Inputs) -> np.ndarray:
@@ -63,25 +63,25 @@ def program(model: Model) -> Program:
     return Program(stages, model.parameters)
 
 
-def _stages(model: Model) -> list[Stage]:
+def _stages(model: Model) -> list[ProgramStage]:
     if type(model) not in STAGES:
         raise ExportError(f"a model of type {type(model).__name__} cannot be exported to C: there is no C for it; json carries it")
     return STAGES[type(model)](model)
 
 
-def _linear(model: LinearModel) -> list[Stage]:
+def _linear(model: LinearModel) -> list[ProgramStage]:
     return [Linear(model, "LINEAR", "r = E r + B")]
 
 
-def _denoised(model: DenoisedNet) -> list[Stage]:
+def _denoised(model: DenoisedNet) -> list[ProgramStage]:
     return [*_stages(model.calibration), Denoise(model.denoiser)]
 
 
-def _physics(model: PhysicsModel) -> list[Stage]:
+def _physics(model: PhysicsModel) -> list[ProgramStage]:
     return [*_linear(model.linear), *(effect_stage(claim, model.known) for claim in model.claims)]
 
 
-def _net_behind_physics(model: CarriedNet) -> list[Stage]:
+def _net_behind_physics(model: CarriedNet) -> list[ProgramStage]:
     linear = model.physics.linear
     inverse = np.linalg.inv(linear.E)
     back = Linear(LinearModel(inverse, -inverse @ linear.B), "BACK", "r = E^-1 (r - B)")
@@ -89,9 +89,9 @@ def _net_behind_physics(model: CarriedNet) -> list[Stage]:
 
 
 #: kind of model -> its stages; a kind that is not here has no C
-STAGES: dict[type, Callable[[Any], list[Stage]]] = {
+STAGES: dict[type, Callable[[Any], list[ProgramStage]]] = {
     LinearModel: _linear,
-    CalibrationNet: lambda model: [Net(model)],
+    CalibrationNet: lambda model: [CalibrationNetStage(model)],
     PublishedNet: lambda model: [Published(model)],
     ConditionsModel: lambda model: [Conditioned(model)],
     DenoisedNet: _denoised,

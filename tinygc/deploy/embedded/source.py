@@ -10,7 +10,7 @@ import numpy as np
 from tinygc.deploy.embedded import affine, register_input
 from tinygc.deploy.embedded.program import Program
 from tinygc.deploy.embedded.register_input import Registers
-from tinygc.deploy.embedded.stage import Stage
+from tinygc.deploy.embedded.stage import ProgramStage
 from tinygc.deploy.embedded.vectors import TOLERANCE, Vectors, vectors
 
 HEADER, SOURCE = "tinygc_model.h", "tinygc_model.c"
@@ -178,7 +178,7 @@ def source_files(program: Program, sensor: Registers | None, title: str, facts: 
     return {HEADER: _HEADER.format(**fill), SOURCE: _SOURCE.format(**fill)}
 
 
-def _block(stage: Stage) -> str:
+def _block(stage: ProgramStage) -> str:
     return f"{{ /* {_comment(stage.says)} */\n{indent(stage.body, '    ')}\n}}"
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from tinygc.deploy.exports import ExportError
 from tinygc.effects import Cost
 
-__all__ = ["Cost", "Inputs", "Stage", "single"]
+__all__ = ["Cost", "Inputs", "ProgramStage", "single"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Inputs:
         )
 
 
-class Stage:
+class ProgramStage:
     """One step of a program: it changes ``float r[3]`` in place, and may read ``in`` and change ``state``.
 
     says: a line of the header's formula; constants: name in C -> float32 array; body: C statements; functions: C functions that the

@@ -1,4 +1,4 @@
-"""The gyro's zero wanders with time, not with temperature; to first order, steadily over the session."""
+"""The gyro's zero-rate offset wanders with time, not with temperature; to first order, steadily over the session."""
 
 from session.common.units import DEG
 from tinygc.effects import BYGONE, Effect, Parameter, axis_of, diagonal, largest
@@ -10,7 +10,8 @@ EFFECT = Effect(
     seen_in=("still", "turn"),
     columns=lambda movement: diagonal(movement.t_s / movement.duration_s),
     says=lambda theta: (
-        f"the gyro's zero drifts by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} over the session, whatever the temperature: "
+        f"the gyro's zero-rate offset "
+        f"drifts by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} over the session, whatever the temperature: "
         "take the bias afresh before each use"
     ),
     splits="let temperature rise and fall within one session: drift goes on, temperature's part comes back",

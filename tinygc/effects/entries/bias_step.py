@@ -1,4 +1,4 @@
-"""The gyro's zero jumps once, at a time that is scanned for."""
+"""The gyro's zero-rate offset jumps once, at a time that is scanned for."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ def _at(at_s: float) -> Effect:
 
     def says(theta: np.ndarray) -> str:
         return (
-            f"the gyro's zero jumps by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} at {at_s:.0f} s: "
+            f"the gyro's zero-rate offset jumps by {abs(largest(theta)) / DEG:.3f} dps on {axis_of(theta)} at {at_s:.0f} s: "
             "look for a shock, a supply change or a change of mode then"
         )
 
@@ -34,7 +34,7 @@ EFFECT = Effect(
     seen_in=("still", "turn"),
     columns=per_axis(_halfway),
     basis=_halfway,
-    says=lambda theta: "the gyro's zero jumps",
+    says=lambda theta: "the gyro's zero-rate offset jumps",
     splits="leave the table still for a minute: a step shows as one edge",
     inputs=("time",),
     regime=("time", "s"),

@@ -1,4 +1,4 @@
-"""The gyro's zero moves with the square of the specific force along each axis (vibration and gravity alike)."""
+"""The gyro's zero-rate offset moves with the square of the specific force along each axis (vibration and gravity alike)."""
 
 from session.common.units import DEG, G
 from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
@@ -10,7 +10,8 @@ EFFECT = Effect(
     seen_in=("still", "turn"),
     columns=lambda movement: diagonal(movement.force_g**2),
     says=lambda theta: (
-        f"the gyro's zero moves {abs(largest(theta)) / DEG:.3f} dps per g² on {axis_of(theta)}, with the same sign up and down: "
+        f"the gyro's zero-rate offset "
+        f"moves {abs(largest(theta)) / DEG:.3f} dps per g² on {axis_of(theta)}, with the same sign up and down: "
         "keep the square of the specific force in the model"
     ),
     splits="hold each axis up, down and level: g² agrees up and down, g changes sign",

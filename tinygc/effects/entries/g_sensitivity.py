@@ -1,4 +1,4 @@
-"""The gyro's zero moves with specific force (IEEE 528: acceleration-sensitive drift rate)."""
+"""The gyro's zero-rate offset moves with specific force (IEEE 528: acceleration-sensitive drift rate)."""
 
 from session.common.units import DEG, G
 from tinygc.effects import Effect, MatrixC, Parameter, axis_of, full, largest
@@ -10,7 +10,8 @@ EFFECT = Effect(
     seen_in=("still", "turn"),
     columns=lambda movement: full(movement.force_g),
     says=lambda theta: (
-        f"the gyro's zero moves {abs(largest(theta)) / DEG:.3f} dps per g (most on {axis_of(theta)}): keep gravity's direction in the model"
+        f"the gyro's zero-rate offset "
+        f"moves {abs(largest(theta)) / DEG:.3f} dps per g (most on {axis_of(theta)}): keep gravity's direction in the model"
     ),
     splits="hold stills in at least six attitudes, each axis up and down",
     inputs=("force",),

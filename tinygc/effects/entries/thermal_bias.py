@@ -1,4 +1,4 @@
-"""The gyro's zero moves with temperature (IEEE 528: bias temperature sensitivity)."""
+"""The gyro's zero-rate offset moves with temperature (IEEE 528: bias temperature sensitivity)."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ EFFECT = Effect(
     seen_in=("still", "turn"),
     columns=_columns,
     says=lambda theta: (
-        f"the gyro's zero moves {abs(largest(theta)) / DEG:.4f} dps per °C on {axis_of(theta)}: "
+        f"the gyro's zero-rate offset moves {abs(largest(theta)) / DEG:.4f} dps per °C on {axis_of(theta)}: "
         "let it warm up, or keep temperature in the model"
     ),
     splits="let the sensor cool while you record: temperature then falls while time goes on",

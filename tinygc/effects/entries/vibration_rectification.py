@@ -1,4 +1,4 @@
-"""The gyro's zero moves with vibration energy (vibration rectification error)."""
+"""The gyro's zero-rate offset moves with vibration energy (vibration rectification error)."""
 
 from session.common.units import DEG
 from tinygc.effects import AHEAD, Effect, Parameter, axis_of, diagonal, largest
@@ -10,7 +10,7 @@ EFFECT = Effect(
     seen_in=("turn",),
     columns=lambda movement: diagonal(movement.vibration_g2),
     says=lambda theta: (
-        f"vibration moves the gyro's zero by {abs(largest(theta)) / DEG:.2f} dps per g² on {axis_of(theta)}: "
+        f"vibration moves the gyro's zero-rate offset by {abs(largest(theta)) / DEG:.2f} dps per g² on {axis_of(theta)}: "
         "damp the table, or mount the sensor softly"
     ),
     splits="repeat the same turns with and without the vibration",

@@ -15,19 +15,23 @@ from session.common.runs import runs_of
 from session.log.samples import Samples
 from tinygc.explanation.mends import interpolation, lost_samples
 
-LONGEST = 8  #: samples
-SIDE = 4  #: samples on either side that carry the cubic
-#: an excursion is false where it is beyond the cubic by this many times the readings' own scatter
+LONGEST = 8  #: samples: what the cubic across them may span, twice its own readings on a side
+SIDE = 4  #: samples on either side that carry the cubic: twice as many as it has coefficients
+#: an excursion is false where it is beyond the cubic by this many times the readings' own scatter (three axes: once in 10^13)
 BEYOND = 8.0
 #: the cubic may miss the readings that carry it by this share of the excursion; one that does not come back is missed by half of it
+#: (benchmarks/thresholds.py: double of it gives false names)
 CAME_BACK = 0.12
-#: an excursion is off the straight lines of both sides by this share of itself
+#: an excursion is off the straight lines of both sides by this share of itself (benchmarks/thresholds.py: half of it gives
+#: false names)
 SHARE = 0.5
 #: a cubic misses the readings that carry it by this many times their scatter at most, if nothing but noise is in them
+#: (not critical: benchmarks/thresholds.py)
 NOISE_MISSES = 2.5
 #: standard deviation of a third difference of white noise
 THIRD = np.sqrt(20.0)
-#: a row that repeats says nothing where the noise is this small, in registers
+#: a row that repeats says nothing where the noise is this small, in registers; with more, six channels repeat once in 10^5 rows, and
+#: twice running once in 10^10
 LEAST_NOISE_LSB = 2.0
 
 

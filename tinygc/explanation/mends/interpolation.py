@@ -10,10 +10,10 @@ import numpy as np
 
 from session.log.samples import Samples
 
-SIDE = 4  #: samples on either side that carry the polynomial
+SIDE = 4  #: samples on either side that carry the polynomial: two more than the highest order has coefficients
 ORDERS = (1, 3, 5)
-AS_FAST = 0.5  #: share of the speed at the gaps, from which on a place is like them
-MOST_TRIALS = 400  #: gaps that are tried where nothing is missing
+AS_FAST = 0.5  #: share of the speed at the gaps, from which on a place is like them (not critical: benchmarks/thresholds.py)
+MOST_TRIALS = 400  #: gaps that are tried where nothing is missing: their rms is then known to 4 %
 
 
 def across(values: np.ndarray, before: int, after: int, count: int, order: int) -> np.ndarray:

@@ -13,29 +13,25 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
-from session.common.robust import sigma_of, sigma_of_steps
-from session.common.runs import runs_of
+from session.common.robust import sigma_of
 from session.common.units import NS_PER_S
-from session.detect.clipping import run_bar
 from session.detect.pace import pace_of
 from session.log.samples import Samples
 from tinygc.explanation.mends import interpolation
 
 #: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump
+#: (benchmarks/thresholds.py: half of it gives false names)
 JUMP = 12.0
-#: the two peaks of a short false reading are alike, and each has at least a third of itself, reversed, beyond it
+#: the two peaks of a short false reading are alike, and each has at least a third of itself, reversed, beyond it; a step's second peak is
+#: half of its first, and a corner has nothing beyond: the bars are between
 SPIKE, FLANK = 0.75, 0.2
-#: a plateau ends in corners: as far beyond its ends as it is long, a smooth peak has fallen by 9 times what it stays within (2 steps)
-CORNER = 3 * 9 * 2
-#: s: where that scatter is taken, and what a sensor's filter takes to start
+#: s: where that scatter is taken (not critical: benchmarks/thresholds.py), and what a sensor's filter takes to start
 NEIGHBOURHOOD_S, START_S = 0.2, 0.1
-ALONE = 8  #: samples on either side of a loss without another jump
+ALONE = 8  #: samples on either side of a loss without another jump: as long as the longest false reading
 #: a loss shows in the accelerometer, too: most of them by at least this (noise alone: 0.9); where a rate clips it does not
 LOSS_IN_ACCEL = 3.0
 #: losses and false readings are rare: more than one a second is another thing
 PER_SECOND = 1.0
-#: share of full scale, below which no ceiling is looked for
-LEAST_CEILING = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +40,6 @@ class Jumps:
 
     rows: np.ndarray
     size: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Ceiling:
-    """A level that a rate does not leave: rad/s, and the mask (N,) of the samples at it."""
-
-    level: float
-    mask: np.ndarray
 
 
 def find_jumps(samples: Samples) -> Jumps:
@@ -116,41 +104,10 @@ def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
     return rows
 
 
-def find_ceiling(samples: Samples, full_scale_rps: float) -> Ceiling | None:
-    """A rate below the register's end that an axis reaches again and again, and never passes."""
-    found = []
-    for axis in range(3):
-        for sign in (1, -1):
-            values = sign * samples.gyro[:, axis]
-            top = values.max()
-            if top > LEAST_CEILING * full_scale_rps:
-                at = values >= top - lsb(samples.gyro[:, axis])
-                bar = run_bar(float(sigma_of_steps(samples.gyro[:, axis])), 2 * lsb(samples.gyro[:, axis]))
-                start, stop = _longest_run(at)
-                if stop - start >= bar:
-                    found.append((top, at, _has_corners(values, start, stop, lsb(samples.gyro[:, axis]))))
-    if not any(corners for _, _, corners in found):
-        return None
-    level = float(np.median([top for top, _, _ in found]))
-    return Ceiling(level, np.any([at for _, at, _ in found], axis=0))
-
-
 def lsb(values: np.ndarray) -> float:
     """The smallest step between readings (N,); 0 where there is none."""
     distinct = np.unique(np.abs(np.diff(values[:20000])))
     return float(distinct[distinct > 1e-9][0]) if (distinct > 1e-9).any() else 0.0
-
-
-def _longest_run(mask: np.ndarray) -> tuple[int, int]:
-    """Start and stop of it."""
-    starts, stops = runs_of(mask)
-    longest = int(np.argmax(stops - starts))
-    return int(starts[longest]), int(stops[longest])
-
-
-def _has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
-    beyond = values[[max(start - (stop - start), 0), min(stop + (stop - start), len(values)) - 1]]
-    return bool(values[start] - beyond.max() > CORNER * lsb)
 
 
 def with_lost(samples: Samples, rows: np.ndarray, count: int, order: int) -> Samples:

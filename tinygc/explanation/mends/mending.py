@@ -21,6 +21,7 @@ from tinygc.attitude import rotation
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles
 from tinygc.explanation.mends import interpolation, lost_samples, plateaus
+from tinygc.explanation.mends.ceilings import ReachedCeiling, find_ceiling
 from tinygc.explanation.mends.false_readings import find_glitches, without_glitches
 from tinygc.explanation.twin.refit import refit
 from tinygc.explanation.twin.twin import Twin
@@ -31,16 +32,18 @@ from tinygc.problem.rejections import CLIPPED, LEFT_OUT
 
 #: chi-square per missing-sample parameter that a loss must save: a chance of some 10^-9
 SURE = 40.0
-LONGEST_LOSS_S = 0.5
-#: segments without a loss from which a linear model can be had
+LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
+#: segments without a loss from which a linear model can be had: twice as many angles as it has parameters
 FEWEST_WHOLE = 12
-#: share to which a level in the registers is known
+#: share to which a level in the registers is known: three steps of 17.5 mdps at the least ceiling that is looked for, 25 dps
 LEVEL_KNOWN = 0.002
 #: segments with plateaus that miss by so many times what the others do were clipped: a tenth of a degree of a turn is enough
+#: (not critical: benchmarks/thresholds.py)
 PLATEAU_EXCESS = 10.0
 #: a still that turns about the vertical shows only in the gyro: its rate must stand out by this much from stills that agree
+#: (not critical: benchmarks/thresholds.py)
 OUTLIER_SIGMAS = 10.0
-#: and stand so many times more upright than level
+#: and lie within 18 degrees of it
 VERTICAL = 3.0
 
 
@@ -91,7 +94,7 @@ def _with_logs(session: Session, logs: list[Log]) -> Session:
 def _without_clipped(problem: Problem, found: dict, chances: dict) -> Problem:
     """Leave out the segments in which a rate stands at a level."""
     full_scale = problem.session.config.sensor.gyro_fs_dps * DEG
-    ceilings = [lost_samples.find_ceiling(log.samples, full_scale) for log in problem.logs]
+    ceilings = [find_ceiling(log.samples, full_scale) for log in problem.logs]
     known_to, chance = LEVEL_KNOWN, 6 * len(ceilings) * FALSE_ALARM
     if not any(ceilings):
         known_to = plateaus.SAME  # the linear errors came after
@@ -109,7 +112,7 @@ def _without_clipped(problem: Problem, found: dict, chances: dict) -> Problem:
         return problem
 
 
-def _at_a_level(problem: Problem, ceilings: list[lost_samples.Ceiling | None]) -> list[int]:
+def _at_a_level(problem: Problem, ceilings: list[ReachedCeiling | None]) -> list[int]:
     """Numbers of the segments that reach a ceiling."""
     return [s.number for s in problem.segments if (c := ceilings[s.log]) is not None and c.mask[s.start : s.stop].any()]
 

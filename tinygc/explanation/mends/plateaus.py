@@ -11,21 +11,23 @@ import numpy as np
 from session.common.robust import sigma_of_steps
 from session.common.runs import runs_of
 from session.log.samples import Samples
-from tinygc.explanation.mends.lost_samples import Ceiling
+from tinygc.explanation.mends.ceilings import ReachedCeiling
 
-#: a plateau stays within this share of its level, or so many times the readings' noise
+#: a plateau stays within this share of its level (the linear errors that came after it: a data sheet's 1 % and a little), or so many times
+#: the readings' noise (once in 10^9)
 FLAT, NOISES = 0.012, 6.0
 #: as far beyond its ends as it is long, a round peak has fallen by 9 times what it stays within; a plateau's stroke by more than this
 CORNER = 18.0
-#: strokes of one height, within this share, and the least a plateau lasts
+#: strokes of one height, within this share (twice those linear errors), and the least a plateau lasts
+#: (not critical: benchmarks/thresholds.py)
 FEWEST, SAME, SHORTEST_S = 3, 0.02, 0.05
-#: what is clipped is a turn: share of full scale
+#: what is clipped is a turn: share of full scale, 25 dps of 500
 LEAST = 0.05
-#: shares: of a plateau's readings that are flat; of the plateaus that are of one height
+#: shares: of a plateau's readings that are flat; of the plateaus that are of one height (not critical: benchmarks/thresholds.py)
 WHOLE, ALIKE = 0.9, 0.6
 
 
-def find_plateaus(samples: Samples, full_scale_rps: float) -> Ceiling | None:
+def find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
     """The level of rates that were clipped before they were misaligned, filtered or made noisy; the same for all axes."""
     noise = sigma_of_steps(samples.gyro)
     levels, masks = [], []
@@ -45,7 +47,7 @@ def find_plateaus(samples: Samples, full_scale_rps: float) -> Ceiling | None:
     mask = np.zeros(len(samples), dtype=bool)
     for start, stop in alike:
         mask[start:stop] = True
-    return Ceiling(level, mask | (np.abs(samples.gyro) > (1 - SAME) * level).any(axis=1))
+    return ReachedCeiling(level, mask | (np.abs(samples.gyro) > (1 - SAME) * level).any(axis=1))
 
 
 def _plateaus(values: np.ndarray, noise: float, least: float, shortest: float) -> list[tuple[float, int, int]]:

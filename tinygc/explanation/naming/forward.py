@@ -14,24 +14,29 @@ from tinygc.explanation.twin.refit import ENOUGH, Refit, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
-MOST_EFFECTS = 4
+MOST_EFFECTS = 4  #: twice what `calibrate.py challenge` hides: each costs a round (benchmarks/explain_speed.py)
 #: a further effect must be surer than the first: what the first explains is only as exact as its model
+#: (not critical: benchmarks/thresholds.py)
 LATER_FAMILY_WISE = 0.01
-#: and take up at least this share of what has been explained so far: a model is good to a tenth of an effect's size
+#: and take up at least this share of what has been explained so far: a model is good to a tenth of an effect's size,
+#: and a tenth of the size is a hundredth of the chi-square
 LATER_SHARE = 1e-2
-#: or else this share of what is left beyond noise, and that must be as much as noise at least: what an inexact model leaves has no name
+#: or else this share of what is left beyond noise, and at least as much as noise: what an inexact model leaves must not be named
+#: (not critical: benchmarks/thresholds.py)
 WHOLE_SHARE = 0.95
 #: candidates whose linear gain is at least this share of the best one's are refitted exactly before one is named
+#: (not critical: benchmarks/thresholds.py); an exact refit is most of a round's time (benchmarks/explain_speed.py)
 LOOKALIKE_SHARE = 0.75
 MOST_LOOKALIKES = 4
 #: a shape is scanned over so many values, and sharpened between them: more would make the work grow with the session's square
+#: (benchmarks/explain_speed.py)
 MOST_TIMES = 60
-#: chi-square by which a stand-in may be worse and still be said
+#: chi-square by which a stand-in may be worse and still be said: a likelihood ratio of 20 (2 ln 20)
 STAND_IN = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class NamedEffect:
     """One effect with its family-wise p-value, the chi-square it takes up, and the effects that could stand in for it."""
 
     effect: Effect
@@ -47,7 +52,7 @@ class Naming:
     first: Refit
     first_p: float
     fit: Refit
-    named: list[Named] = field(default_factory=list)
+    named: list[NamedEffect] = field(default_factory=list)
 
 
 def candidates(twin: Twin) -> list[Effect]:
@@ -113,17 +118,18 @@ def name_effects(
         named[effect.id] = (p_value, gain)
         effects, fit = _without_idle(twin, whiten, effects, fit)
     if not stand_ins:
-        return Naming(first, first_p, fit, _sorted([Named(effect, *named[effect.id]) for effect in effects]))
+        return Naming(first, first_p, fit, _sorted([NamedEffect(effect, *named[effect.id]) for effect in effects]))
     if effects:
         progress("lookalikes")
     effects, fit, others, named = _exchanged(twin, whiten, effects, fit, tried, seed, named)
     result = [
-        Named(effect, *named[effect.id], _stand_ins(twin, whiten, fit, trials)) for effect, trials in zip(effects, others, strict=True)
+        NamedEffect(effect, *named[effect.id], _stand_ins(twin, whiten, fit, trials))
+        for effect, trials in zip(effects, others, strict=True)
     ]
     return Naming(first, first_p, fit, _sorted(result))
 
 
-def _sorted(named: list[Named]) -> list[Named]:
+def _sorted(named: list[NamedEffect]) -> list[NamedEffect]:
     return sorted(named, key=lambda n: -n.gain)
 
 

@@ -1,5 +1,5 @@
 """The names against shapes without a name: where a curve of no physics describes the recording better than all that was named, no
-catalogue's word for it is the right one (DESIGN, prove: better than every rival); where it does as well, it could stand in for them.
+catalogue's word for it is the right one (docs/explain.md, prove); where it does as well, it could stand in for them.
 """
 
 from __future__ import annotations

@@ -22,9 +22,9 @@ FAMILY_WISE = 0.05
 #: of the family-wise level, for the candidates; the rest is for the channels' chi-square, which stated noise decides
 #: (benchmarks/null_sessions.py: detection p-values uniform with it)
 SHAPE_SHARE = 0.98
-#: a direction that the nuisance leaves less of than this is not seen
+#: a direction that the nuisance leaves less of than this is not seen: a hundredth of a per cent, less than columns are linear to
 UNSEEN = 1e-4
-#: the same beside the allowances, of which there are many
+#: the same beside the allowances, of which there are twelve, themselves known to finite differences (``twin.SMALL_SHARE``)
 UNSEEN_BESIDE = 1e-3
 
 #: of a candidate: an id, a number, the effect itself

@@ -13,9 +13,10 @@ import numpy as np
 
 from session.common.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude.earth import EarthRate
-from tinygc.effects import Effect, Movement, Parameter, diagonal, per_axis, without_vibration
+from tinygc.effects import Effect, Movement, Parameter, Reach, diagonal, per_axis, without_vibration
+from tinygc.effects.conditions import HAND_S
 from tinygc.effects.picture import WORLD
-from tinygc.effects.reach import INPUTS
+from tinygc.effects.reach import NOWHERE
 from tinygc.explanation.twin.twin import Twin
 
 #: orders of the smooth curves
@@ -32,6 +33,8 @@ LIKE_THE_EARTH = 0.25
 #: and the latitude is another if it is farther off than the stills of a usual session can tell: directions of the Earth's rate are good
 #: to 7 degrees rms (benchmarks/closure_table.py)
 ANOTHER_DEG = 10.0
+#: a hand's mean of the force
+HAND_REACH = Reach.around(samples=2, seconds=HAND_S / 2)
 
 
 #: of a movement (N samples): columns (N, 3, P), curves (N, K), or a variable (N,)
@@ -74,8 +77,11 @@ def _finding(
     *,
     columns: OfMovement | None = None,
     basis: OfMovement | None = None,
+    inputs: tuple[str, ...] = (),
+    reach: Reach = NOWHERE,
 ) -> Effect:
-    """``columns`` (N, 3, size), or the curves (N, K) of a ``basis``, which each axis follows with coefficients of its own."""
+    """``columns`` (N, 3, size), or the curves (N, K) of a ``basis``, which each axis follows with coefficients of its own; inputs and
+    reach as an ``Effect`` declares them."""
     if columns is None:
         assert basis is not None
         columns = per_axis(basis)
@@ -88,8 +94,9 @@ def _finding(
         basis=basis,
         says=lambda theta: f"{says} (up to {np.abs(theta).max() / DEG:.3f} dps); nothing in the catalogue does this",
         splits="repeat the session with this variable changed on purpose, all else alike",
-        inputs=tuple(INPUTS),  # it is looked at here and never leaves the session, so nobody has to provide for it
         regime=regime,
+        inputs=inputs,
+        reach=reach,
     )
 
 
@@ -99,8 +106,8 @@ def _periodic(frequency_hz: float) -> Effect:
         return np.stack([np.cos(phase), np.sin(phase)], axis=-1)
 
     equation = f"ω += a cos(2π f t) + b sin(2π f t), f = {frequency_hz:.4f} Hz"
-    says = f"the zero oscillates with a period of {1 / frequency_hz:.1f} s"
-    return _finding("periodic", equation, 6, says, ("time", "s"), basis=basis)
+    says = f"the zero-rate offset oscillates with a period of {1 / frequency_hz:.1f} s"
+    return _finding("periodic", equation, 6, says, ("time", "s"), basis=basis, inputs=("time",))
 
 
 def _curve(variable: str, unit: str, scaled: OfMovement, order: int) -> Effect:
@@ -111,9 +118,10 @@ def _curve(variable: str, unit: str, scaled: OfMovement, order: int) -> Effect:
         f"curve_over_{variable}",
         f"ω += smooth curve of {variable}, Legendre order {order}",
         3 * order,
-        f"the zero follows {variable} on a curve that is no straight line",
+        f"the zero-rate offset follows {variable} on a curve that is no straight line",
         (variable, unit),
         basis=basis,
+        inputs=(variable,),
     )
 
 
@@ -131,9 +139,11 @@ def _attitude(order: int) -> Effect:
         "attitude",
         f"ω += polynomial of the specific force, order {order}",
         3 * len(powers),
-        "the zero depends on attitude in a way that no g-sensitivity has",
+        "the zero-rate offset depends on attitude in a way that no g-sensitivity has",
         ("attitude", "g"),
         basis=basis,
+        inputs=("force",),
+        reach=HAND_REACH,
     )
 
 

@@ -8,22 +8,22 @@ from session.common.units import DEG
 from tinygc.attitude import rotation
 from tinygc.closure.residual import closure_angles
 from tinygc.explanation.twin.variable import Regime, regime_of
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.readable import theta_of
 
 
-def told(e: Explanation) -> Claimed | None:
+def told(e: Explanation) -> Claim | None:
     """The strongest effect that adds to the rates, which is what can be drawn against a variable."""
     return next((claim for claim in [*e.claimed, *e.findings] if claim.effect.kind == "rate"), None)
 
 
-def theta(e: Explanation, claim: Claimed) -> np.ndarray:
+def theta(e: Explanation, claim: Claim) -> np.ndarray:
     """(P,) SI, the parameters of a claim as the fit has them."""
     return theta_of(claim.effect, claim.parameters, e.naming.fit.state)
 
 
-def regime(e: Explanation, claim: Claimed | None) -> Regime:
+def regime(e: Explanation, claim: Claim | None) -> Regime:
     """The variable that a claim is drawn against; time where there is none."""
     return regime_of(None) if claim is None else regime_of(claim.effect, theta(e, claim))
 
@@ -40,7 +40,7 @@ def lengths_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
     return before, after
 
 
-def added_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
+def added_in_stills(e: Explanation, claim: Claim) -> np.ndarray:
     """(Q, 3) dps that an effect adds to each still's mean rate."""
     twin, values = e.twin, theta(e, claim)
     if claim.effect.kind == "earth":
@@ -49,20 +49,20 @@ def added_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
     return np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in twin.stills]) / DEG
 
 
-def recorded_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
+def recorded_in_stills(e: Explanation, claim: Claim) -> np.ndarray:
     """(Q, 3) dps that the recording has in each still of what the effect should explain."""
     _, after = rates_per_still(e)
     return after + added_in_stills(e, claim) if claim in e.claimed else after
 
 
-def left_in_stills(e: Explanation, claim: Claimed) -> np.ndarray:
+def left_in_stills(e: Explanation, claim: Claim) -> np.ndarray:
     """(Q, 3) dps that the recording has in each still beyond the prediction, with the claim in it; a finding, which no fit goes on with,
     is taken off as it was found."""
     _, after = rates_per_still(e)
     return after if claim in e.claimed else after - added_in_stills(e, claim)
 
 
-def added_to_closure(e: Explanation, claim: Claimed) -> tuple[np.ndarray, np.ndarray]:
+def added_to_closure(e: Explanation, claim: Claim) -> tuple[np.ndarray, np.ndarray]:
     """(S, d) rad that an effect adds to the closure of each segment, to first order, and what the recording has of it."""
     fit = e.naming.fit
     added = -e.twin.effect_columns(claim.effect, fit.state, fit.sensitivity, fit.rates).closure @ theta(e, claim)

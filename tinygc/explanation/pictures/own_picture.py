@@ -10,14 +10,14 @@ from session.common.units import DEG
 from tinygc.effects import Drawn, EffectError
 from tinygc.explanation.pictures.channel_values import added_in_stills, added_to_closure, left_in_stills, rates_per_still, regime, theta
 from tinygc.explanation.twin.variable import Regime
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def drawn(e: Explanation, claim: Claimed) -> Drawn:
+def drawn(e: Explanation, claim: Claim) -> Drawn:
     """What there is to draw of a claim that adds to the rates."""
     variable, (before, _) = regime(e, claim), rates_per_still(e)
     closure_says, closure_recorded = added_to_closure(e, claim)
@@ -40,7 +40,7 @@ def drawn(e: Explanation, claim: Claimed) -> Drawn:
     )
 
 
-def draw_own(e: Explanation, claim: Claimed, left: Axes, right: Axes) -> None:
+def draw_own(e: Explanation, claim: Claim, left: Axes, right: Axes) -> None:
     """Call the effect's own function.  EffectError, with what it said, where it fails."""
     own = claim.effect.pair
     assert callable(own)

@@ -46,28 +46,21 @@ from tinygc.problem.conditions import conditions
 from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
-MOST_EFFECTS = 4
-LATER_FAMILY_WISE = 0.01
-#: of the misfit so far, or a further effect is not worth its name
-LATER_SHARE = 0.03
-#: a rotation of the truth's frame is claimed if it is as large, and as sure
-FRAME_RAD, FRAME_SIGMAS = 0.5 * DEG, 5.0
-STEPS_TRIED = 40
-WANDER_S = 20.0
-#: of a claim's greatest parameter, when all are fitted together
-KEPT_SIGMAS = 4.0
-#: times what a parameter is taken to be at most: no gyroscope has that, whatever the fit would gain
-IMPLAUSIBLE = 2.0
-#: errors of neighbouring segments that go together like this are of something slow
-SLOW = 0.3
-#: chi-square per freedom that an explanation may leave
-LEFT_EXCESS = 1.5
-#: what the frame's rotation must leave of the accelerometer's apparent bias, at most
-FRAME_LEAVES = 0.7
+MOST_EFFECTS, STEPS_TRIED = 4, 40  #: of work, as ``naming.forward`` has them
+#: a further effect must be as sure, and take up this share of what is left (not critical: benchmarks/thresholds.py)
+LATER_FAMILY_WISE, LATER_SHARE = 0.01, 0.03
+#: a rotation of the frame is claimed if it is as large (a zero-g offset of 10 mg turns the vertical by 0.6 deg, so that no accelerometer
+#: could confirm less), as sure (by chance once in 60 000), and leaves at most this of the accelerometer's bias (not critical: as above)
+FRAME_RAD, FRAME_SIGMAS, FRAME_LEAVES = 0.5 * DEG, 5.0, 0.7
+WANDER_S = 20.0  #: between knots: a shape, whose number of knots is priced by Fisher's F
+KEPT_SIGMAS = 4.0  #: of a claim's greatest parameter, all fitted together: 5 % over some 300 directions is 3.8 (Bonferroni)
+IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``, no gyroscope has that (benchmarks/thresholds.py: double lets false names in)
+SLOW = 0.3  #: correlation of neighbours' errors: three sigmas of 30 segments' three angles, whose own is not above 0
+LEFT_EXCESS = 1.5  #: chi-square per freedom: three sigmas of the same 90 angles
 
 
 @dataclass(frozen=True, eq=False)
-class Claim:
+class TruthClaim:
     """An effect with its parameters theta (P,) SI, their sigma (None of moments, which are stamps), a p-value, and the share of chi-square
     it takes up (None of what was found beside the selection)."""
 
@@ -108,8 +101,8 @@ class TruthExplanation:
     problem: Problem
     model: LinearModel
     jumps: list[tuple[int, float]]
-    claims: list[Claim]
-    refused: list[Claim]
+    claims: list[TruthClaim]
+    refused: list[TruthClaim]
     p_value: float
     angles: tuple[np.ndarray, np.ndarray]
     excess: tuple[float, float]
@@ -129,7 +122,7 @@ class TruthExplanation:
 
     @property
     def verdict(self) -> str:
-        """As FORMATS names them."""
+        """As docs/explain.md names them."""
         if not self.claims:
             return "unexplained" if self.p_value <= FAMILY_WISE else "no_mismatch"
         slow = self.neighbours[1] > SLOW or any(claim.effect.id.startswith("unknown") for claim in self.claims)
@@ -161,9 +154,9 @@ def explain_truth(
     force = force_against_truth(sound, turned)
     claims = _frame_claim(turned, turned_sigma, force) + claims
     if jumps:
-        began = np.cumsum([0.0] + [log.samples.duration_s for log in problem.logs])
+        began = problem.began_s
         at_s = np.array([round(float(began[log]) + at, 3) for log, at in jumps])
-        claims = [Claim(wrong_moments(len(at_s)), at_s, None, jumps_p, None), *claims]
+        claims = [TruthClaim(wrong_moments(len(at_s)), at_s, None, jumps_p, None), *claims]
     return TruthExplanation(
         problem=sound,
         model=fit.model,
@@ -195,7 +188,7 @@ Chosen = tuple[Effect, float, float]
 
 def _select(
     problem: Problem, model: LinearModel, seed: int
-) -> tuple[float, list[Claim], list[Claim], tuple[float, float], tuple[float, float], np.ndarray]:
+) -> tuple[float, list[TruthClaim], list[TruthClaim], tuple[float, float], tuple[float, float], np.ndarray]:
     """Forward selection: p-value of the first look, claims, what is refused, chi-square per freedom and closure rms rad before and after;
     what is left."""
     batch = problem.batch
@@ -211,7 +204,7 @@ def _select(
     tried = {effect: white(columns) for effect, columns in _candidates(problem, model, sensitivity)}
     first_p: float | None = None
     claims: list[Chosen] = []
-    refused: list[Claim] = []
+    refused: list[TruthClaim] = []
     q = _project(nuisance)
     chi = float(np.sum((r - q @ (q.T @ r)) ** 2))
     freedom = max(len(r) - q.shape[1], 1)
@@ -251,7 +244,7 @@ def _select(
 
 def _together(
     r: np.ndarray, nuisance: np.ndarray, claims: list[Chosen], tried: dict[Effect, np.ndarray]
-) -> tuple[list[Claim], np.ndarray, int]:
+) -> tuple[list[TruthClaim], np.ndarray, int]:
     """All claims fitted at once, with what is left (n,) and its degrees of freedom."""
     whole = np.concatenate([nuisance, *(tried[effect] for effect, _, _ in claims)], axis=1)
     theta = np.linalg.lstsq(whole, -r, rcond=None)[0]
@@ -261,7 +254,7 @@ def _together(
     found, at = [], linear.PARAMETERS
     for effect, p_value, share in claims:
         size = effect.parameter.size
-        found.append(Claim(effect, theta[at : at + size], np.sqrt(np.diag(covariance)[at : at + size]), p_value, share))
+        found.append(TruthClaim(effect, theta[at : at + size], np.sqrt(np.diag(covariance)[at : at + size]), p_value, share))
         at += size
     return found, after, freedom
 
@@ -300,7 +293,7 @@ def _candidates(problem: Problem, model: LinearModel, sensitivity: np.ndarray) -
     return found
 
 
-def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> list[Claim]:
+def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> list[TruthClaim]:
     """The truth's frame is turned if the gyro says so, and the accelerometer's apparent bias becomes less with it."""
     if not np.isfinite(turned).all():
         return []
@@ -310,4 +303,4 @@ def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> 
         return []
     if np.linalg.norm(force.turned) > FRAME_LEAVES * np.linalg.norm(force.bias):
         return []
-    return [Claim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), None)]
+    return [TruthClaim(FRAME, turned, sigma, float(stats.chi2.sf(sure, 3)), None)]

@@ -14,11 +14,11 @@ from session.common.version import VERSION
 from session.files.results import write_whole
 from session.files.writing import result_folder
 from tinygc.effects import largest
-from tinygc.explanation.truth.explain import Claim, TruthExplanation
+from tinygc.explanation.truth.explain import TruthClaim, TruthExplanation
 from tinygc.explanation.verdict.measured import p_entry, p_words
 
 SCHEMA = "tinygc-explain/1"
-#: of the gyro's own noise, which a truth that was made without this gyro cannot follow
+#: of the gyro's own noise, which a truth that was made without this gyro cannot follow: two sigmas of the rms of 100 angles
 OWN_NOISE_SHARE = 0.85
 CANNOT = (
     "cannot know: an error of the gyro's sensitivity from one of the truth's scale of angles; a common rotation of gyro and accelerometer "
@@ -83,7 +83,7 @@ def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _effect(claim: Claim) -> dict:
+def _effect(claim: TruthClaim) -> dict:
     parameter = claim.effect.parameter
     values, std = (None if x is None else (x / parameter.si).reshape(parameter.shape).tolist() for x in (claim.theta, claim.sigma))
     return {
@@ -123,7 +123,7 @@ def truth_page(e: TruthExplanation) -> Group:
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
 
 
-def values_of(claim: Claim) -> list[str]:
+def values_of(claim: TruthClaim) -> list[str]:
     """Each parameter in people's units, with its sigma where it has one."""
     si = claim.effect.parameter.si
     if claim.sigma is None:

@@ -51,7 +51,9 @@ def wander(knots_s: np.ndarray) -> Effect:
     def says(theta: np.ndarray) -> str:
         at = np.concatenate([np.zeros((1, 3)), theta.reshape(-1, 3)])
         span = np.ptp(at, axis=0)
-        return f"the gyro's zero wanders by {span.max() / DEG:.3f} dps (most on {'xyz'[int(np.argmax(span))]}) while the run lasts"
+        return (
+            f"the gyro's zero-rate offset wanders by {span.max() / DEG:.3f} dps (most on {'xyz'[int(np.argmax(span))]}) while the run lasts"
+        )
 
     return Effect(
         id="unknown.slow_bias",
@@ -60,6 +62,7 @@ def wander(knots_s: np.ndarray) -> Effect:
         seen_in=("turn",),
         columns=columns,
         says=says,
+        inputs=("time",),
         splits="record temperature, and the supply; repeat after a long warm-up",
         shape={"knots_s": [round(float(knot), 1) for knot in knots_s]},
     )

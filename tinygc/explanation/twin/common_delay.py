@@ -56,8 +56,9 @@ def _moved(theta: np.ndarray, gauge: CommonDelay, by_s: float) -> np.ndarray:
 
 
 def _with_possible_lag(twin: Twin, whiten: Whitener, fit: Refit, number: int, gauge: CommonDelay) -> Refit:
-    """A lag is never negative, and what all axes share of it shows in the closure by its square alone: both signs fit, and little is a
-    lot.  Where it is negative, or gravity contradicts it, it goes to where closure and gravity together have least against it."""
+    """A lag is never negative.  What all axes share of it shows in the closure by its square alone: the closure does not tell its sign, and
+    a small misfit leaves room for a large lag.  Where it is negative, or gravity contradicts it, it goes to where closure and gravity
+    together have least against it."""
     gravity = turn_gravity(twin, fit)
     theta, entries = fit.state.claims[number].theta, list(gauge.delays)
     if not gravity.is_offset and (gauge.late * theta[entries]).min() >= 0:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.common.units import EARTH_RATE_RPS, MG
-from tinygc.effects import Claim, Effect
+from tinygc.effects import AppliedEffect, Effect
 from tinygc.explanation.twin.twin import Channels, State, Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.models.linear import PRIOR_SIGMA
@@ -54,8 +54,8 @@ def refit(
 ) -> Refit:
     """Fit with these effects, from a state whose own claims give their starting values; ``rows`` (n,) bool: those that count."""
     known = {claim.effect.id: claim.theta for claim in start.claims}
-    state = replace(start, claims=tuple(Claim(e, known.get(e.id, np.full(e.parameter.size, e.begin))) for e in effects))
-    centre = replace(twin.start(), claims=tuple(Claim(e, np.zeros(e.parameter.size)) for e in effects)).vector
+    state = replace(start, claims=tuple(AppliedEffect(e, known.get(e.id, np.full(e.parameter.size, e.begin))) for e in effects))
+    centre = replace(twin.start(), claims=tuple(AppliedEffect(e, np.zeros(e.parameter.size)) for e in effects)).vector
     prior = prior_sigmas(twin, effects)
     whiten = whiten if rows is None else whiten.only(rows)
     rates = twin.rates(state)

@@ -16,7 +16,7 @@ from session.detect.stills import Still
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
-from tinygc.effects import Claim, Effect, Movement, movement_of
+from tinygc.effects import AppliedEffect, Effect, Movement, movement_of
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.problem.conditions import conditions
@@ -37,7 +37,7 @@ class State:
     horizontal: np.ndarray
     gravity_mps2: float
     axes: np.ndarray
-    claims: tuple[Claim, ...] = ()
+    claims: tuple[AppliedEffect, ...] = ()
 
     @property
     def earth_t(self) -> np.ndarray:

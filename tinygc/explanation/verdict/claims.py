@@ -15,7 +15,7 @@ from tinygc.explanation.verdict.readable import readable
 
 
 @dataclass(frozen=True, eq=False)
-class Claimed:
+class Claim:
     """One effect that is claimed: parameters and their std in people's units, p-value, what could stand in for it.
 
     gain: chi-square that it took up; share: of what was beyond noise in all channels, None for what was mended before the fit.
@@ -31,14 +31,14 @@ class Claimed:
     share: float | None = None
 
 
-def mended_claims(mended: Mended) -> list[Claimed]:
+def mended_claims(mended: Mended) -> list[Claim]:
     """What was found in the registers and stills."""
     claims = []
     for name, (parameters, std) in mended.found.items():
         effect = catalogue()[name]
         value = parameters[effect.parameter.name]
         theta = np.array([len(value) if isinstance(value, list) else value * effect.parameter.si], dtype=float)
-        claims.append(Claimed(effect, parameters, std, mended.p_value[name], np.inf, (), effect.says(theta)))
+        claims.append(Claim(effect, parameters, std, mended.p_value[name], np.inf, (), effect.says(theta)))
     return claims
 
 
@@ -47,7 +47,7 @@ def _delays(effect: Effect) -> bool:
     return effect.gauge is not None and bool(effect.gauge.delays)
 
 
-def offset_claim(gravity: TurnGravity, named: list[Claimed]) -> list[Claimed]:
+def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     """The delay between gyro and accelerometer, which closure does not see.
 
     Beside a named lag, or what stands in for one, it could as well be that lag's common part.
@@ -61,13 +61,13 @@ def offset_claim(gravity: TurnGravity, named: list[Claimed]) -> list[Claimed]:
     sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
     p_value = float(2 * stats.norm.sf(abs(gravity.offset_s) / gravity.sigma_s))
     return [
-        Claimed(
+        Claim(
             effect, {"seconds": gravity.offset_s}, {"seconds": sigma}, p_value, 0.0, tuple(lags), effect.says(np.array([gravity.offset_s]))
         )
     ]
 
 
-def named_claims(naming: Naming) -> list[Claimed]:
+def named_claims(naming: Naming) -> list[Claim]:
     """What was named and refitted, or found without a name."""
     claims = []
     numbers = {claim.effect.id: i for i, claim in enumerate(naming.fit.state.claims)}
@@ -79,5 +79,5 @@ def named_claims(naming: Naming) -> list[Claimed]:
         claim = naming.fit.state.claims[number]
         theta, parameters, std = readable(claim, naming.fit.theta_covariance(number) * widen)
         share = float(np.clip(named.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
-        claims.append(Claimed(claim.effect, parameters, std, named.p_value, named.gain, named.equivalent, claim.effect.says(theta), share))
+        claims.append(Claim(claim.effect, parameters, std, named.p_value, named.gain, named.equivalent, claim.effect.says(theta), share))
     return claims

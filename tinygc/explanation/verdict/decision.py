@@ -20,6 +20,7 @@ from tinygc.explanation.twin.whitening import Whitener
 #: what is left after naming is judged at this level over the channels (Bonferroni): a right name is refused once in a thousand
 LEFT_P = 1e-3
 #: a right name takes up nearly all of the misfit; what it may leave, for what its model simplifies
+#: (not critical: benchmarks/thresholds.py)
 RIGHT_SHARE = 0.975
 MOST_FINDINGS = 2  #: that a page holds
 #: a shape without a name is not worth a reader's time if it carries less of the misfit than this: of what is said, not of what is decided
@@ -27,7 +28,7 @@ LEAST_FINDING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Decision:
+class NamingDecision:
     """naming: the names that are kept, with the fit; beyond: shapes without a name, where names were refused or none was found;
     p_value of the detection; channel p-values before and with what is kept."""
 
@@ -43,7 +44,7 @@ class Decision:
         return not self.naming.named and self.p_value <= FAMILY_WISE
 
 
-def decide(mended: Mended, twin: Twin, whiten: Whitener, seed: int, progress: Callable[[str], None] = lambda what: None) -> Decision:
+def decide(mended: Mended, twin: Twin, whiten: Whitener, seed: int, progress: Callable[[str], None] = lambda what: None) -> NamingDecision:
     """Detect and name; keep the names only if they leave what noise allows, or next to nothing, and no shape without a name does
     better; else say what is there without a name."""
     naming = name_effects(twin, whiten, candidates(twin), seed, progress, explained=mended.misfit)
@@ -51,14 +52,14 @@ def decide(mended: Mended, twin: Twin, whiten: Whitener, seed: int, progress: Ca
     detected = detection_p(naming.first_p, channel_p)
     left = channel_p_values(twin, whiten, naming.fit.r, naming.fit.J)
     if not naming.named and detected > FAMILY_WISE:
-        return Decision(naming, None, detected, channel_p, left)
+        return NamingDecision(naming, None, detected, channel_p, left)
     progress("beyond the catalogue")
     enough = bonferroni(left) > LEFT_P or _share(whiten, naming, mended.misfit) >= RIGHT_SHARE
     rival, lead = best_rival(twin, whiten, naming, slow_candidates(twin), seed) if enough and naming.named else (None, -np.inf)
     if enough and lead < BETTER:
-        return Decision(naming if rival is None else _with_stand_in(naming, rival), None, detected, channel_p, left)
+        return NamingDecision(naming if rival is None else _with_stand_in(naming, rival), None, detected, channel_p, left)
     beyond = name_effects(twin, whiten, unknown_candidates(twin), seed, most=MOST_FINDINGS, stand_ins=False)
-    return Decision(Naming(naming.first, naming.first_p, naming.first), beyond, detected, channel_p, channel_p)
+    return NamingDecision(Naming(naming.first, naming.first_p, naming.first), beyond, detected, channel_p, channel_p)
 
 
 def _with_stand_in(naming: Naming, rival: Effect) -> Naming:

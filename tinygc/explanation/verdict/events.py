@@ -9,7 +9,7 @@ import numpy as np
 from session.common.units import DEG
 from session.log.samples import start_times
 from tinygc.effects.occurrence import LEVEL, ROWS, SECONDS, STILLS
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
 
@@ -21,7 +21,7 @@ class Clipped:
     magnitude: np.ndarray
 
 
-def moments_s(e: Explanation, claim: Claimed) -> np.ndarray | None:
+def moments_s(e: Explanation, claim: Claim) -> np.ndarray | None:
     """(K,) of an effect that has moments, at least two for a span; None for one that has not."""
     occurs = claim.effect.occurs
     if occurs is None:
@@ -39,7 +39,7 @@ def moments_s(e: Explanation, claim: Claimed) -> np.ndarray | None:
     raise ValueError(f"{claim.effect.id}: occurs counts {occurs.counts!r}")
 
 
-def clipped_readings(e: Explanation, claim: Claimed) -> Clipped:
+def clipped_readings(e: Explanation, claim: Claim) -> Clipped:
     """All readings at the level of a claim that happens there."""
     assert claim.effect.occurs is not None
     key = claim.effect.occurs.key

@@ -1,4 +1,4 @@
-"""``calibrate.py explain``: detect, locate, name, refuse, refit, prove (DESIGN, explaining a mismatch)."""
+"""``calibrate.py explain``: detect, locate, name, refuse, refit, prove (docs/explain.md)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tinygc.explanation.twin.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.twin.within_stills import WithinStills, within_stills
-from tinygc.explanation.verdict.claims import Claimed, mended_claims, named_claims, offset_claim
+from tinygc.explanation.verdict.claims import Claim, mended_claims, named_claims, offset_claim
 from tinygc.explanation.verdict.decision import LEAST_FINDING, LEFT_P, decide
 from tinygc.explanation.verdict.proof import Proof, prove
 from tinygc.problem.prepared import Prepared, prepare
@@ -28,7 +28,7 @@ from tinygc.problem.problem import Problem
 
 @dataclass(eq=False)
 class Explanation:
-    """All that was found; see ``tinygc-explain/1`` in FORMATS for the verdicts.
+    """All that was found; see docs/explain.md for the verdicts.
 
     channel_p, left: of the channels under one calibration, before and after what is claimed; own_p: of each by itself, both;
     seen_from: effect id -> size in its parameter's unit from which it would have shown.
@@ -44,8 +44,8 @@ class Explanation:
     proof: Proof
     verdict: str
     p_value: float
-    claimed: list[Claimed] = field(default_factory=list)
-    findings: list[Claimed] = field(default_factory=list)
+    claimed: list[Claim] = field(default_factory=list)
+    findings: list[Claim] = field(default_factory=list)
     left: dict[str, float] = field(default_factory=dict)
     channel_p: dict[str, float] = field(default_factory=dict)
     own_p: dict[str, tuple[float, float]] = field(default_factory=dict)

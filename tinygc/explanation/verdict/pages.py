@@ -14,7 +14,7 @@ from tinygc.effects.occurrence import STILLS
 from tinygc.explanation.naming.seen_from import in_words
 from tinygc.explanation.twin.channels import own_residuals
 from tinygc.explanation.twin.variable import Regime
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.measured import measured, p_words
 from tinygc.explanation.verdict.next_step import what_next
@@ -58,7 +58,7 @@ def explanation_page(e: Explanation) -> Group:
     return Group(*parts)
 
 
-def parameter_lines(claim: Claimed) -> list[str]:
+def parameter_lines(claim: Claim) -> list[str]:
     """``name: value ± std``, a matrix by rows."""
     lines = []
     for name, value in claim.parameters.items():

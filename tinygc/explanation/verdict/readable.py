@@ -1,14 +1,14 @@
-"""Parameters as FORMATS names them, in people's units, with their standard deviations."""
+"""Parameters as docs/formats.md names them, in people's units, with their standard deviations."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from tinygc.effects import Claim, Convention, Effect
+from tinygc.effects import AppliedEffect, Convention, Effect
 from tinygc.explanation.twin.twin import State
 
 
-def readable(claim: Claim, covariance: np.ndarray) -> tuple[np.ndarray, dict, dict]:
+def readable(claim: AppliedEffect, covariance: np.ndarray) -> tuple[np.ndarray, dict, dict]:
     """theta (P,) SI, its JSON parameters, and their std."""
     theta, effect = claim.theta, claim.effect
     if effect.derived is not None:

@@ -1,4 +1,4 @@
-"""An explanation as ``tinygc-explain/1`` (FORMATS): what, where, how sure, and what would tell more."""
+"""An explanation as ``tinygc-explain/1`` (docs/formats.md): what, where, how sure, and what would tell more."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from session.files.results import write_whole
 from session.files.writing import result_folder
 from session.log.hashes import hash_of_log
 from tinygc.effects import catalogue
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.measured import p_entry
 from tinygc.explanation.verdict.next_step import what_next
@@ -78,7 +78,7 @@ def save(e: Explanation, folder: Path | None = None, pictures: bool = True) -> P
     return folder
 
 
-def _effect(claim: Claimed) -> dict:
+def _effect(claim: Claim) -> dict:
     return {
         "id": claim.effect.id,
         "equation": claim.effect.equation,

@@ -10,7 +10,7 @@ from session.common.units import DEG
 from tinygc.effects.occurrence import LEVEL
 from tinygc.explanation.twin.channels import own_residuals
 from tinygc.explanation.twin.variable import Regime, regime_of
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.events import clipped_readings, moments_s
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.readable import theta_of
@@ -53,7 +53,7 @@ def worst_segments(e: Explanation) -> list[int]:
     return [e.proof.before_numbers[i] for i in order if excess[i] > BELONGS_SIGMAS / np.sqrt(2)]
 
 
-def _axes(e: Explanation, told: list[Claimed]) -> list[str]:
+def _axes(e: Explanation, told: list[Claim]) -> list[str]:
     """Body axes whose parameters stand out of their std; from the stills' residual rates where nothing is told."""
     weights = np.zeros(3)
     for claim in told:
@@ -81,7 +81,7 @@ def _spans(e: Explanation, numbers: list[int]) -> list[list[float]]:
     return found
 
 
-def _seconds(e: Explanation, claim: Claimed | None, spans: list[list[float]]) -> list[float] | None:
+def _seconds(e: Explanation, claim: Claim | None, spans: list[list[float]]) -> list[float] | None:
     """[from, to]: where the strongest effect is at least half its greatest, or from the first to the last of its moments."""
     if claim is None:
         return [min(start for start, _ in spans), max(stop for _, stop in spans)] if spans else None
@@ -93,7 +93,7 @@ def _seconds(e: Explanation, claim: Claimed | None, spans: list[list[float]]) ->
     return [round(float(times.min()), 3), round(float(times.max()), 3)] if len(times) else None
 
 
-def _range(e: Explanation, claim: Claimed) -> dict | None:
+def _range(e: Explanation, claim: Claim) -> dict | None:
     """The range of the strongest effect's variable: where it is at least half its greatest, or at its moments."""
     regime = regime_of(claim.effect, _theta(e, claim))
     values = _values(e, claim, regime)
@@ -103,7 +103,7 @@ def _range(e: Explanation, claim: Claimed) -> dict | None:
     return {"variable": regime.variable, "units": regime.units, "from": float(values.min()), "to": float(values.max()), **axis}
 
 
-def _values(e: Explanation, claim: Claimed, regime: Regime) -> np.ndarray:
+def _values(e: Explanation, claim: Claim, regime: Regime) -> np.ndarray:
     if claim.effect.occurs is not None and claim.effect.occurs.counts == LEVEL:
         return clipped_readings(e, claim).magnitude / DEG
     if regime.variable == "time" and (times := moments_s(e, claim)) is not None:
@@ -115,7 +115,7 @@ def _values(e: Explanation, claim: Claimed, regime: Regime) -> np.ndarray:
     return values[values > 0.5 * np.quantile(values, 0.999)] if strong is None else values[strong]
 
 
-def _where_strong(e: Explanation, claim: Claimed) -> np.ndarray | None:
+def _where_strong(e: Explanation, claim: Claim) -> np.ndarray | None:
     """Samples (N,) bool at which the effect adds at least half of the most it adds; None where it adds to no rate."""
     if claim.effect.kind != "rate":
         return None
@@ -124,6 +124,6 @@ def _where_strong(e: Explanation, claim: Claimed) -> np.ndarray | None:
     return strength > 0.5 * np.quantile(strength, 0.999)
 
 
-def _theta(e: Explanation, claim: Claimed) -> np.ndarray | None:
+def _theta(e: Explanation, claim: Claim) -> np.ndarray | None:
     """(P,) SI; None of what was mended in the registers."""
     return None if claim.effect.kind == "register" else theta_of(claim.effect, claim.parameters, e.naming.fit.state)

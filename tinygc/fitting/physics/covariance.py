@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.effects import Claim
+from tinygc.effects import AppliedEffect
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import State
 from tinygc.models.linear import NAMES
@@ -28,7 +28,7 @@ def rows_of_rates(state: State) -> np.ndarray:
     return np.array(rows)
 
 
-def covariance_table(claims: tuple[Claim, ...], covariance: np.ndarray) -> dict:
+def covariance_table(claims: tuple[AppliedEffect, ...], covariance: np.ndarray) -> dict:
     """For the model file: the covariance, and of what; theta as in ``theta_si``."""
     effects = [f"{claim.effect.id}[{i}]" for claim in claims for i in range(len(claim.theta))]
     return {"covariance": covariance.tolist(), "covariance_of": [*NAMES, *effects]}

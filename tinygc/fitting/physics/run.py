@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from tinygc.closure.residual import Batch, closure_angles
-from tinygc.effects.applied import Claim
+from tinygc.effects.applied_effect import AppliedEffect
 from tinygc.explanation.twin.refit import refit
 from tinygc.explanation.verdict.proof import FOLD_STEPS, fold_rows, folds_of
 from tinygc.fitting.physics.fit_physics import PhysicsFit, fit_physics
@@ -64,7 +64,7 @@ def run_errors(run: ClosureRun, fit: MethodFit, found: PhysicsFit) -> np.ndarray
     return run.with_earth(found.fit.state.earth_t, rate).errors_at(rate)
 
 
-def _rate_claims(claims: Iterable[Claim]) -> tuple[Claim, ...]:
+def _rate_claims(claims: Iterable[AppliedEffect]) -> tuple[AppliedEffect, ...]:
     return tuple(claim for claim in claims if claim.effect.kind == "rate")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
 from tinygc.methods.network.adamw_checkpoint import Checkpoint, device, minimise
-from tinygc.methods.network.training import Net, Training
+from tinygc.methods.network.training import TrainableNet, Training
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.problem import sequences
 
@@ -34,7 +34,7 @@ def train_adamw(
     loss: str = "squared",
     integrator: str = "exact",
     still_rates: StillRates | None = None,
-    start: Net | None = None,
+    start: TrainableNet | None = None,
     before: np.ndarray | None = None,
     checkpoint: Checkpoint | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,

@@ -1,4 +1,4 @@
-"""``fit --conditions``: TinyGC-Net with conditions as a method beside the others, held out fold by fold as they are."""
+"""``fit --conditions``: TinyGC-TrainableNet with conditions as a method beside the others, held out fold by fold as they are."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tinygc import closure
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
 from tinygc.methods.method_fit import MethodFit
-from tinygc.methods.network.training import Net, Training, train_second_order
+from tinygc.methods.network.training import TrainableNet, Training, train_second_order
 from tinygc.methods.options import FitOptions
 from tinygc.methods.registry import Progress
 from tinygc.models.conditions_net import ConditionsModel, ConditionsNet, inputs_of
@@ -48,7 +48,7 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
     return MethodFit("tinygc_conditions", model, _angles(batch, trained.net, options.integrator), held_out, seconds, notes)
 
 
-def _angles(batch: Batch, net: Net, integrator: str) -> np.ndarray:
+def _angles(batch: Batch, net: TrainableNet, integrator: str) -> np.ndarray:
     return closure.error_angles(closure.segment_residuals(batch, net(batch.rate), integrator))
 
 

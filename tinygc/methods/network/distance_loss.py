@@ -1,7 +1,8 @@
 """The paper's loss as it stands: the mean distance of the end quaternions, not its square.
 
 A sum of distances is minimised by reweighted least squares (Weiszfeld 1937): each pass divides a segment's weight by the distance that
-the last one left.  It is to the squared loss what a median is to a mean: days, or windows, that are unlike the others pull less.
+the last one left.  Segments that fit badly count less than in the squared loss, as outliers do in a median: a day, or a window, that
+is unlike the others pulls the result less.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from tinygc import closure
 from tinygc.closure.residual import Batch, RateMap
-from tinygc.methods.network.training import Net, train_second_order
+from tinygc.methods.network.training import TrainableNet, train_second_order
 from tinygc.problem import sequences
 
 PASSES = 12
@@ -39,7 +40,7 @@ def fit_distance(
 
 def train_distance(
     batch: Batch, sigma: np.ndarray, *, tie: float = 0.0, passes: int = PASSES, before: np.ndarray | None = None, **how: Any
-) -> Net:
+) -> TrainableNet:
     """The same for a net by the second order, one step to each pass, from the squared loss's linear solution; as fast as it gets.
 
     tie: how freely it may bend (0: linear), with no proof asked for.  ``how``: as of ``train_second_order``.
@@ -50,7 +51,9 @@ def train_distance(
     return net
 
 
-def distance_pass(batch: Batch, sigma: np.ndarray, net: Net, *, tie: float = 0.0, before: np.ndarray | None = None, **how: Any) -> Net:
+def distance_pass(
+    batch: Batch, sigma: np.ndarray, net: TrainableNet, *, tie: float = 0.0, before: np.ndarray | None = None, **how: Any
+) -> TrainableNet:
     """One pass of ``train_distance``."""
     weights = distance_sigma(batch, sigma, net, before)
     return train_second_order(batch, weights, ties=(tie,), begin=net, steps=1, before=before, **how).net

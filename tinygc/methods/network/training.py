@@ -31,14 +31,14 @@ MAX_STEPS = 25
 ENOUGH = 1e-3
 
 
-class Net(Protocol):
+class TrainableNet(Protocol):
     """What training asks of a kind of net."""
 
     @property
     def vector(self) -> Any:
         """(P,): its weights."""
 
-    def with_vector(self, vector: Any) -> Net:
+    def with_vector(self, vector: Any) -> TrainableNet:
         """The same kind of net with other weights (P,)."""
 
     def rungs(self, typical_rps: float, ties: tuple[float, ...]) -> list[tuple[float, np.ndarray]]:
@@ -55,7 +55,7 @@ class Net(Protocol):
 class Training:
     """net; tie that was chosen (0: linear); loss: value after each step or epoch, mean squared residual in sigmas."""
 
-    net: Net
+    net: TrainableNet
     tie: float
     loss: tuple[float, ...]
 
@@ -67,8 +67,8 @@ def train_second_order(
     still_rates: StillRates | None = None,
     ties: tuple[float, ...] = TIES,
     integrator: str = "exact",
-    start: Net | None = None,
-    begin: Net | None = None,
+    start: TrainableNet | None = None,
+    begin: TrainableNet | None = None,
     steps: int = MAX_STEPS,
     before: np.ndarray | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
@@ -105,7 +105,13 @@ class _Problem:
     """The residuals of the net as rows in sigmas, with their Jacobian."""
 
     def __init__(
-        self, batch: Batch, sigma: np.ndarray, still_rates: StillRates | None, integrator: str, start: Net, before: np.ndarray | None
+        self,
+        batch: Batch,
+        sigma: np.ndarray,
+        still_rates: StillRates | None,
+        integrator: str,
+        start: TrainableNet,
+        before: np.ndarray | None,
     ):
         self.integrator, self.start = integrator, start
         self.before = np.full(len(batch), -1) if before is None else before
@@ -114,7 +120,7 @@ class _Problem:
         self.typical_rps = float(np.sqrt(np.mean(batch.rate[..., :3] ** 2)))
         self.identity = start.vector
 
-    def net(self, vector: np.ndarray) -> Net:
+    def net(self, vector: np.ndarray) -> TrainableNet:
         return self.start.with_vector(vector)
 
     def residuals(self, vector: np.ndarray) -> np.ndarray:

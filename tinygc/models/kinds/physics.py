@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from session.common.errors import FormatError
-from tinygc.effects import Claim, Conditions, EffectError, effect_of
+from tinygc.effects import AppliedEffect, Conditions, EffectError, effect_of
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
@@ -31,7 +31,7 @@ def to_table(model: PhysicsModel | CarriedNet, write: Callable[..., dict]) -> di
     return table | {"net": write(model.net)} if isinstance(model, CarriedNet) else table
 
 
-def _claim(claim: Claim) -> dict:
+def _claim(claim: AppliedEffect) -> dict:
     effect = claim.effect
     values = (claim.theta / effect.parameter.si).reshape(effect.parameter.shape).tolist()
     return {"id": effect.id, "equation": effect.equation, "theta_si": claim.theta.tolist(), effect.parameter.name: values, **effect.shape}
@@ -53,8 +53,8 @@ def from_table(table: dict, where: str, read: Callable[..., Any]) -> PhysicsMode
     return physics if table["kind"] == PhysicsModel.kind else CarriedNet(physics, read(table.get("net"), f"{where}: net"))
 
 
-def _read_claim(entry: dict) -> Claim:
+def _read_claim(entry: dict) -> AppliedEffect:
     effect = effect_of(entry["id"])
     if effect.scan is not None:
         effect = effect.at(float(entry[effect.scan.name]) * effect.scan.si)
-    return Claim(effect, np.asarray(entry["theta_si"], dtype=float))
+    return AppliedEffect(effect, np.asarray(entry["theta_si"], dtype=float))

@@ -11,7 +11,7 @@ from session.log.hashes import input_hashes
 from tinygc import models
 from tinygc.closure.bias_wander import wander_covariance
 from tinygc.closure.uncertainty import MISMATCH_P
-from tinygc.effects import Claim
+from tinygc.effects import AppliedEffect
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.fitting.physics.covariance import covariance_table, rate_covariance, rows_of_rates
 from tinygc.fitting.physics.lost_in_runs import loss_words, lost_in
@@ -45,7 +45,7 @@ class Adopted:
     closure_freedom: int | None
     vector: np.ndarray
     covariance: np.ndarray
-    claims: tuple[Claim, ...]
+    claims: tuple[AppliedEffect, ...]
     run_errors: list[np.ndarray]
     run_p: list[float]
     run_losses: list[str]
@@ -111,7 +111,7 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
     def model(trial: np.ndarray) -> PhysicsModel:
         at, changed = 12, []
         for claim in claims:
-            changed.append(Claim(claim.effect, trial[at : at + len(claim.theta)]))
+            changed.append(AppliedEffect(claim.effect, trial[at : at + len(claim.theta)]))
             at += len(claim.theta)
         return PhysicsModel(LinearModel.from_vector(trial), tuple(changed), known)
 

@@ -23,7 +23,7 @@ from tinygc.explanation.pictures.panels import (
     in_turns,
     lost_samples,
 )
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ PAIRS: dict[str, tuple[Panel, Panel]] = {
 }
 
 
-def draw_claim(e: Explanation, claim: Claimed, left: Axes, right: Axes) -> None:
+def draw_claim(e: Explanation, claim: Claim, left: Axes, right: Axes) -> None:
     """The mismatch where it lives, and a second look at it, into two axes.  EffectError where an effect's own picture fails."""
     pair = claim.effect.pair
     if not isinstance(pair, str):

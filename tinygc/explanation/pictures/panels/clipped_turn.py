@@ -10,14 +10,14 @@ from session.common.units import DEG
 from session.detect.segments import Segment
 from tinygc.explanation.pictures.channel_values import closure_as_recorded
 from tinygc.explanation.pictures.panels.palette import AXES, BEFORE, FLOOR
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def one_turn(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def one_turn(e: Explanation, claim: Claim, axes: Axes) -> None:
     """The turn that stands at the level for longest, the level drawn."""
     level = claim.parameters["dps"]
     least = level - claim.std["dps"]
@@ -39,7 +39,7 @@ def one_turn(e: Explanation, claim: Claimed, axes: Axes) -> None:
     axes.legend(fontsize=8)
 
 
-def closure_over_peak(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def closure_over_peak(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Closure as recorded of every segment, over the greatest reading in it: what stands at the level does not close."""
     level, closure = claim.parameters["dps"], closure_as_recorded(e)
     left = {segment.number for segment in e.twin.segments}

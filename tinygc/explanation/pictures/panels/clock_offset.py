@@ -9,14 +9,14 @@ import numpy as np
 from session.common.units import MG
 from tinygc.explanation.pictures.panels.palette import AFTER, BEFORE, FLOOR
 from tinygc.explanation.twin.turn_gravity import turn_equations
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def misfit_over_offset(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def misfit_over_offset(e: Explanation, claim: Claim, axes: Axes) -> None:
     """The lever arm is fitted anew for each offset."""
     equations = turn_equations(e.twin, e.naming.fit)
     found = e.gravity.offset_s
@@ -32,7 +32,7 @@ def misfit_over_offset(e: Explanation, claim: Claimed, axes: Axes) -> None:
     axes.legend(fontsize=8)
 
 
-def misfit_by_turn(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def misfit_by_turn(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Each segment with one clock, and with the offset."""
     equations = turn_equations(e.twin, e.naming.fit)
     numbers = [segment.number for segment in e.twin.segments]

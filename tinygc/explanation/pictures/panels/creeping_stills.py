@@ -9,7 +9,7 @@ import numpy as np
 from session.common.units import DEG
 from session.detect.stills import CREEP_RPS, CREEP_SIGMAS, Still
 from tinygc.explanation.pictures.panels.palette import AFTER, BEFORE, FLOOR, PALE
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.problem.still_set import StillSet
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def turned_angle(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def turned_angle(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Integral of the gyro, less its usual zero, within each still: those that were not still run away."""
     moving, zero = set(claim.parameters["stills"]), _zero(e, claim)
     for number, (log, still) in enumerate(_stills(e)):
@@ -34,7 +34,7 @@ def turned_angle(e: Explanation, claim: Claimed, axes: Axes) -> None:
     axes.legend(fontsize=8)
 
 
-def rate_against_bar(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def rate_against_bar(e: Explanation, claim: Claim, axes: Axes) -> None:
     """By gravity and by the gyro, and what noise would make of gravity."""
     zero, stills = _zero(e, claim), _stills(e)
     numbers = np.arange(len(stills))
@@ -54,7 +54,7 @@ def _stills(e: Explanation) -> list[tuple]:
     return [(log, still) for log in e.problem.logs for still in log.stills]
 
 
-def _zero(e: Explanation, claim: Claimed) -> np.ndarray:
+def _zero(e: Explanation, claim: Claim) -> np.ndarray:
     """(3,) rad/s: the gyro's usual reading at rest."""
     good = [still.gyro_mean for number, (_, still) in enumerate(_stills(e)) if number not in claim.parameters["stills"]]
     return np.median(good or [still.gyro_mean for _, still in _stills(e)], axis=0)

@@ -10,7 +10,7 @@ from session.common.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude import rotation
 from tinygc.explanation.pictures.channel_values import left_in_stills, recorded_in_stills, theta
 from tinygc.explanation.pictures.panels.palette import AFTER, BEFORE, FLOOR
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MDPS = 1e-3 * DEG
 
 
-def in_the_table(e: Explanation, claim: Claimed, axes: Axes, as_the_earths: bool = False) -> None:
+def in_the_table(e: Explanation, claim: Claim, axes: Axes, as_the_earths: bool = False) -> None:
     """Horizontal, along the found rate's own horizontal direction, and down; with a circle as large as the Earth's rate."""
     turn, fixed = rotation.matrix(e.twin.q_tb), theta(e, claim)
     size = np.hypot(*fixed[:2])

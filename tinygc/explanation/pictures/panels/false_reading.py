@@ -9,7 +9,7 @@ import numpy as np
 from session.common.units import DEG
 from tinygc.explanation.mends.false_readings import find_glitches, without_glitches
 from tinygc.explanation.pictures.panels.palette import AXES, FLOOR
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.events import reading_s
 from tinygc.explanation.verdict.explain import Explanation
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 AROUND = 12  #: samples on either side
 
 
-def one_reading(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def one_reading(e: Explanation, claim: Claim, axes: Axes) -> None:
     """The greatest: as read, false samples marked, and the bridge across them."""
     runs = _runs(e, claim)
     log, first, count, _ = max(runs, key=lambda run: np.abs(run[3]).max())
@@ -38,7 +38,7 @@ def one_reading(e: Explanation, claim: Claimed, axes: Axes) -> None:
     axes.legend(fontsize=8, ncols=2)
 
 
-def all_readings(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def all_readings(e: Explanation, claim: Claim, axes: Axes) -> None:
     """How far each is off its bridge, over the session."""
     t_s = reading_s(e, np.array(claim.parameters["at"], dtype=int))
     size = np.array([off[np.argmax(np.abs(off), axis=0), range(3)] for _, _, _, off in _runs(e, claim)])
@@ -57,7 +57,7 @@ def _bridged(e: Explanation, log: int) -> np.ndarray:
     return (samples if glitches is None else without_glitches(samples, glitches)).gyro / DEG
 
 
-def _runs(e: Explanation, claim: Claimed) -> list[tuple[int, int, int, np.ndarray]]:
+def _runs(e: Explanation, claim: Claim) -> list[tuple[int, int, int, np.ndarray]]:
     """(log, first row in it, samples, readings less bridge (samples, 3) dps) of each false reading, in order."""
     found, began = [], 0
     for log, each in enumerate(e.session.logs):

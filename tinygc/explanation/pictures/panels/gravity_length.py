@@ -9,14 +9,14 @@ import numpy as np
 from session.common.units import MG
 from tinygc.explanation.pictures.channel_values import lengths_per_still, regime, theta
 from tinygc.explanation.pictures.panels.palette import AFTER, BEFORE, FLOOR
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def over_attitude(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Gravity has one length, whatever the attitude."""
     variable, (before, after) = regime(e, claim), lengths_per_still(e)
     x = variable.of_stills(e.twin)
@@ -31,7 +31,7 @@ def over_attitude(e: Explanation, claim: Claimed, axes: Axes) -> None:
     axes.legend()
 
 
-def against_explained(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
     """What the bias adds to gravity's length in each attitude."""
     down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
     says = down @ theta(e, claim) / MG

@@ -9,14 +9,14 @@ import numpy as np
 from tinygc.explanation.pictures.channel_values import added_in_stills, left_in_stills, rates_per_still, recorded_in_stills, regime, theta
 from tinygc.explanation.pictures.panels.palette import AXES, FLOOR
 from tinygc.explanation.twin.variable import Regime
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def along(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def along(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Filled before, rings after; where each axis follows gravity along itself, that is what it is drawn against."""
     (before, _), after = rates_per_still(e), left_in_stills(e, claim)
     variable = regime(e, claim)
@@ -31,7 +31,7 @@ def along(e: Explanation, claim: Claimed, axes: Axes) -> None:
     axes.legend(ncols=3, fontsize=8)
 
 
-def against_explained(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
     """On the line where the effect is all there is."""
     says, recorded = added_in_stills(e, claim) * 1e3, recorded_in_stills(e, claim) * 1e3
     for i, axis in enumerate("xyz"):

@@ -9,14 +9,14 @@ import numpy as np
 from session.common.units import DEG
 from tinygc.explanation.pictures.channel_values import added_to_closure, closure_by_segment, regime
 from tinygc.explanation.pictures.panels.palette import AFTER, AXES, BEFORE, FLOOR
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def along(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def along(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Closure before and after, along the greatest that the variable reaches in the segment."""
     variable = regime(e, claim)
     x, numbers = variable.of_segments(e.twin), [segment.number for segment in e.twin.segments]
@@ -28,7 +28,7 @@ def along(e: Explanation, claim: Claimed, axes: Axes) -> None:
     axes.legend()
 
 
-def against_explained(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Each angle of each closure, on the line where the effect is all there is."""
     says, recorded = (angles / DEG for angles in added_to_closure(e, claim))
     for i, (name, colour) in enumerate(zip(("about x", "about y", "about z"), AXES.values(), strict=True)):

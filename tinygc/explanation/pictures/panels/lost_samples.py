@@ -10,7 +10,7 @@ from session.common.units import DEG
 from session.log.samples import start_times
 from tinygc.explanation.pictures.channel_values import closure_as_recorded, closure_by_segment
 from tinygc.explanation.pictures.panels.palette import AFTER, AXES, BEFORE, FLOOR
-from tinygc.explanation.verdict.claims import Claimed
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 AROUND = 15  #: samples on either side
 
 
-def one_loss(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def one_loss(e: Explanation, claim: Claim, axes: Axes) -> None:
     """The loss with the greatest jump: black crosses as stamped, dots where they belong, rings what was put between."""
     count = claim.parameters["length"]
     log, row, before = max(_losses(e, claim), key=lambda loss: _jump(e, loss[0], loss[1], count))
@@ -57,7 +57,7 @@ def one_loss(e: Explanation, claim: Claimed, axes: Axes) -> None:
     axes.legend(fontsize=8, ncols=2)
 
 
-def closure_over_losses(e: Explanation, claim: Claimed, axes: Axes) -> None:
+def closure_over_losses(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Closure as recorded and with the losses filled, over how many losses a segment has."""
     losses = [(log, row - before) for log, row, before in _losses(e, claim)]
     inside = {
@@ -73,7 +73,7 @@ def closure_over_losses(e: Explanation, claim: Claimed, axes: Axes) -> None:
     axes.legend()
 
 
-def _losses(e: Explanation, claim: Claimed) -> list[tuple[int, int, int]]:
+def _losses(e: Explanation, claim: Claim) -> list[tuple[int, int, int]]:
     """(log, last mended row before the loss, samples put back before it in this log) of each loss, in order."""
     logs = [log.samples for log in e.mended.problem.session.logs]
     began = start_times(logs)[:-1]
@@ -85,7 +85,7 @@ def _losses(e: Explanation, claim: Claimed) -> list[tuple[int, int, int]]:
     return found
 
 
-def _number(e: Explanation, claim: Claimed, log: int, row: int) -> int:
+def _number(e: Explanation, claim: Claim, log: int, row: int) -> int:
     return [loss[:2] for loss in _losses(e, claim)].index((log, row))
 
 

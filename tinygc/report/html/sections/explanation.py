@@ -6,7 +6,7 @@ import numpy as np
 
 from session.common.units import DEG
 from tinygc.explanation.pictures.channel_values import added_in_stills, left_in_stills, rates_per_still, recorded_in_stills, regime, told
-from tinygc.explanation.verdict.explain import Claimed, Explanation
+from tinygc.explanation.verdict.explain import Claim, Explanation
 from tinygc.explanation.verdict.next_step import what_next
 from tinygc.explanation.verdict.pages import parameter_lines, regime_words, seconds_words
 from tinygc.explanation.verdict.where import where
@@ -39,7 +39,7 @@ def section(evidence: Evidence) -> Section | None:
     return Section("explain", "Why recording and simulation differ", html)
 
 
-def _claim(claim: Claimed, before: str = "") -> str:
+def _claim(claim: Claim, before: str = "") -> str:
     says = escape(claim.says[:1].upper() + claim.says[1:])
     html = f'<div class="found"><h3>{escape(claim.effect.id)}</h3>{paragraph(f"{before}{says}.")}'
     html += paragraph(f"<code>{escape(claim.effect.equation)}</code>, {probability(claim.p_value)}", "soft")
@@ -115,7 +115,7 @@ def _before_after_keys(named: bool) -> list[str]:
     return [key("before", "linear model"), *after, key("floor", "noise floor", "dash")]
 
 
-def _stills_along(e: Explanation, claim: Claimed | None, width: int) -> str:
+def _stills_along(e: Explanation, claim: Claim | None, width: int) -> str:
     variable = regime(e, claim)
     x = variable.of_stills(e.twin)
     before, after = rates_per_still(e)
@@ -136,7 +136,7 @@ def _stills_along(e: Explanation, claim: Claimed | None, width: int) -> str:
     return chart.svg()
 
 
-def _closure_along(e: Explanation, claim: Claimed, width: int) -> str:
+def _closure_along(e: Explanation, claim: Claim, width: int) -> str:
     variable = regime(e, claim)
     x = variable.of_segments(e.twin)
     at = {number: angles for number, angles in zip(e.proof.before_numbers, e.proof.before, strict=True)}
@@ -155,7 +155,7 @@ def _closure_along(e: Explanation, claim: Claimed, width: int) -> str:
     return (chart.dots(x, after, "after") if claim in e.claimed else chart).svg()
 
 
-def _said_against_recorded(e: Explanation, claim: Claimed, width: int) -> str:
+def _said_against_recorded(e: Explanation, claim: Claim, width: int) -> str:
     said, recorded = added_in_stills(e, claim) * 1e3, recorded_in_stills(e, claim) * 1e3
     span = linear_axis(np.concatenate([said, recorded]))
     x, y = (Axis(span.lo, span.hi, label) for label in (f"{claim.effect.id} says, mdps", "recorded, mdps"))

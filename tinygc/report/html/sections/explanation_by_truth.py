@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.explanation.truth.explain import Claim, TruthExplanation
+from tinygc.explanation.truth.explain import TruthClaim, TruthExplanation
 from tinygc.explanation.truth.result import CANNOT, evidence_rows, refusals, values_of
 from tinygc.report.html.chart import Chart, log_axis
 from tinygc.report.html.evidence import Evidence
@@ -32,7 +32,7 @@ def section(evidence: Evidence) -> Section | None:
     return Section("explain", "Why recording and truth differ", html + paragraph(escape(CANNOT[:1].upper() + CANNOT[1:]) + ".", "soft"))
 
 
-def _claim(claim: Claim) -> str:
+def _claim(claim: TruthClaim) -> str:
     return (
         f'<div class="found"><h3>{escape(claim.effect.id)}</h3>{paragraph(f"{escape(claim.says[:1].upper() + claim.says[1:])}.")}'
         + paragraph(f"<code>{escape(claim.effect.equation)}</code>, {probability(claim.p_value)}", "soft")

@@ -10,7 +10,7 @@ from tinygc.effects.effect import Effect
 
 
 @dataclass(frozen=True, eq=False)
-class Claim:
+class AppliedEffect:
     """An effect with its parameters theta (P,), SI."""
 
     effect: Effect

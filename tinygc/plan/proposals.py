@@ -20,7 +20,7 @@ from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.models import linear
-from tinygc.plan.requested import asked
+from tinygc.plan.requested import requested_by_explain
 from tinygc.problem.build import build_problem
 from tinygc.problem.problem import Problem
 
@@ -44,7 +44,7 @@ def propose(folder: Path, count: int = 5) -> tuple[list[Proposal], str | None]:
     session = read_session(folder)
     problem = build_problem(session)
     covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
-    return _greedy(problem, covariance, count), asked(session.folder)
+    return _greedy(problem, covariance, count), requested_by_explain(session.folder)
 
 
 def parameter_words(name: str) -> str:

@@ -1,0 +1,171 @@
+"""Three effects in a folder that the tool does not know of, one with temperature, one with memory, one with a scanned moment, through every
+command: named, fitted, applied from a file and live, drawn, exported to C or refused in one line."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tinygc
+from session.common.errors import CalibrationError
+from session.log.folder import read_session
+from tinygc.challenge.examine import explained
+from tinygc.effect_checks.scene import SIZE
+from tinygc.effect_checks.sessions import inject
+from tinygc.effects import load_folder, using
+from tinygc.effects.testing import check
+
+FOREIGN = Path(__file__).parent / "foreign_effects"
+IDS = ("gyro.rate_memory", "gyro.shock_recovery", "gyro.thermal_curvature")
+
+
+@pytest.fixture(scope="module")
+def known():
+    """The three, by id, loaded for this module alone."""
+    with using([]):
+        yield {effect.id: effect for effect in load_folder(FOREIGN)}
+
+
+@pytest.fixture
+def strangers():
+    """A process that has not loaded the folder: what a command must be told by --effects."""
+    from tinygc.effects import discovery
+
+    before = dict(discovery._folders)
+    discovery._folders.clear()
+    yield
+    discovery._folders.update(before)
+
+
+@pytest.fixture(scope="module")
+def made(known, tmp_path_factory):
+    """``made(id)``: a session with the effect in it, and what was injected; once each."""
+    found = {}
+
+    def make(name: str):
+        if name not in found:
+            effect = known[name]
+            found[name] = inject(effect, tmp_path_factory.mktemp("foreign") / name, 2 * SIZE * effect.parameter.plausible, 4)
+        return found[name]
+
+    return make
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", IDS)
+def test_the_proof_passes(name, known):
+    report = check(known[name])
+    assert report.ok, str(report)
+    assert all(part.result == "passed" for part in report.parts), str(report)
+
+
+BROKEN_PART = {"gyro.thermal_curvature": "c", "gyro.rate_memory": "live", "gyro.shock_recovery": "units"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", IDS)
+def test_the_proof_fails_three_that_are_broken(name, known):
+    """A sign in the C, a memory that is longer than it says, a unit of the moment that is another."""
+    effect = known[name]
+    broken = {
+        "gyro.thermal_curvature": lambda: replace(effect, device=replace(effect.device, term=f"-({effect.device.term})")),
+        "gyro.rate_memory": lambda: replace(effect, reach=replace(effect.reach, before_s=1.0)),
+        "gyro.shock_recovery": lambda: replace(effect, scan=replace(effect.scan, si=1.0)),
+    }[name]()
+    if name == "gyro.shock_recovery":
+        broken = replace(broken, picture=None)  # its own would look for what is no longer there
+    report = check(broken)
+    assert report.failed == (BROKEN_PART[name],), str(report)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", IDS)
+def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strangers, run, tmp_path):
+    injected, effect = made(name), known[name]
+    folder = tmp_path / "session"
+    shutil.copytree(injected.folder, folder)
+
+    # Without its folder it has no name, and nothing of the folder is looked at.
+    code, _, err = run("fit", folder, "--physics", name)
+    assert code == 2
+    assert f"{name!r} is no effect" in err
+    assert "--effects DIR" in err
+
+    # Named, with its parameters, and drawn.
+    code, _, err = run("explain", folder, "--effects", FOREIGN, "--json", tmp_path / "explain.json")
+    assert code == 0, err
+    said = json.loads((tmp_path / "explain.json").read_text())
+    (named,) = said["effects"]
+    assert named["id"] == name
+    parameter = effect.parameter
+    found, std = (np.ravel(named[key][parameter.name]) * parameter.si for key in ("parameters", "std"))
+    assert (np.abs(found - injected.theta) < 5 * std).all(), (found, injected.theta, std)
+    assert (std < 0.5 * np.abs(injected.theta).max()).all()
+    if effect.scan is not None:
+        assert named["parameters"]["shock_min"] == pytest.approx(injected.value / 60, abs=0.02)
+    assert (folder / "explain" / "explain.png").stat().st_size > 20_000
+
+    # Fitted, and saved with its numbers.
+    code, _, err = run("fit", folder, "--physics", "auto", "--methods", "least_squares", "--effects", FOREIGN)
+    assert code == 0, err
+    path = folder / "fit" / "model_physics.json"
+    (entry,) = json.loads(path.read_text())["effects"]
+    assert entry["id"] == name
+
+    # Applied from a file; without the folder refused in one line.
+    log, out = folder / "log0001.csv.gz", tmp_path / "calibrated.csv"
+    code, _, err = run("apply", path, log, "-o", out)
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"effect {name!r} is not on this machine" in err
+    assert run("apply", path, log, "-o", out, "--effects", FOREIGN)[0] == 0
+    applied = np.loadtxt(out, delimiter=",", skiprows=1, usecols=(1, 2, 3))
+    samples = read_session(folder).logs[0].samples
+    with using([FOREIGN]):
+        model = tinygc.models.load(path)
+        whole = model.calibrate(samples)
+        # The file's data rate is what its stamps say, to a microsecond.
+        np.testing.assert_allclose(applied, whole, atol=2e-6)
+        assert np.abs(whole - model.linear(samples.gyro)).max() > 1e-4  # the effect does something
+
+        # Live: what is needed is asked for; then sample by sample as whole.
+        rate_hz = 1 / samples.period_s
+        calibration = tinygc.load(path, rate_hz)
+        assert calibration.needs == (("temp",) if name == "gyro.thermal_curvature" else ("rate_hz",))
+        if "rate_hz" in calibration.needs:
+            with pytest.raises(CalibrationError, match="load it with rate_hz="):
+                tinygc.load(path)(samples.gyro[:10])
+        if "temp" in calibration.needs:
+            with pytest.raises(CalibrationError, match="the model needs temp"):
+                calibration.live()(samples.gyro[0])
+        live = calibration.live()
+        one_by_one = [live(*sample) for sample in zip(samples.gyro[:800], samples.accel, samples.temp_c, strict=False)]
+        np.testing.assert_allclose(one_by_one, model.calibrate(samples.between(0, 800), live=True), atol=1e-6)
+
+    # C, or a reason in one line.
+    code, _, err = run("export", folder, "--to", "c", "--model", "physics", "--effects", FOREIGN, "--out", tmp_path / "c")
+    if name == "gyro.thermal_curvature":
+        assert code == 0, err
+        assert "THERMAL_CURVATURE[3] =" in (tmp_path / "c" / "tinygc_model.c").read_text()
+    else:
+        assert (code, err.count("\n")) == (2, 1)
+        assert f"{name} cannot be exported to C: {effect.device.why}; json carries it" in err
+    assert run("export", folder, "--to", "ros", "--model", "physics", "--effects", FOREIGN, "--out", tmp_path / "ros")[0] == 2
+
+
+@pytest.mark.slow
+def test_another_process_is_told_the_folders(made, known):
+    """As the challenge starts one for each session."""
+    injected = made("gyro.thermal_curvature")
+    with using([FOREIGN]):
+        assert [effect["id"] for effect in explained(injected.folder)["effects"]] == ["gyro.thermal_curvature"]
+
+
+@pytest.mark.slow
+def test_a_report_takes_it_over(made, known, strangers, run, tmp_path):
+    injected, out = made("gyro.thermal_curvature"), tmp_path / "report.html"
+    code, _, err = run("report", injected.folder, "--methods", "least_squares", "--effects", FOREIGN, "--out", out)
+    assert code == 0, err
+    assert "gyro.thermal_curvature" in out.read_text()

@@ -113,6 +113,7 @@ def estimates(instability_dph: float, seeds: range, tmp_path) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_three_degrees_and_thirty_are_told_apart(tmp_path):
     little, much = (estimates(true, range(3), tmp_path) for true in (3.0, 30.0))
     assert np.all(np.abs(little[:, 0] - 3) < 3 * little[:, 1])

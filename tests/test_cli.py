@@ -124,6 +124,7 @@ def test_json_on_standard_output_is_all_there_is(run, folder):
     assert err == ""
 
 
+@pytest.mark.slow
 def test_same_input_same_seed_same_numbers(run, folder):
     """All methods, the swarm among them, twice; only the seconds may differ."""
 

@@ -47,6 +47,7 @@ def test_exactly_what_was_concealed_is_named(results, truth, case):
     assert result["verdict"] == ("explained" if truth[case]["effects"] else "no_mismatch")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_closure_comes_down_to_its_floor(results, case):
     held = results(case)["fit"]["holdout_closure_rms_deg"]

@@ -145,6 +145,7 @@ def test_adamw_goes_on_from_the_linear_solution(slope):
     assert at_rest(first.model).min() > (3.0 if slope == 1 else 2.0)
 
 
+@pytest.mark.slow
 def test_adamw_on_the_endpoint_keeps_its_best_epoch():
     seen, _ = material(count=8)
     trained = train_denoiser(seen, bias_only(), DenoiseOptions(loss="endpoint", optimizer="adamw", epochs=15))

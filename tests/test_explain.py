@@ -361,6 +361,7 @@ def test_a_wrong_full_scale_is_said_and_not_explained(session, run, tmp_path):
     assert not (folder / "explain").exists()
 
 
+@pytest.mark.slow
 def test_a_latitude_of_the_wrong_sign_is_said(session, tmp_path):
     folder = shutil.copytree(session("nothing"), tmp_path / "south")
     path = folder / "session.toml"
@@ -461,6 +462,7 @@ def test_verdict_and_effects_agree(explained):
         assert (result["verdict"] in ("no_mismatch", "explained")) == (result["next"] is None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "phases", "variable"),
     [
@@ -530,6 +532,7 @@ def test_the_same_seed_gives_the_same_json(session, explained):
 # The command line and the picture
 
 
+@pytest.mark.slow
 def test_strict_fails_where_there_is_a_mismatch(session, run, tmp_path):
     target = tmp_path / "out.json"
     code, out, _ = run("explain", session("g_sensitivity"), "--strict", "--out", tmp_path / "explain", "--json", target)

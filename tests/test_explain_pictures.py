@@ -46,6 +46,7 @@ def test_a_clipped_turn_shows_the_readings_at_the_level(explained):  # noqa: F81
     assert np.median(left_out[:, 1]) > 20 * np.median(used[:, 1])
 
 
+@pytest.mark.slow
 def test_a_false_reading_is_drawn_with_its_bridge(explained):  # noqa: F811
     explanation, _ = explained("glitches")
     axes = drawn(explanation, 0)
@@ -70,6 +71,7 @@ def test_gravitys_misfit_is_least_at_the_offset(explained):  # noqa: F811
     assert equations.square_at(explanation.gravity.offset_s).sum() == pytest.approx(equations.left(equations.solve()).sum())
 
 
+@pytest.mark.slow
 def test_gravitys_length_is_straightened(explained):  # noqa: F811
     explanation, _ = explained("accelerometer")
     before, after = (each.get_xydata()[:, 1].std() for each in drawn(explanation, 0).lines[:2])
@@ -77,6 +79,7 @@ def test_gravitys_length_is_straightened(explained):  # noqa: F811
     assert after < 0.1 * before
 
 
+@pytest.mark.slow
 def test_the_earth_gathers_in_the_table(explained):  # noqa: F811
     explanation, _ = explained("earth")
     axes = drawn(explanation, 0)

@@ -114,6 +114,7 @@ def test_a_turned_frame_is_asked_for_by_gyro_and_accelerometer(tmp_path):
     assert np.linalg.norm(e.force.turned) < 0.3 * np.linalg.norm(e.force.bias)
 
 
+@pytest.mark.slow
 def test_the_page_is_drawn_with_wrong_moments_and_with_next_to_nothing(tmp_path):
     pytest.importorskip("matplotlib")
     whole = explain_truth(write(tmp_path / "whole", jumps=(20.3, 40.3)))
@@ -197,6 +198,7 @@ def test_each_day_has_its_bias_and_the_stored_one_is_the_median(tmp_path):
     assert np.abs(one.B / DEG + np.median(biases, axis=0)).max() > 0.05
 
 
+@pytest.mark.slow
 def test_the_distance_is_a_median_where_the_square_is_a_mean(tmp_path):
     for day, bias in enumerate([(0.5, -0.3, 0.6), (0.5, -0.3, 0.6), (0.8, -0.3, 0.6)]):
         write(tmp_path, seed=day, bias_dps=bias, name=f"{day:04}")

@@ -132,6 +132,7 @@ def test_its_code_calibrates_as_the_model_does(simulated, text):
     assert names["E"] == pytest.approx(model.E, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_its_line_of_python_gives_the_rates_of_a_model_with_physics(tmp_path, simulated):
     """A g-sensitivity concealed in the log; the page's own line and its own file, run as they stand."""
     from base64 import b64decode

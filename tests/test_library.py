@@ -62,6 +62,7 @@ def test_the_command_says_what_the_library_says(simulated, fitted, tmp_path, cap
     assert shown[0].split() == next(line for line in printed.splitlines() if line.startswith("scale correction")).split()
 
 
+@pytest.mark.slow
 def test_what_is_hidden_is_found_and_drawn(tmp_path):
     pytest.importorskip("matplotlib")
     why = tinygc.explain(tinygc.simulate(segments=24, closure_s=0.0, seed=5, effects=HIDDEN).session)

@@ -86,6 +86,7 @@ def test_windows_of_padded_segments_are_the_same():
     np.testing.assert_allclose(preintegrate(padded).residuals(E, B), preintegrate(batch).residuals(E, B), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_swarm_ends_where_least_squares_does(simulated):
     """A simulated session of 10 turns: the same closure to a thousandth of a degree, and the same every time."""
     problem = build_problem(read_session(simulated()))

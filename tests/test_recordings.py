@@ -40,6 +40,7 @@ def test_real_xsens_closes_better_than_its_public_peer(xsens):
     assert closure_figures(fit.held_out)["tilt_rms_deg"] <= 0.58
 
 
+@pytest.mark.slow
 def test_real_xsens_is_no_worse_with_tinygc(xsens):
     """27 parameters must not lose to 12 on turns they have not seen."""
     problem, linear = xsens

@@ -23,10 +23,12 @@ def register_reach(full_scale: float, table: dict[int, float], per_lsb: float) -
 
 
 def gyro_reach_dps(full_scale_dps: float) -> float:
+    """The largest rate that the gyroscope's register holds, dps."""
     return register_reach(full_scale_dps, registers.GYRO_MDPS_PER_LSB, 1e-3)
 
 
 def accel_reach_g(full_scale_g: float) -> float:
+    """The largest force that the accelerometer's register holds, g."""
     return register_reach(full_scale_g, registers.ACCEL_MG_PER_LSB, 1e-3)
 
 

@@ -28,6 +28,7 @@ class Pace:
 
     @property
     def rate_hz(self) -> float:
+        """The true data rate, Hz."""
         return 1 / self.period_s
 
     def periods(self, steps_s: np.ndarray) -> np.ndarray:

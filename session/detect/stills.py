@@ -59,6 +59,7 @@ class Still:
 
     @property
     def middle(self) -> int:
+        """Number of its middle sample."""
         return (self.start + self.stop) // 2
 
 

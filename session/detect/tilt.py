@@ -52,6 +52,7 @@ class Turns:
         return len(self.first)
 
     def of(self, chosen: np.ndarray) -> Turns:
+        """Some of the turns, by index or mask."""
         return Turns(self.angle[chosen], self.down[chosen], self.first[chosen], self.last[chosen])
 
 

@@ -67,6 +67,7 @@ class Lines:
         self._rest = "".join(f"{line}\n" for line in lines) + self._rest
 
     def close(self) -> None:
+        """Let go of the file."""
         self._file.close()
 
     def __enter__(self) -> Lines:

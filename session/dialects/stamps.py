@@ -51,6 +51,7 @@ class Unroll:
         self.wraps = 0
 
     def __call__(self, t_ns: np.ndarray) -> np.ndarray:
+        """(N,) ns that go on from those before, from stamps (N,) ns as written."""
         if self._span is None:
             return t_ns
         steps = np.diff(t_ns, prepend=t_ns[:1] if self._last is None else self._last)

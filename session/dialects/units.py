@@ -33,7 +33,7 @@ REGISTER = Unit(None, "lsb")
 
 
 def endings(kind: str) -> dict[str, Unit]:
-    """What stands behind a gyroscope's or accelerometer's axis, or ``temp``, in a standard log's names: ``""``, ``"_dps"``, …"""
+    """What stands behind a gyroscope's or accelerometer's axis, or ``temp``, in a standard log's names: ``""``, ``"_dps"``."""
     return {"": REGISTER} | {f"_{word}": Unit(WORDS[kind][word], word) for word in ENDINGS[kind]}
 
 

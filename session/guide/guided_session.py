@@ -40,9 +40,11 @@ Configure = Callable[[Info | None, float], Config | None]
 class View(Interface):
     """A screen, or lines."""
 
-    def change(self, change: Change) -> None: ...
+    def change(self, change: Change) -> None:
+        """Something has changed."""
 
-    def show(self, guide: Guide) -> None: ...
+    def show(self, guide: Guide) -> None:
+        """Draw the present state."""
 
 
 class GuidedRecording:

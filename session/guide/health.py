@@ -81,6 +81,7 @@ class Health:
 
     @property
     def warming(self) -> bool:
+        """Whether the temperature still moves by more than it should."""
         slope = self.temp_slope
         return slope is not None and abs(slope) > WARM_C_PER_MIN
 

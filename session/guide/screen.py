@@ -68,6 +68,7 @@ class PlainLines:
         pass
 
     def change(self, change: Change) -> None:
+        """Say it in a line."""
         self.console.print(f"[{change.at_s:7.1f} s] {change.text}", soft_wrap=True)
 
     def show(self, guide: Guide) -> None:

@@ -51,6 +51,7 @@ class Stillness:
 
     @property
     def block_s(self) -> float:
+        """Length of a block, s."""
         return self.size * self._period_s
 
     def feed(self, samples: Samples) -> Block:

@@ -28,6 +28,7 @@ class TurnInProgress:
 
     @property
     def moving(self) -> bool:
+        """Whether the table moves, or has just been touched."""
         return self.still_s == 0.0 or self._in_bump
 
     def feed(self, block: Block, zero_rps: np.ndarray | None) -> float:

@@ -43,9 +43,11 @@ class Window:
 
     @property
     def has_reference(self) -> bool:
+        """Whether a still was accepted."""
         return bool(self._starts_ns)
 
     def feed(self, samples: Samples) -> None:
+        """Later samples."""
         self._parts.append(samples)
 
     def examine(self) -> Examined:
@@ -76,6 +78,7 @@ class Window:
 
     @property
     def duration_s(self) -> float:
+        """Of what is kept, s."""
         return float(self._parts[-1].t_ns[-1] - self._parts[0].t_ns[0]) * NS if self._parts else 0.0
 
     def _forget_before(self, t_ns: int) -> None:

@@ -20,6 +20,8 @@ REFERENCES = ("gravity", "table", "truth")
 
 @dataclass(frozen=True)
 class Sensor:
+    """The chip as session.toml names it: model, serial number, nominal data rate, full scales, and what is known of its noise."""
+
     model: str
     serial: str
     odr_hz: float  #: nominal; the stamps say the true one
@@ -43,17 +45,22 @@ class Accelerometer:
 
 @dataclass(frozen=True)
 class Site:
+    """Where the table stands: what the Earth's rotation and gravity are there."""
+
     latitude_deg: float | None = None  #: None: the Earth's rotation cannot be predicted
     gravity_mps2: float | None = None  #: None: standard gravity is expected, loosely
     heading_deg: float | None = None  #: the table's index direction, from true north
 
     @property
     def expected_gravity_mps2(self) -> float:
+        """Gravity as it is given, else standard gravity, m/s^2."""
         return STANDARD_GRAVITY_MPS2 if self.gravity_mps2 is None else self.gravity_mps2
 
 
 @dataclass(frozen=True)
 class Protocol:
+    """How the table was turned: s of a still and of a segment, and what the attitudes are compared with."""
+
     still_s: float = 1.0
     segment_s: float = 5.0
     reference: str = "gravity"

@@ -44,6 +44,7 @@ class Samples:
 
     @property
     def duration_s(self) -> float:
+        """From the first sample to the last, s."""
         return float(self.t_ns[-1] - self.t_ns[0]) * NS if len(self) else 0.0
 
     def with_accel(self, accel: np.ndarray) -> Samples:

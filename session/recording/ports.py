@@ -5,11 +5,14 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from serial.tools import list_ports
-from serial.tools.list_ports_common import ListPortInfo
 
 from session.common.errors import DeviceError
+
+if TYPE_CHECKING:
+    from serial.tools.list_ports_common import ListPortInfo
 
 try:
     import fcntl

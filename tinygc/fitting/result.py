@@ -48,4 +48,5 @@ class FitResult:
 
     @property
     def session(self) -> Session:
+        """That was fitted."""
         return self.problem.session

@@ -28,30 +28,40 @@ class Model(Protocol):
     pointwise: ClassVar[bool]
     rates_only: ClassVar[bool]
 
-    def __call__(self, rate: Any) -> Any: ...
+    def __call__(self, rate: Any) -> Any:
+        """Calibrated rate (..., 3) rad/s from the measured one; CalibrationError of a kind that needs whole samples."""
 
     @property
-    def parameters(self) -> int: ...
+    def parameters(self) -> int:
+        """How many numbers were fitted."""
 
     @property
-    def undone(self) -> tuple[AppliedEffect, ...]: ...
+    def undone(self) -> tuple[AppliedEffect, ...]:
+        """Effects that it takes off, in the order in which it does."""
 
     @property
-    def conditions(self) -> tuple[str, ...]: ...
+    def conditions(self) -> tuple[str, ...]:
+        """What it is told beside the rate."""
 
     @property
-    def made_for_hz(self) -> float | None: ...
+    def made_for_hz(self) -> float | None:
+        """The sampling rate that it was made for; None for any."""
 
     @property
-    def delay_s(self) -> float: ...
+    def delay_s(self) -> float:
+        """Seconds by which an answer comes late."""
 
-    def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray: ...
+    def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
+        """True rates (N, 3) rad/s of one log, each at its own sample."""
 
-    def undelayed(self, rate: Any) -> Any: ...
+    def undelayed(self, rate: Any) -> Any:
+        """Its answer (N, 3) rad/s to measured rates (N, 3), each at the sample that it belongs to."""
 
-    def without_denoiser(self) -> Model: ...
+    def without_denoiser(self) -> Model:
+        """The calibration alone."""
 
-    def with_bias_moved(self, change: np.ndarray) -> Model: ...
+    def with_bias_moved(self, change: np.ndarray) -> Model:
+        """The same model, its calibrated rate greater by ``change`` (3,) rad/s everywhere."""
 
 
 class BaseModel:

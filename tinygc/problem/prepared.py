@@ -23,6 +23,7 @@ class Prepared:
 
     @property
     def session(self) -> Session:
+        """That it was made of."""
         return self.problem.session
 
     @property

@@ -49,6 +49,7 @@ class Problem:
 
     @property
     def used(self) -> list[Segment]:
+        """The accepted segments, in order."""
         return [segment for segment in self.segments if segment.accepted]
 
     @property
@@ -74,6 +75,7 @@ class Problem:
 
     @property
     def stills(self) -> list[Still]:
+        """Of all logs, in order."""
         return [still for log in self.logs for still in log.stills]
 
     @property

@@ -103,6 +103,7 @@ def _noise_in_motion(samples: Samples) -> Noise:
 
 
 def batch_of(logs: list[StillSet], segments: list[Segment], ends: list[Ends]) -> Batch:
+    """Segments side by side, with the truth's attitudes at their ends."""
     longest = max(segment.stop - segment.start for segment in segments)
     rate, dt = np.zeros((len(segments), longest, 3)), np.zeros((len(segments), longest - 1))
     for i, segment in enumerate(segments):

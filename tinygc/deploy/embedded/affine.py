@@ -55,4 +55,5 @@ class Linear(ProgramStage):
         self.body = f"float s[3];\naffine({name}, r, s);\n{ADD}"
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
+        """What the body does to rates (N, 3) float32, in the same order."""
         return rate + affine(self._w, rate)

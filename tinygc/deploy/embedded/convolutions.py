@@ -101,6 +101,7 @@ class Denoise(ProgramStage):
         return "\n".join([*lines, "state->running = 1;"])
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
+        """What the body does to rates (N, 3) float32, in the same order."""
         if self._slope is None:
             return self._net(rate)
         return (self._net(rate) - self._net(-rate)) * np.float32(0.5)

@@ -27,6 +27,7 @@ class Matrix(ProgramStage):
         self.body = f"float s[3];\naffine({code.name}, in->force, s);\nfor (int i = 0; i < 3; i++)\n    r[i] -= s[i];"
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
+        """What the body does to rates (N, 3) float32, in the same order."""
         return rate - affine.affine(self._w, inputs.force)
 
 
@@ -49,6 +50,7 @@ class PerAxis(ProgramStage):
         )
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
+        """What the body does to rates (N, 3) float32, in the same order."""
         w = rate
         for _ in range(self._code.passes):
             w = rate - self._code.numpy(self.constants, w, inputs)
@@ -65,6 +67,7 @@ class Own(ProgramStage):
         self.constants = {name: single(value, code.says) for name, value in code.constants(theta, known).items()}
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
+        """What the body does to rates (N, 3) float32, in the same order."""
         return self._numpy(self.constants, rate, inputs)
 
 

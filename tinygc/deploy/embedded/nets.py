@@ -37,6 +37,7 @@ affine(OUTER, h, s);
         self.constants = {"HIDDEN": hidden, "SLOPE": single(net.slope, "the net"), "OUTER": outer}
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
+        """What the body does to rates (N, 3) float32, in the same order."""
         h = prelu(affine(self.constants["HIDDEN"], rate), self.constants["SLOPE"])
         return rate + affine(self.constants["OUTER"], h)
 
@@ -60,6 +61,7 @@ for (int i = 0; i < 3; i++)
         self.constants = {"HIDDEN": hidden, "OUTER": outer, "SLOPES": single([*net.slope1, *net.slope2], "the net")}
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
+        """What the body does to rates (N, 3) float32, in the same order."""
         first, second = self.constants["SLOPES"]
         h = prelu(affine(self.constants["HIDDEN"], rate), first)
         return rate + prelu(affine(self.constants["OUTER"], h), second)
@@ -105,6 +107,7 @@ for (int i = 0; i < 3; i++)
     r[i] += more[i];"""
 
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
+        """What the body does to rates (N, 3) float32, in the same order."""
         parts = [(inputs.temp_c - self._at)[:, None] if name == "temperature" else inputs.force for name in self._names]
         c = np.concatenate(parts, axis=1)
         bias = gain = np.zeros_like(rate)

@@ -40,10 +40,12 @@ class Program:
 
     @property
     def constants(self) -> dict[str, np.ndarray]:
+        """Of all stages, by name in C."""
         return {name: array for stage in self.stages for name, array in stage.constants.items()}
 
     @property
     def cost(self) -> Cost:
+        """Of one sample, all stages."""
         return sum((stage.cost for stage in self.stages), Cost())
 
     @property

@@ -1,4 +1,4 @@
-"""This project's own JSON: the model file, made complete (docs/model-json.md).  ``tinygc.load`` reads it, and so does anything else."""
+"""The project's own JSON: the model file, made complete (docs/model-json.md).  ``tinygc.load`` reads it, and so does anything else."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
 
 
 def _longest_run(mask: np.ndarray) -> tuple[int, int]:
-    """start, stop"""
+    """Start and stop of it."""
     starts, stops = runs_of(mask)
     longest = int(np.argmax(stops - starts))
     return int(starts[longest]), int(stops[longest])

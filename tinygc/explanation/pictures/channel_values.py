@@ -19,7 +19,7 @@ def told(e: Explanation) -> Claim | None:
 
 
 def theta(e: Explanation, claim: Claim) -> np.ndarray:
-    """(P,) SI"""
+    """(P,) SI, the parameters of a claim as the fit has them."""
     return theta_of(claim.effect, claim.parameters, e.naming.fit.state)
 
 

@@ -72,14 +72,17 @@ class TruthClaim:
 
     @property
     def says(self) -> str:
+        """In a sentence."""
         return self.effect.says(self.theta)
 
     @property
     def idle(self) -> bool:
+        """Whether beside the others it is no larger than its sigma lets it be by chance."""
         return self.sigma is not None and bool(np.abs(self.theta / self.sigma).max() < KEPT_SIGMAS)
 
     @property
     def implausible(self) -> bool:
+        """Whether no gyroscope has so much of it."""
         return bool(np.abs(self.theta).max() > IMPLAUSIBLE * self.effect.parameter.plausible)
 
 

@@ -38,6 +38,7 @@ class TurnGravity:
 
     @property
     def is_offset(self) -> bool:
+        """Whether the two clocks differ by more than chance."""
         return abs(self.offset_s) > self.bar_s
 
 

@@ -147,6 +147,7 @@ class Twin:
         return np.array([closure.nearest_yaw(q, tilt) for q, tilt in zip(self.q_tb, tilts, strict=True)])
 
     def padded(self, rates: list[np.ndarray]) -> np.ndarray:
+        """Rates (N, 3) rad/s of each log as those of the batch, (S, T, 3)."""
         padded = np.zeros_like(self.batch.rate)
         for row, segment in zip(padded, self.segments, strict=True):
             count = segment.stop - segment.start

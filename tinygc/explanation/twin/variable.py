@@ -35,6 +35,7 @@ class Regime:
 
     @property
     def units(self) -> str:
+        """Its unit, in words."""
         return READ[self.variable][1]
 
     @property
@@ -45,7 +46,7 @@ class Regime:
         return f"gravity along {'xyz'[self.axis]}" if self.variable == "attitude" else f"{self.variable} about {'xyz'[self.axis]}"
 
     def of_samples(self, movement: Movement) -> np.ndarray:
-        """(N,)"""
+        """(N,) at each sample of a log."""
         values = READ[self.variable][0](movement)
         if values.ndim == 1:
             return values

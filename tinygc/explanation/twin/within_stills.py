@@ -22,6 +22,7 @@ class WithinStills:
     scatter: np.ndarray
 
     def rms(self, name: str) -> float:
+        """Root mean square of ``slope`` or ``scatter``, in sigmas."""
         return float(np.sqrt(np.mean(getattr(self, name) ** 2)))
 
 

@@ -144,7 +144,7 @@ def regime_words(regime: dict | None) -> str:
 
 
 def seconds_words(seconds: list[float] | None) -> str:
-    """``from 3.2 to 154.7 s``"""
+    """``from 3.2 to 154.7 s``, or nothing."""
     return "" if seconds is None else f"from {seconds[0]:.1f} to {seconds[1]:.1f} s"
 
 

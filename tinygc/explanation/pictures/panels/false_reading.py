@@ -51,7 +51,7 @@ def all_readings(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def _bridged(e: Explanation, log: int) -> np.ndarray:
-    """(N, 3) dps"""
+    """(N, 3) dps, the rate with its false readings bridged."""
     samples = e.session.logs[log].samples
     glitches = find_glitches(samples)
     return (samples if glitches is None else without_glitches(samples, glitches)).gyro / DEG

@@ -91,7 +91,7 @@ def test_no_key_of_the_page_is_unknown_to_the_code():
 
 def _made_of(name: str, words: set[str]) -> bool:
     """Some names are put together: ``slope_rms_sigmas`` of ``slope``."""
-    return any(name.endswith(end) and name.removesuffix(end) in words for end in ("_rms_sigmas",))
+    return any(name.endswith(end) and name.removesuffix(end) in words for end in ("_rms_sigmas", "_is_upper_bound"))
 
 
 def test_the_effects_of_the_page_are_those_of_the_catalogue():

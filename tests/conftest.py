@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
-pytest.register_assert_rewrite("commandline", "dialect_logs", "looks")  # whose assertions are the tests'
+ASSERTING = ["commandline", "dialect_logs", "exports_read_back", "four_readings", "html_pages", "looks", "recording_wires"]
+pytest.register_assert_rewrite(*ASSERTING)  # whose assertions are the tests'
 
 import calibrate  # noqa: E402
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site  # noqa: E402
@@ -31,7 +32,9 @@ GRAVITY = 9.7946
 
 
 #: the virtual board stands at the other end of a pseudo-terminal
-POSIX_ONLY = {"test_board.py", "test_firmware.py", "test_record.py", "test_recording.py"}
+POSIX_ONLY = {
+    f"test_{name}.py" for name in ["board", "firmware", "record", "recording", "recording_clock", "recording_port", "recording_survives"]
+}
 
 
 class _NotHere(pytest.Module):

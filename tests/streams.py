@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import pytest
 
 from session.stream import frames
 from session.stream.decoder import StreamDecoder
@@ -12,6 +13,10 @@ from session.stream.events import Chunk, Event, Info
 
 PERIOD_US = 600
 INFO = Info(500.0, 4.0, 1666.5, "77")
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
 
 
 def smooth_registers(count: int, seed: int = 0) -> np.ndarray:
@@ -36,6 +41,10 @@ def line_list(t_us: np.ndarray, registers: np.ndarray, end: str = "\n") -> list[
     return [(",".join(map(str, row)) + end).encode() for row in rows]
 
 
+#: a test of both forms
+BOTH = pytest.mark.parametrize("encode", [frame_list, line_list], ids=["frames", "text"])
+
+
 def decode(data: bytes, cuts=None) -> tuple[StreamDecoder, list[Event]]:
     """Decode bytes, whole or in pieces that end at ``cuts``, and finish."""
     decoder, events = StreamDecoder(), []
@@ -51,6 +60,11 @@ def samples(events: list[Event]) -> tuple[np.ndarray, np.ndarray]:
     if not chunks:
         return np.zeros(0, np.int64), np.zeros((0, 7), np.int16)
     return np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks])
+
+
+def same(events, t_us, registers) -> bool:
+    got_us, got = samples(events)
+    return np.array_equal(got_us, t_us) and np.array_equal(got, registers)
 
 
 def strangers(events: list[Event], t_us: np.ndarray, registers: np.ndarray) -> int:

@@ -1,4 +1,4 @@
-"""Models in use: whole logs, logs in pieces, sample by sample; and the command that writes a log anew."""
+"""``calibrate.py apply``: the command that writes a log anew."""
 
 import gzip
 import json
@@ -8,193 +8,17 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import DEG, ROOT, SESSION_TOML, Table, write_session
+from conftest import DEG, ROOT, SESSION_TOML, write_session
+from models_in_use import LINEAR, MODELS, RATE_HZ, SAMPLES, physics, smoothing
 
 import calibrate
-import tinygc
-from session.common.errors import CalibrationError
-from session.common.units import G
 from session.files import fixed_point
-from session.files.results import write_whole
 from session.log.config import Sensor
 from session.log.logfile import read_log
-from session.log.samples import Samples
 from tinygc import models
-from tinygc.deploy.calibration import Calibration
-from tinygc.effects import AppliedEffect, Conditions, catalogue, movement_of
-from tinygc.models.calibration_net import CalibrationNet
-from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
-from tinygc.models.denoiser import DenoisedNet, Denoiser
-from tinygc.models.linear import LinearModel
-from tinygc.models.physics import CarriedNet, PhysicsModel
-from tinygc.models.published_net import PublishedNet
+from tinygc.models.denoiser import DenoisedNet
 
-RATE_HZ = 104.0
-SAMPLES = Table().tumble(3, rest_s=1.5).samples(odr_hz=RATE_HZ)
-RNG = np.random.default_rng(5)
-LINEAR = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), 0.01 * RNG.normal(size=3))
-NET = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + 0.01 * RNG.normal(size=27))
-KNOWN = Conditions(duration_s=SAMPLES.duration_s, fs_rps=500 * DEG, first_temp_c=25.0)
-RATE_EFFECTS = [name for name, effect in catalogue().items() if effect.kind == "rate" and not effect.scan and "saturation" not in name]
-
-
-def smoothing() -> Denoiser:
-    return Denoiser.from_vector(Denoiser.identity().vector + 0.05 * RNG.normal(size=(3, 56))).normalised()
-
-
-def physics(*ids):
-    claims = []
-    for name in ids:
-        effect = catalogue()[name]
-        claims.append(AppliedEffect(effect, 0.02 * effect.parameter.plausible * (0.5 + RNG.random(effect.parameter.size))))
-    return PhysicsModel(LINEAR, tuple(claims), KNOWN)
-
-
-MANY = ("gyro.thermal_bias", "gyro.g_sensitivity", "gyro.bandwidth", "timing.axis_skew", "gyro.vibration_rectification")
-MODELS = {
-    "linear": LINEAR,
-    "net": NET,
-    "published": PublishedNet(NET.W1, NET.b1, np.array([0.99]), NET.W2, NET.b2, np.array([1.01])),
-    "conditions": ConditionsModel(ConditionsNet(NET, np.full((3, 4), 1e-3), np.full((3, 4), 1e-4), ("temperature", "force")), KNOWN),
-    "denoised": DenoisedNet(NET, smoothing(), RATE_HZ),
-    "physics": physics(*MANY),
-    "net behind physics": CarriedNet(physics("gyro.g_sensitivity", "gyro.bias_drift"), NET),
-}
-
-
-def whole(model):
-    """What the fit itself makes of the log."""
-    return model.calibrate(SAMPLES) if not model.rates_only else model(SAMPLES.gyro)
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_a_log_is_calibrated_as_in_the_fit(name):
-    model = MODELS[name]
-    omega = Calibration(model, 1 / SAMPLES.period_s)(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
-    # The log's stamps are whole microseconds, the pieces' an even step: a microsecond of angular acceleration.
-    np.testing.assert_allclose(omega, whole(model), rtol=0, atol=1e-6 if not model.rates_only else 1e-12)
-
-
-@pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("piece", [1, 7, 100, 5000])
-def test_pieces_join_without_a_seam(name, piece):
-    model = MODELS[name]
-    calibration = Calibration(model, 1 / SAMPLES.period_s)
-    stream, parts = calibration.stream(), []
-    for start in range(0, len(SAMPLES), piece):
-        part = SAMPLES.between(start, start + piece)
-        parts.append(stream.push(part.gyro, part.accel, part.temp_c))
-    parts.append(stream.flush())
-    expected = calibration(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
-    assert np.shape(np.concatenate(parts)) == np.shape(expected)
-    np.testing.assert_allclose(np.concatenate(parts), expected, rtol=0, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", ["linear", "net", "published", "denoised", "net behind physics"])
-def test_sample_by_sample_gives_the_same(name):
-    calibration = Calibration(MODELS[name], 1 / SAMPLES.period_s)
-    expected = calibration(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c)
-    for _ in range(2):  # and again with another stream, whatever the first has remembered
-        live = calibration.live()
-        one_by_one = [live(*sample) for sample in zip(SAMPLES.gyro, SAMPLES.accel, SAMPLES.temp_c, strict=True)]
-        np.testing.assert_allclose(one_by_one, expected, rtol=0, atol=1e-11)
-
-
-def test_a_single_sample_is_told_where_it_belongs():
-    with pytest.raises(CalibrationError, match=r"one sample \(3,\); live\(\)"):
-        Calibration(MODELS["linear"])(SAMPLES.gyro[0])
-    with pytest.raises(CalibrationError, match=r"raw has shape \(2, 3\), expected \(3,\)"):
-        Calibration(MODELS["linear"]).live()(SAMPLES.gyro[:2])
-
-
-def test_a_saved_model_is_the_file_it_was_read_from(tmp_path):
-    path = tmp_path / "linear.json"
-    write_whole(path, models.to_dict(MODELS["linear"], covariance=np.eye(12).tolist(), note="kept"))
-    again = tinygc.load(path).save(tmp_path / "again.json")
-    assert again.read_bytes() == path.read_bytes()
-    assert Calibration(MODELS["net"]).save(tmp_path / "net.json").exists()
-    assert tinygc.load(tmp_path / "net.json").model.kind == "tinygc"
-
-
-def test_whole_logs_do_not_disturb_a_live_stream():
-    calibration = Calibration(MODELS["denoised"])
-    expected = calibration(SAMPLES.gyro[:60])
-    live, answers = calibration.live(), []
-    for sample in SAMPLES.gyro[:60]:
-        answers.append(live(sample))
-        calibration(SAMPLES.gyro[200:300])
-    np.testing.assert_allclose(answers, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", RATE_EFFECTS)
-def test_what_effects_declare_that_they_look_at_is_true(name):
-    """Neighbours, force, temperature and time move a sample's rate just where the effect says so."""
-    model = physics(name)
-    middle = len(SAMPLES) // 2
-    base = model.calibrate(SAMPLES)[middle]
-    calibration = Calibration(model)
-    around, needs = bool(calibration.looks_ahead), calibration.needs
-
-    def moved(**changes):
-        parts = {"t_ns": SAMPLES.t_ns, "gyro": SAMPLES.gyro, "accel": SAMPLES.accel, "temp_c": SAMPLES.temp_c, **changes}
-        return np.abs(model.calibrate(Samples(**parts))[middle] - base).max() > 1e-12
-
-    others = np.arange(len(SAMPLES)) != middle
-    shaken = SAMPLES.gyro + 0.3 * RNG.normal(size=SAMPLES.gyro.shape) * others[:, None]
-    jolted = SAMPLES.accel + RNG.normal(size=SAMPLES.accel.shape) * others[:, None]
-    assert (moved(gyro=shaken) or moved(accel=jolted)) == around
-    assert moved(accel=SAMPLES.accel + RNG.normal(size=SAMPLES.accel.shape)) == ("acc" in needs)
-    assert moved(temp_c=SAMPLES.temp_c + 3) == ("temp" in needs)
-    later = np.abs(model.calibrate(SAMPLES, began_s=10.0)[middle] - base).max() > 1e-12
-    assert (later or around) == ("rate_hz" in needs)
-
-
-def test_what_a_model_needs_is_asked_by_name(tmp_path):
-    path = tmp_path / "model.json"
-    path.write_text(json.dumps(models.to_dict(physics("gyro.g_sensitivity", "gyro.thermal_bias"))))
-    model = tinygc.load(path)
-    assert model.needs == ("acc", "temp")
-    with pytest.raises(CalibrationError, match="acc"):
-        model(SAMPLES.gyro)
-    with pytest.raises(CalibrationError, match="temp"):
-        model(SAMPLES.gyro, SAMPLES.accel)
-    with pytest.raises(CalibrationError, match="shape"):
-        model(SAMPLES.gyro, SAMPLES.accel[:-1], SAMPLES.temp_c)
-    with pytest.raises(CalibrationError, match=r"\(4,\)"):
-        model(np.zeros(4))
-    with pytest.raises(CalibrationError, match="rate_hz"):
-        Calibration(physics("gyro.bias_drift"))(SAMPLES.gyro)
-    with pytest.raises(CalibrationError, match="live"):
-        Calibration(physics("gyro.bandwidth"), 208.0)(SAMPLES.gyro[0])
-
-
-# Numbers as text
-
-
-def test_rows_are_the_decimals_of_the_numbers():
-    times = np.array([0, 7, 1234567890123456789, -5])
-    values = np.array([0.0, -0.125, 12.3456789, -1e-7])
-    text = fixed_point.rows([times, values], [0, 6]).decode()
-    assert text == "0,0.000000\n7,-0.125000\n1234567890123456789,12.345679\n-5,0.000000\n"
-    assert fixed_point.rows([times[:0]], [0]) == b""
-
-
-def test_rows_agree_with_python_for_any_number():
-    for decimals in (0, 1, 4, 9):
-        values = RNG.normal(size=20_000) * 10.0 ** RNG.integers(-8, 4, 20_000)
-        lines = fixed_point.rows([values, values[::-1]], [decimals, decimals]).decode().splitlines()
-        read = np.array([line.split(",") for line in lines], dtype=float)
-        assert np.abs(read[:, 0] - values).max() <= 0.51 * 10.0**-decimals
-        np.testing.assert_array_equal(read[::-1, 1], read[:, 0])
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
-def test_what_is_no_decimal_is_refused(value):
-    with pytest.raises(ValueError, match="cannot be written"):
-        fixed_point.rows([np.array([1.0, value])], [3])
-
-
-# The command
+RNG = np.random.default_rng(6)
 
 
 @pytest.fixture
@@ -231,7 +55,7 @@ def test_apply_writes_the_calibrated_log(name, folder, tmp_path, monkeypatch):
 def test_apply_takes_the_pre_calibration_beside_the_log(folder, tmp_path):
     """The g-sensitivity acts on the force that the fit saw."""
     path = tmp_path / "g.json"
-    model = physics("gyro.g_sensitivity")
+    model = physics("gyro.g_sensitivity", rng=RNG)
     path.write_text(json.dumps(models.to_dict(model)))
     (folder / "session.toml").write_text(SESSION_TOML + "[accelerometer]\nbias_mps2 = [0.5, -0.4, 0.3]\n")
     assert run(tmp_path, path, folder / "log0001.csv", "-o", tmp_path / "out.csv") == 0
@@ -378,7 +202,7 @@ def test_a_full_disk_leaves_no_output(folder, tmp_path, capsys):
 
 
 def test_another_rate_than_the_denoisers_is_said(folder, tmp_path, capsys):
-    (tmp_path / "fast.json").write_text(json.dumps(models.to_dict(DenoisedNet(LINEAR, smoothing(), 416.0))))
+    (tmp_path / "fast.json").write_text(json.dumps(models.to_dict(DenoisedNet(LINEAR, smoothing(RNG), 416.0))))
     command = ["apply", str(tmp_path / "fast.json"), str(folder / "log0001.csv"), "-o", str(tmp_path / "out.csv")]
     assert calibrate.main(command) == 0
     said = capsys.readouterr().out
@@ -404,8 +228,3 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.2 * peaks[0]
-
-
-def test_gravity_unit_is_the_fits():
-    """force_g in the effects is the specific force over standard gravity."""
-    assert movement_of(SAMPLES, SAMPLES.gyro, KNOWN).force_g[0] == pytest.approx(SAMPLES.accel[0] / G)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import DEG, config, session_of
-from test_guide import guide_of, play, simulated
+from guided_streams import guide_of, play, simulated
 
 from tinygc.attitude import rotation
 from tinygc.closure.uncertainty import parameter_covariance

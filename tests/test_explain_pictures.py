@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from explained_sessions import FALSE_ROWS, make_explained, make_session
 from matplotlib.figure import Figure
-from test_explain import FALSE_ROWS, explained, session  # noqa: F401  (fixtures)
 
 from session.common.units import DEG
 from tinygc.effects import Effect, Parameter, catalogue, diagonal
@@ -14,6 +14,9 @@ from tinygc.explanation.pictures.panels.palette import BEFORE, PALE
 from tinygc.explanation.twin.turn_gravity import turn_equations
 from tinygc.explanation.twin.variable import READ, Regime, regime_of
 from tinygc.explanation.verdict.explain import explain_session
+
+session = pytest.fixture(make_session, scope="module", name="session")
+explained = pytest.fixture(make_explained, scope="module", name="explained")
 
 
 def drawn(explanation, number: int):
@@ -34,7 +37,7 @@ def test_every_effect_that_is_no_rate_names_its_panels():
     assert all(effect.picture in PAIRS for effect in catalogue().values() if effect.kind != "rate")
 
 
-def test_a_clipped_turn_shows_the_readings_at_the_level(explained):  # noqa: F811
+def test_a_clipped_turn_shows_the_readings_at_the_level(explained):
     explanation, _ = explained("saturation")
     axes = drawn(explanation, 0)
     (stuck,) = [each.get_xydata() for each in axes.lines if each.get_label().endswith("at the level")]
@@ -47,7 +50,7 @@ def test_a_clipped_turn_shows_the_readings_at_the_level(explained):  # noqa: F81
 
 
 @pytest.mark.slow
-def test_a_false_reading_is_drawn_with_its_bridge(explained):  # noqa: F811
+def test_a_false_reading_is_drawn_with_its_bridge(explained):
     explanation, _ = explained("glitches")
     axes = drawn(explanation, 0)
     false, bridge = line(axes, "false"), line(axes, "bridge")
@@ -60,7 +63,7 @@ def test_a_false_reading_is_drawn_with_its_bridge(explained):  # noqa: F811
     assert every[:, 1] == pytest.approx(2600 * 17.5e-3, abs=1.0)
 
 
-def test_gravitys_misfit_is_least_at_the_offset(explained):  # noqa: F811
+def test_gravitys_misfit_is_least_at_the_offset(explained):
     explanation, _ = explained("gyro_accel_offset")
     curve = drawn(explanation, 0).lines[0].get_xydata()
     assert curve[np.argmin(curve[:, 1]), 0] == pytest.approx(1e3 * explanation.gravity.offset_s, abs=0.5)
@@ -72,7 +75,7 @@ def test_gravitys_misfit_is_least_at_the_offset(explained):  # noqa: F811
 
 
 @pytest.mark.slow
-def test_gravitys_length_is_straightened(explained):  # noqa: F811
+def test_gravitys_length_is_straightened(explained):
     explanation, _ = explained("accelerometer")
     before, after = (each.get_xydata()[:, 1].std() for each in drawn(explanation, 0).lines[:2])
     assert before > 2
@@ -80,7 +83,7 @@ def test_gravitys_length_is_straightened(explained):  # noqa: F811
 
 
 @pytest.mark.slow
-def test_the_earth_gathers_in_the_table(explained):  # noqa: F811
+def test_the_earth_gathers_in_the_table(explained):
     explanation, _ = explained("earth")
     axes = drawn(explanation, 0)
     ((north, down),) = line(axes, "mean before")
@@ -95,7 +98,7 @@ def test_an_effect_of_a_matrix_is_drawn_along_its_strongest_column():
     assert regime_of(effect, matrix.ravel()).words == "gravity along y"
 
 
-def test_a_variable_that_no_movement_holds_is_not_what_the_axis_is_named(explained):  # noqa: F811
+def test_a_variable_that_no_movement_holds_is_not_what_the_axis_is_named(explained):
     """Its place is taken by time, and the label says so."""
     effect = Effect(
         id="gyro.humidity",
@@ -116,7 +119,7 @@ def test_a_variable_that_no_movement_holds_is_not_what_the_axis_is_named(explain
     assert (np.diff(t_s) > 0).all()
 
 
-def test_gravity_along_an_axis_is_positive_where_it_points_down(explained):  # noqa: F811
+def test_gravity_along_an_axis_is_positive_where_it_points_down(explained):
     twin = explained("nothing")[0].twin
     for axis in range(3):
         np.testing.assert_allclose(Regime("attitude", axis).of_stills(twin), -twin.force[:, axis] / 9.80665, atol=0.01)

@@ -7,22 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from conftest import DEG, config
+from conftest import DEG
+from exports_read_back import CELSIUS, FORCE, LINEAR, MEASURED, MODELS, OFFSETS, PUBLISHED, TOLD, UNBENT, agree, context, physics, rates
 
 import tinygc
 from session.common.units import G
-from session.log.samples import Samples
 from tinygc import models
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.exports import FORMATS, ExportError, exporter
-from tinygc.deploy.exports._context import Context
-from tinygc.effects import AppliedEffect, Conditions, catalogue
 from tinygc.models.calibration_net import CalibrationNet
-from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
-from tinygc.models.linear import LinearModel
-from tinygc.models.physics import CarriedNet, PhysicsModel
-from tinygc.models.published_net import PublishedNet
+from tinygc.models.physics import CarriedNet
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -43,91 +38,7 @@ def test_importing_the_package_loads_nothing_heavy():
     assert callable(tinygc.load)
 
 
-@pytest.fixture(scope="session")
-def fitted(simulated, tmp_path_factory):
-    """A small simulated session with the models of three methods."""
-    import shutil
-
-    import calibrate
-
-    folder = tmp_path_factory.mktemp("fitted") / "Unit 7 (b)"
-    shutil.copytree(simulated(), folder)
-    assert calibrate.main(["fit", str(folder), "--methods", "raw,least_squares,tinygc", "--folds", "2", "--quiet"]) == 0
-    return folder
-
-
-@pytest.fixture
-def exported(fitted, tmp_path):
-    """``exported("json")``: the one file's text."""
-    import calibrate
-
-    def make(*arguments):
-        assert calibrate.main(["export", str(fitted), "--quiet", "--out", str(tmp_path / "out"), "--to", *arguments]) == 0
-        return {path.name: path.read_text(encoding="utf-8") for path in (tmp_path / "out").iterdir()}
-
-    return make
-
-
-def test_json_holds_its_own_proof(exported):
-    """A stranger with nothing but the file's equation gets the self-test's rates."""
-    ((name, text),) = exported("json").items()
-    assert name == "Unit_7_b.json"
-    table = json.loads(text)
-    test, weights = table["self_test"], table["weights"]
-    omega = np.array(test["measured_rps"]) @ np.array(weights["E"]).T + weights["B"]
-    np.testing.assert_allclose(omega, test["omega_rps"], rtol=1e-12, atol=1e-15)
-    assert np.shape(table["covariance"]) == (12, 12)
-    assert len(table["covariance_of"]) == 12
-    assert all(len(digest) == 64 for digest in table["sha256"].values())
-    assert {"log0001.csv.gz", "session.toml", "model_least_squares.json"} <= set(table["sha256"])
-
-
 # Read back: an independent reader and the other program's own formula, over 10 000 random samples
-
-RNG = np.random.default_rng(11)
-MEASURED, FORCE = RNG.uniform(-8, 8, (10_000, 3)), RNG.uniform(-20, 20, (10_000, 3))
-CELSIUS = RNG.uniform(22, 30, 10_000)
-LINEAR = LinearModel(np.eye(3) + 0.02 * RNG.normal(size=(3, 3)), 0.02 * RNG.normal(size=3))
-OFFSETS = LinearModel(np.eye(3), 0.02 * RNG.normal(size=3))
-SHAKEN = 1e-2 * np.r_[RNG.normal(size=12), 0, 0, 0, RNG.normal(size=12)]
-UNBENT = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + SHAKEN)
-KNOWN = Conditions(duration_s=200.0, fs_rps=500 * DEG, first_temp_c=25.5)
-
-
-def physics(linear, *ids):
-    effects = [catalogue()[name] for name in ids]
-    return PhysicsModel(
-        linear, tuple(AppliedEffect(effect, 0.1 * DEG * RNG.normal(size=effect.parameter.size)) for effect in effects), KNOWN
-    )
-
-
-def context(said=None, **changes):
-    noise = {"gyro_dps_rthz": [5e-3, 6e-3, 4e-3], "accel_g_rthz": [6e-5] * 3}
-    made = Context("s", "m", config(), {"covariance": np.eye(12).tolist()}, {"noise": noise}, {})
-    return replace(made, say=(said if said is not None else []).append, **changes)
-
-
-def rates(model):
-    """Of the model itself, for a log of independent samples."""
-    if not model.undone:
-        return model(MEASURED)
-    stamps = np.arange(len(MEASURED)) * 10_000_000_000  # so far apart that nothing is averaged
-    return model.calibrate(Samples(stamps, MEASURED, FORCE, CELSIUS))
-
-
-def agree(there, model):
-    expected = rates(model)
-    assert np.abs(there - expected).max() <= 1e-6 * np.abs(expected).max()
-
-
-PUBLISHED = PublishedNet(UNBENT.W1, UNBENT.b1, np.ones(1), UNBENT.W2, UNBENT.b2, np.ones(1))
-TOLD = ConditionsModel(ConditionsNet(UNBENT, np.full((3, 4), 1e-3), np.full((3, 4), 1e-4), ("temperature", "force")), KNOWN)
-MODELS = {
-    "linear": LINEAR,
-    "published net": PUBLISHED,
-    "net that does not bend": UNBENT,
-    "g-sensitivity": physics(LINEAR, "gyro.g_sensitivity"),
-}
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -340,40 +251,3 @@ def test_json_self_test_of_every_kind_of_model():
         again = Calibration(models.from_dict(table), test["rate_hz"])
         omega = again(np.array(test["measured_rps"]), np.array(test["specific_force_mps2"]), np.array(test["temperature_c"]))
         np.testing.assert_allclose(omega, test["omega_rps"], rtol=1e-12, atol=1e-14)
-
-
-# The command
-
-
-def test_command_refuses_what_is_not_there(fitted, tmp_path, capsys):
-    import calibrate
-
-    for arguments, words in (
-        ([str(tmp_path), "--to", "json"], "session.toml"),
-        ([str(fitted), "--to", "json", "--model", "pso"], "no model_pso.json"),
-        ([str(fitted), "--to", "json", "--model", str(tmp_path / "none.json")], "none.json"),
-    ):
-        assert calibrate.main(["export", *arguments]) == 2
-        said = capsys.readouterr().err.strip()
-        assert words in said
-        assert len(said.splitlines()) == 1
-    unfitted = tmp_path / "unfitted"
-    unfitted.mkdir()
-    (unfitted / "session.toml").write_text((fitted / "session.toml").read_text())
-    assert calibrate.main(["export", str(unfitted), "--to", "json"]) == 2
-    assert "calibrate.py fit" in capsys.readouterr().err
-    assert not (unfitted / "export").exists()
-
-
-def test_same_fit_same_bytes(exported):
-    assert exported("kalibr") == exported("kalibr")
-
-
-def test_a_fitted_net_that_found_nothing_to_bend_for_is_carried(fitted, exported):
-    """Its slopes are 1 but for rounding; the rates are the net's."""
-    net = models.load(fitted / "fit" / "model_tinygc.json")
-    if np.abs(net.slope - 1).max() > 1e-9:
-        pytest.skip("the net bends on this session")
-    (text,) = exported("ros", "--model", "tinygc").values()
-    gyro = yaml.safe_load(text)["/**"]["ros__parameters"]["gyroscope"]
-    agree(MEASURED @ np.reshape(gyro["matrix"], (3, 3)).T + gyro["offset"], net)

@@ -11,7 +11,7 @@ from tinygc.explanation.mends.false_readings import find_glitches, without_glitc
 
 @pytest.fixture(scope="module")
 def samples():
-    from test_registers import Table
+    from conftest import Table
 
     table = Table().rest(3)
     for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0)):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import Table
-from test_registers import session_of_logs
+from spoilt_registers import session_of_logs
 
 from session.common.units import DEG
 from session.log.folder import read_session

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 from browser import Browser, browser_path
-from test_html_report import WHOLE, report_of
+from html_pages import WHOLE, report_of
 
 pytestmark = pytest.mark.skipif(browser_path() is None, reason="no Chromium here: the report is not looked at in a browser")
 

@@ -4,8 +4,8 @@ import io
 
 import pytest
 from conftest import Table
+from guided_streams import guide_of, play
 from rich.console import Console
-from test_guide import guide_of, play
 
 from session.guide.messages import Advice, Change, Kind, Stage
 from session.guide.screen import LiveScreen, PlainLines, view

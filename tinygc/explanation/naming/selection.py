@@ -56,7 +56,7 @@ class Selection(Generic[Name]):
         scale_rows: slice = slice(None),
         along: frozenset = frozenset(),
     ):
-        self.q = _orthonormal(nuisance)
+        self.q = orthonormal(nuisance)
         self.groups = [Group(name, basis) for name, columns in candidates.items() if (basis := _left(self.q, columns, UNSEEN)).shape[1]]
         self.n = len(nuisance)
         self._seed, self._rows, self._along = seed, scale_rows, along
@@ -101,7 +101,7 @@ class Selection(Generic[Name]):
         """Orthonormal nuisance with the allowances, and the groups left beside it, each with whether it is along them."""
         if self._allowances is None:
             return self.q, [(group, False) for group in self.groups]
-        q = _orthonormal(np.concatenate([_unit(self._nuisance), _unit(self._allowances)], axis=1), UNSEEN)
+        q = orthonormal(np.concatenate([_unit(self._nuisance), _unit(self._allowances)], axis=1), UNSEEN)
         groups = []
         for name, columns in self._candidates.items():
             basis = _left(self.q, columns, UNSEEN) if name in self._along else _left(q, columns, UNSEEN_BESIDE)
@@ -142,9 +142,10 @@ def _unit(columns: np.ndarray) -> np.ndarray:
 def _left(q: np.ndarray, columns: np.ndarray, unseen: float) -> np.ndarray:
     """Orthonormal basis of what is left of the columns beside q."""
     columns = _unit(columns)
-    return _orthonormal(columns - q @ (q.T @ columns), unseen, scaled=False)
+    return orthonormal(columns - q @ (q.T @ columns), unseen, scaled=False)
 
 
-def _orthonormal(columns: np.ndarray, unseen: float = 1e-9, scaled: bool = True) -> np.ndarray:
+def orthonormal(columns: np.ndarray, unseen: float = 1e-9, scaled: bool = True) -> np.ndarray:
+    """Orthonormal basis (n, r) of columns (n, P): directions of a singular value above ``unseen``, of columns of length one if scaled."""
     u, s, _ = np.linalg.svd(_unit(columns) if scaled else columns, full_matrices=False)
     return u[:, s > unseen]

@@ -25,7 +25,7 @@ from session.log.folder import Session
 from tinygc import closure
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.effects import Effect, catalogue, movement_of
-from tinygc.explanation.naming.selection import FAMILY_WISE, Selection
+from tinygc.explanation.naming.selection import FAMILY_WISE, Selection, orthonormal
 from tinygc.explanation.truth.evidence import (
     Force,
     Rests,
@@ -205,7 +205,7 @@ def _select(
     first_p: float | None = None
     claims: list[Chosen] = []
     refused: list[TruthClaim] = []
-    q = _project(nuisance)
+    q = orthonormal(nuisance)
     chi = float(np.sum((r - q @ (q.T @ r)) ** 2))
     freedom = max(len(r) - q.shape[1], 1)
     while len(claims) < MOST_EFFECTS:
@@ -257,11 +257,6 @@ def _together(
         found.append(TruthClaim(effect, theta[at : at + size], np.sqrt(np.diag(covariance)[at : at + size]), p_value, share))
         at += size
     return found, after, freedom
-
-
-def _project(columns: np.ndarray) -> np.ndarray:
-    u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    return u[:, s > 1e-9]
 
 
 def _candidates(problem: Problem, model: LinearModel, sensitivity: np.ndarray) -> list[tuple[Effect, np.ndarray]]:

@@ -1,0 +1,43 @@
+"""A log and a model of every kind, for the tests of models in use."""
+
+import numpy as np
+from conftest import DEG, Table
+
+from tinygc.effects import AppliedEffect, Conditions, catalogue
+from tinygc.models.calibration_net import CalibrationNet
+from tinygc.models.conditions_net import ConditionsModel, ConditionsNet
+from tinygc.models.denoiser import DenoisedNet, Denoiser
+from tinygc.models.linear import LinearModel
+from tinygc.models.physics import CarriedNet, PhysicsModel
+from tinygc.models.published_net import PublishedNet
+
+RATE_HZ = 104.0
+SAMPLES = Table().tumble(3, rest_s=1.5).samples(odr_hz=RATE_HZ)
+RNG = np.random.default_rng(5)
+LINEAR = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), 0.01 * RNG.normal(size=3))
+NET = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + 0.01 * RNG.normal(size=27))
+KNOWN = Conditions(duration_s=SAMPLES.duration_s, fs_rps=500 * DEG, first_temp_c=25.0)
+
+
+def smoothing(rng=RNG) -> Denoiser:
+    return Denoiser.from_vector(Denoiser.identity().vector + 0.05 * rng.normal(size=(3, 56))).normalised()
+
+
+def physics(*ids, rng=RNG):
+    claims = []
+    for name in ids:
+        effect = catalogue()[name]
+        claims.append(AppliedEffect(effect, 0.02 * effect.parameter.plausible * (0.5 + rng.random(effect.parameter.size))))
+    return PhysicsModel(LINEAR, tuple(claims), KNOWN)
+
+
+MANY = ("gyro.thermal_bias", "gyro.g_sensitivity", "gyro.bandwidth", "timing.axis_skew", "gyro.vibration_rectification")
+MODELS = {
+    "linear": LINEAR,
+    "net": NET,
+    "published": PublishedNet(NET.W1, NET.b1, np.array([0.99]), NET.W2, NET.b2, np.array([1.01])),
+    "conditions": ConditionsModel(ConditionsNet(NET, np.full((3, 4), 1e-3), np.full((3, 4), 1e-4), ("temperature", "force")), KNOWN),
+    "denoised": DenoisedNet(NET, smoothing(), RATE_HZ),
+    "physics": physics(*MANY),
+    "net behind physics": CarriedNet(physics("gyro.g_sensitivity", "gyro.bias_drift"), NET),
+}

@@ -1,0 +1,32 @@
+"""Twins of simulated sessions, for the tests of an explanation's parts."""
+
+import numpy as np
+
+from session.log.folder import read_session
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import Whitener
+from tinygc.problem.build import build_problem
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
+
+LEVER_M = (0.02, -0.015, 0.01)
+
+
+def late(t_s: np.ndarray, rate: np.ndarray, seconds) -> np.ndarray:
+    """Each axis shows the rate of ``seconds`` (3,) ago, by a straight line on the simulation's fine grid."""
+    return np.stack([np.interp(t_s - shift, t_s, rate[:, axis]) for axis, shift in enumerate(seconds)], axis=-1)
+
+
+def make_twin_of(tmp_path_factory):
+    """``twin_of(distort, segments=12, …)``: a simulated session, ready to be replayed, with its whitener."""
+    made = {}
+
+    def make(distort=None, **options) -> tuple[Twin, Whitener]:
+        chosen = SimulationOptions(**{"segments": 12, "closure_s": 0.0, "seed": 3, "odr_hz": 104.0, **options})
+        if (distort, chosen) not in made:
+            folder = write_session(chosen, tmp_path_factory.mktemp("twin") / "session", distort=distort)
+            twin = Twin(build_problem(read_session(folder)))
+            made[distort, chosen] = twin, Whitener(twin)
+        return made[distort, chosen]
+
+    return make

@@ -1,0 +1,79 @@
+"""What the report's page is drawn with: colours, numbers, axes, charts, the sphere."""
+
+import re
+
+import numpy as np
+import pytest
+
+from tinygc.report.html import numbers
+from tinygc.report.html.chart import Axis, Chart, log_axis
+from tinygc.report.html.sphere import coverage
+from tinygc.report.html.style import COLOURS, PAGE
+
+
+@pytest.mark.parametrize("shade", [0, 1], ids=["light", "dark"])
+def test_colours_stand_out_from_the_page(shade):
+    """WCAG 2: 4.5 for letters, 3 for shapes."""
+
+    def luminance(colour):
+        channels = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+        return np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+    def contrast(a, b):
+        light, dark = sorted((luminance(a), luminance(b)), reverse=True)
+        return (light + 0.05) / (dark + 0.05)
+
+    for page in ("page", "panel"):
+        background = PAGE[page][shade]
+        assert contrast(PAGE["ink"][shade], background) > 7
+        assert contrast(PAGE["soft"][shade], background) > 4.5
+        for kind, colours in COLOURS.items():
+            assert contrast(colours[shade], background) > (3 if kind == "quiet" else 4.4), kind
+
+
+@pytest.mark.parametrize(
+    ("value", "expanded", "said"),
+    [
+        (-10782.54, 45.06, ("−10\u202f783", "45")),
+        (0.630723, 0.0023046, ("0.6307", "0.0023")),
+        (1.5, 0, ("2", "0")),
+        (-0.0001, 0.02, ("0.000", "0.020")),
+        (float("nan"), 1.0, ("–", "1.0")),
+    ],
+)
+def test_numbers_have_the_digits_that_are_known(value, expanded, said):
+    decimals = numbers.decimals_for(expanded)
+    assert (numbers.fixed(value, decimals), numbers.fixed(expanded, decimals)) == said
+
+
+@pytest.mark.parametrize(("lo", "hi", "said"), [(0, 300, "0 100 200 300"), (-150, 150, "−100 0 100"), (0, 0.35, "0.0 0.1 0.2 0.3")])
+def test_axes_have_round_marks(lo, hi, said):
+    assert " ".join(text for _, text in Axis(lo, hi).marks(190)) == said
+
+
+def test_a_chart_places_what_it_is_given():
+    chart = Chart(400, 200, Axis(0, 10, "x"), log_axis([0.01, 1.0]), "about <it>")
+    x, y = chart.at([0, 10], [chart.y.lo, chart.y.hi])
+    assert x == pytest.approx([chart.left, chart.left + chart.inner_width])
+    assert y == pytest.approx([chart.top + chart.inner_height, chart.top])
+    svg = chart.line(np.linspace(0, 10, 100_000), np.full(100_000, 0.5), "x").dots([1, 2], [np.nan, 0.5], "y").svg()
+    assert len(svg) < 40_000
+    assert svg.count("<circle") == 1
+    assert "about &lt;it&gt;" in svg
+
+
+def test_a_thinned_line_keeps_its_highest_point_and_its_gap():
+    y = np.zeros(50_000)
+    y[31_234], y[40_000:40_100] = 1.0, np.nan
+    chart = Chart(300, 200, Axis(0, 50_000), Axis(0, 1), "spike")
+    path = re.search(r'class="line k-x" d="([^"]+)"', chart.line(np.arange(50_000), y, "x").svg()).group(1)
+    heights = [float(pair.split()[1]) for pair in re.split("[ML]", path)[1:]]
+    assert min(heights) == pytest.approx(chart.top, abs=0.1)
+    assert path.count("M") == 2
+
+
+def test_coverage_counts_what_is_near():
+    assert coverage(np.zeros((0, 3))) == 0
+    assert coverage(np.array([[0, 0, 9.8]])) == pytest.approx((1 - np.cos(np.pi / 6)) / 2, abs=1e-3)
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    assert coverage(axes) == pytest.approx(6 * (1 - np.cos(np.pi / 6)) / 2, abs=2e-3)

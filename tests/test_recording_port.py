@@ -1,0 +1,160 @@
+"""The port: a pulled cable, a port that is not there or taken, a board that comes back under another name."""
+
+from __future__ import annotations
+
+import errno
+import os
+import termios
+import time
+
+import pytest
+import serial
+from recording_wires import PATIENCE_S, make_wire, replayed, until
+from streams import frame_list, sent
+
+from session.common.errors import DeviceError, StorageError
+from session.recording.port import Closed, Opened, Port, Received
+from session.recording.ports import known_ports, only_candidate
+from session.recording.rawfile import RawFile, read_marks
+from session.recording.recorder import Recorder
+from session.stream.events import Trouble
+from tinygc.simulation.board.terminal import Terminal
+
+wire = pytest.fixture(make_wire, name="wire")
+
+
+def test_a_pulled_cable_and_the_next_connection(tmp_path):
+    first, second = sent(400), sent(400, 0, seed=1)
+    with Terminal(tmp_path / "port") as terminal:
+        recorder, events = Recorder(tmp_path / "s", str(terminal.name)), []
+        poll = lambda: events.extend(recorder.poll(0.02))  # noqa: E731
+        until(lambda: recorder.connected, poll)
+        assert terminal.write(b"".join(frame_list(*first)) + frame_list(*first)[0][:9])
+        until(lambda: recorder.decoder.samples == 400, poll)
+        terminal.unplug()
+        until(lambda: not recorder.connected, poll)
+        assert recorder.why
+        time.sleep(0.4)
+        terminal.plug()
+        until(lambda: recorder.connected, poll)
+        assert terminal.write(b"".join(frame_list(*second)))
+        until(lambda: recorder.decoder.samples == 800, poll)
+        recorder.close()
+    assert [event.kind for event in events if isinstance(event, Trouble)] == ["garbage", "reconnect"]
+    there = [path.read_bytes() for path in sorted((tmp_path / "s").glob("log*.csv"))]
+    assert [text.count(b"\n") for text in there] == [401, 401]
+    assert replayed(tmp_path / "s" / "raw.bin", tmp_path / "again") == there
+    assert [mark.event.split()[0] for mark in read_marks(tmp_path / "s" / "raw.bin") if mark.event] == ["open", "close", "open"]
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (OSError(errno.EIO, "x"), "Input/output error"),
+        (serial.SerialException("device reports readiness"), "device reports readiness"),
+        (termios.error(errno.EIO, "Input/output error"), "Input/output error"),
+    ],
+)
+def test_whatever_pyserial_raises_is_a_pulled_cable(error, says, wire, monkeypatch):
+    port = Port(wire[1])
+    assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
+    fails = iter([error])
+
+    def in_waiting(self):
+        for problem in fails:
+            raise problem
+        return 0
+
+    monkeypatch.setattr(serial.Serial, "in_waiting", property(in_waiting))
+    closed, opened = port.items.get(timeout=PATIENCE_S), port.items.get(timeout=PATIENCE_S)
+    assert isinstance(closed, Closed)
+    assert closed.why == says
+    assert isinstance(opened, Opened)
+    os.write(wire[0], b"hello")
+    received = port.items.get(timeout=PATIENCE_S)
+    assert isinstance(received, Received)
+    port.close()
+
+
+def test_a_port_that_is_not_there_or_taken(wire, tmp_path):
+    with pytest.raises(DeviceError, match=r"No such file or directory.*calibrate.py ports") as said:
+        Port(str(tmp_path / "nothing"))
+    assert said.value.exit_code == 3
+    port = Port(wire[1])
+    with pytest.raises(DeviceError, match="another program has it open"):
+        Port(wire[1])
+    with pytest.raises(DeviceError, match="another program has it open"):
+        Recorder(tmp_path / "s", wire[1])
+    port.close()
+
+
+def test_a_port_that_cannot_be_opened_leaves_no_folder_behind(tmp_path):
+    def refused(folder):
+        with pytest.raises(DeviceError):
+            Recorder(folder, str(tmp_path / "nothing"))
+
+    refused(tmp_path / "data" / "session1")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "mine").mkdir()
+    refused(tmp_path / "mine")
+    assert list((tmp_path / "mine").iterdir()) == []
+    (tmp_path / "mine" / "raw.bin").write_bytes(b"")
+    refused(tmp_path / "mine")
+    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["raw.bin"]
+    (tmp_path / "mine" / "raw.bin").write_bytes(b"0,1,2,3,4,5,6,7\n")
+    (tmp_path / "mine" / "raw.times").write_text("host_ns,bytes,event\n")
+    refused(tmp_path / "mine")
+    assert (tmp_path / "mine" / "raw.bin").read_bytes() == b"0,1,2,3,4,5,6,7\n"
+    assert (tmp_path / "mine" / "raw.times").exists()
+
+
+def test_a_disk_that_is_full_from_the_start_leaves_no_folder_behind(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(StorageError, match="No space left"):
+        RawFile(tmp_path / "s")
+    assert list(tmp_path.iterdir()) == []
+
+
+class _Listed:
+    def __init__(self, device, vid=None, pid=None, serial_number=None, product=None):
+        self.device, self.vid, self.pid, self.serial_number, self.product = device, vid, pid, serial_number, product
+        self.manufacturer, self.description = None, product or "n/a"
+
+
+ST_LINK = _Listed("/dev/ttyACM0", 0x0483, 0x374B, "066D", "STM32 STLink")
+OTHER = _Listed("/dev/ttyUSB0", 0x10C4, 0xEA60, None, "CP2102")
+BUILT_IN = _Listed("/dev/ttyS0")
+
+
+def test_ports_say_what_they_know(monkeypatch):
+    listed = [BUILT_IN, OTHER, ST_LINK]
+    monkeypatch.setattr("session.recording.ports.list_ports.comports", lambda: listed)
+    monkeypatch.setattr("session.recording.ports.virtual_boards", lambda: [])
+    ports = known_ports()
+    assert [port.name for port in ports] == ["/dev/ttyACM0", "/dev/ttyUSB0", "/dev/ttyS0"]
+    assert ports[0].what == "ST board: ST-LINK/V2-1"
+    assert [port.is_candidate for port in ports] == [True, True, False]
+    assert only_candidate().name == "/dev/ttyACM0"
+    listed.append(_Listed("/dev/ttyACM1", 0x0483, 0x5740, "X", "STM32 Virtual ComPort"))
+    with pytest.raises(DeviceError, match=r"ttyACM0, /dev/ttyACM1.*--port"):
+        only_candidate()
+    listed[:] = [BUILT_IN]
+    with pytest.raises(DeviceError, match="no serial port with a board"):
+        only_candidate()
+
+
+def test_a_board_that_comes_back_under_another_name(tmp_path, monkeypatch):
+    """By its serial number."""
+    with Terminal(tmp_path / "ttyACM0") as first, Terminal(tmp_path / "ttyACM1") as second:
+        listed = [_Listed(str(first.name), 0x0483, 0x374B, "066D")]
+        monkeypatch.setattr("session.recording.ports.list_ports.comports", lambda: listed)
+        port = Port(str(first.name))
+        assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
+        listed[:] = [_Listed(str(second.name), 0x0483, 0x374B, "066D")]
+        first.unplug()
+        assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
+        assert port.items.get(timeout=PATIENCE_S).name == str(second.name)
+        port.close()

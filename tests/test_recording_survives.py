@@ -1,0 +1,189 @@
+"""What was received is on disk, whatever happens: kill, full disk, read-only folder."""
+
+from __future__ import annotations
+
+import errno
+import multiprocessing
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recording_wires import make_wire, record, replayed, until
+from streams import decode, frame_list, samples, sent
+
+from session.common.errors import StorageError
+from session.recording import rawfile
+from session.recording.logwriter import LogWriter
+from session.recording.rawfile import RawFile, read_marks
+from session.recording.recorder import Recorder
+from session.stream.events import Chunk
+
+wire = pytest.fixture(make_wire, name="wire")
+other_wire = pytest.fixture(make_wire, name="other_wire")
+
+
+def _record_for_ever(folder: Path, name: str) -> None:
+    recorder = Recorder(folder, name)
+    while True:
+        recorder.poll(0.01)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_killed_at_a_random_moment(seed, tmp_path, wire):
+    """Every byte that left the terminal is in the file, but for what one read had just taken; it replays to what was sent."""
+    master, name = wire
+    rng = np.random.default_rng(seed)
+    t_us, registers = sent(40_000)
+    data = memoryview(b"".join(frame_list(t_us, registers)))
+    child = multiprocessing.get_context("fork").Process(target=_record_for_ever, args=(tmp_path / "s", name), daemon=True)
+    child.start()
+    until(lambda: (tmp_path / "s" / "raw.times").exists() and read_marks(tmp_path / "s" / "raw.bin"))
+    os.set_blocking(master, False)
+    written, deadline = 0, time.monotonic() + 30
+    begun = False
+    while time.monotonic() < deadline:
+        if not begun and (tmp_path / "s" / "raw.bin").stat().st_size:
+            begun, deadline = True, time.monotonic() + rng.uniform(0.0, 0.13)
+        try:
+            written += os.write(master, data[written : written + int(rng.integers(1, 2000))])
+        except BlockingIOError:
+            time.sleep(0.001)
+    os.kill(child.pid, signal.SIGKILL)
+    child.join()
+    left = _left_in(name)
+    kept = (tmp_path / "s" / "raw.bin").read_bytes()
+    assert kept == bytes(data[: len(kept)])
+    assert 0 <= written - len(kept) - left <= 4096
+    _, events = decode(kept)
+    got_us, got = samples(events)
+    assert len(got_us) == len(kept) // 25 > 0
+    assert np.array_equal(got, registers[: len(got)])
+    [log] = replayed(tmp_path / "s" / "raw.bin", tmp_path / "again")
+    assert log.startswith((tmp_path / "s" / "log0001.csv").read_bytes() if (tmp_path / "s" / "log0001.csv").exists() else b"")
+
+
+def _left_in(name: str) -> int:
+    """Bytes that nobody has read."""
+    slave = os.open(name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    total = quiet = 0
+    while quiet < 3:
+        try:
+            got = len(os.read(slave, 65536))
+        except BlockingIOError:
+            got = 0
+        total += got
+        quiet = 0 if got else quiet + 1
+        time.sleep(0.0 if got else 0.005)
+    os.close(slave)
+    return total
+
+
+def test_resumed_after_a_kill(wire, tmp_path):
+    """The log is made again from the raw bytes, torn lines and all, and a new one follows."""
+    master, name = wire
+    first, second = sent(500), sent(500, 90_000_000, seed=1)
+    folder = tmp_path / "s"
+    folder.mkdir()
+    (folder / "raw.bin").write_bytes(b"".join(frame_list(*first))[:-3])
+    (folder / "raw.times").write_text("host_ns,bytes,event\n5,0,open then /dev/x\n9,100,\n12,2")
+    (folder / "log0001.csv").write_text("t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3")
+    recorder = Recorder(folder, name)
+    assert len(samples(recorder.resumed)[0]) == 499
+    record(recorder, master, b"".join(frame_list(*second)))
+    recorder.close()
+    there = [path.read_bytes() for path in sorted(folder.glob("log*.csv"))]
+    assert [text.count(b"\n") for text in there] == [500, 501]
+    assert replayed(folder / "raw.bin", tmp_path / "again") == there
+    assert recorder.decoder.samples == 999
+
+
+class _FullDisk:
+    """``os``, with a disk that holds ``room`` bytes of raw file."""
+
+    def __init__(self, room: int):
+        self.room = room
+
+    def __getattr__(self, name):
+        return getattr(os, name)
+
+    def write(self, file: int, data: bytes) -> int:
+        if not self.room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        written = os.write(file, data[: self.room])
+        self.room -= written
+        return written
+
+
+def test_a_full_disk_keeps_what_was_received_and_says_so(wire, other_wire, tmp_path, monkeypatch):
+    master, name = wire
+    t_us, registers = sent(3000)
+    data = b"".join(frame_list(t_us, registers))
+    monkeypatch.setattr(rawfile, "os", _FullDisk(40_000))
+    recorder = Recorder(tmp_path / "s", name)
+    with pytest.raises(StorageError, match=r"No space left on device; [0-9]+ bytes received before are safe in .*--resume") as said:
+        record(recorder, master, data)
+    recorder.close()
+    kept = (tmp_path / "s" / "raw.bin").read_bytes()
+    assert 38_000 < len(kept) == int(str(said.value).split("device; ")[1].split()[0])
+    assert kept == data[: len(kept)]
+    assert said.value.exit_code == 2
+    monkeypatch.undo()
+    recorder = Recorder(tmp_path / "s", other_wire[1])
+    assert len(samples(recorder.resumed)[0]) == len(kept) // 25
+    record(recorder, other_wire[0], b"".join(frame_list(*sent(100, 5))))
+    recorder.close()
+    assert recorder.decoder.samples == len(kept) // 25 + 100
+
+
+def test_a_full_device(tmp_path):
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full on this system")
+    (tmp_path / "raw.bin").symlink_to("/dev/full")
+    raw = RawFile(tmp_path)
+    for _ in range(2):
+        with pytest.raises(StorageError, match="No space left"):
+            raw.append(1, b"x")
+    raw.close()
+    logs = LogWriter(tmp_path)
+    (tmp_path / "log0001.csv").symlink_to("/dev/full")
+    with pytest.raises(StorageError, match="No space left"):
+        logs.write([Chunk(*sent(20_000))])
+    with pytest.raises(StorageError, match="No space left"):
+        logs.close()
+    logs.close()
+
+
+def test_a_folder_that_cannot_be_written(tmp_path, wire):
+    (tmp_path / "file").write_text("")
+    folders = [tmp_path / "file" / "s"]
+    if os.geteuid():  # the superuser may write anywhere
+        (tmp_path / "locked").mkdir(mode=0o500)
+        folders.append(tmp_path / "locked" / "s")
+    for folder in folders:
+        with pytest.raises(StorageError, match="give --out another folder"):
+            Recorder(folder, wire[1])
+
+
+def test_marks_survive_a_torn_line(tmp_path):
+    raw = RawFile(tmp_path)
+    raw.append(10, b"abc")
+    raw.append(11, b"de")  # within the time step
+    raw.append(20_000_000, b"f")
+    raw.mark(30_000_000, "close it,\nhere", 4)
+    raw.close()
+    raw.close()
+    with (tmp_path / "raw.times").open("a") as file:
+        file.write("12,34")
+    again = RawFile(tmp_path)
+    assert again.size == 6
+    again.mark(99, "open")
+    again.close()
+    assert [(mark.host_ns, mark.offset, mark.event) for mark in read_marks(tmp_path / "raw.bin")] == [
+        (10, 3, ""),
+        (30_000_000, 4, "close it, here"),
+        (20_000_000, 6, ""),
+        (99, 6, "open"),
+    ]

@@ -1,0 +1,94 @@
+"""Session folders: which logs they hold, and dial readings by number of the still."""
+
+import gzip
+
+import numpy as np
+import pytest
+from conftest import SESSION_TOML, Table, write_session
+
+from session.common.errors import FormatError
+from session.log.folder import read_session
+
+
+@pytest.fixture(scope="module")
+def samples():
+    return Table().rest(1).turn(90, (1, 0, 0), 1).rest(1).samples()
+
+
+def test_a_folder_gives_its_logs_and_closure_runs_in_name_order(tmp_path, samples):
+    for name in ("log0002.csv", "log0001.csv", "closure0001.csv", "notes.csv"):
+        write_session(tmp_path, samples, name)
+    (tmp_path / "log0003.csv.gz").write_bytes(gzip.compress((tmp_path / "log0001.csv").read_bytes()))
+    session = read_session(tmp_path)
+    assert [log.path.name for log in session.logs] == ["log0001.csv", "log0002.csv", "log0003.csv.gz"]
+    assert [log.path.name for log in session.closures] == ["closure0001.csv"]
+    assert session.attitudes is None
+    for log in session.logs:
+        np.testing.assert_array_equal(log.samples.t_ns, samples.t_ns)
+        np.testing.assert_allclose(log.samples.gyro, samples.gyro, atol=1e-12)
+        np.testing.assert_allclose(log.samples.accel, samples.accel, atol=1e-12)
+
+
+def test_the_same_log_plain_and_compressed_would_count_twice(tmp_path, samples):
+    write_session(tmp_path, samples)
+    (tmp_path / "log0001.csv.gz").write_bytes(gzip.compress((tmp_path / "log0001.csv").read_bytes()))
+    with pytest.raises(FormatError, match=r"log0001\.csv and log0001\.csv\.gz"):
+        read_session(tmp_path)
+
+
+def test_missing_folders_logs_and_settings_are_told_apart(tmp_path, samples):
+    with pytest.raises(FormatError, match="not found"):
+        read_session(tmp_path / "nowhere")
+    with pytest.raises(FormatError, match=r"session\.toml"):
+        read_session(tmp_path)
+    (tmp_path / "session.toml").write_text(SESSION_TOML)
+    with pytest.raises(FormatError, match="no log"):
+        read_session(tmp_path)
+    with pytest.raises(FormatError, match="that is a file"):
+        read_session(tmp_path / "session.toml")
+    (tmp_path / "log.csv").mkdir()
+    with pytest.raises(FormatError, match="cannot be read"):
+        read_session(tmp_path)
+
+
+def test_dial_readings_belong_to_the_stills_by_number(tmp_path, samples):
+    write_session(tmp_path, samples, toml=SESSION_TOML + '[protocol]\nreference = "table"\n')
+    with pytest.raises(FormatError, match=r"attitudes\.csv: not found"):
+        read_session(tmp_path)
+    (tmp_path / "attitudes.csv").write_text("still,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n2,90,-45,180\n")
+    attitudes = read_session(tmp_path).attitudes
+    np.testing.assert_allclose(np.rad2deg(attitudes), [[0, 0, 0], [np.nan] * 3, [90, -45, 180]])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("still,roll,pitch,yaw\n0,0,0,0\n", "header must be"),
+        ("still,roll_deg,pitch_deg,yaw_deg\n", "no dial readings"),
+        ("still,roll_deg,pitch_deg,yaw_deg\n0,0,0\n", "line 2"),
+        ("still,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n0,1,1,1\n", "line 3"),
+        ("still,roll_deg,pitch_deg,yaw_deg\n0,0,nan,0\n", "line 2"),
+        ("still,roll_deg,pitch_deg,yaw_deg\n-1,0,0,0\n", "line 2"),
+        ("still,roll_deg,pitch_deg,yaw_deg\nfirst,0,0,0\n", "line 2"),
+        ("still,roll_deg,pitch_deg,yaw_deg\n# said\n\nfirst,0,0,0\n", "line 4"),
+        ("still,roll_deg,pitch_deg,yaw_deg\n0,0,0,0\n99999999999999,0,0,0\n", "line 3: still '99999999999999' is beyond 100000"),
+        ('still,roll_deg,pitch_deg,yaw_deg\n0,"' + "1" * 200_000 + '",0,0\n', "line 2"),
+    ],
+)
+def test_malformed_dial_readings_say_where(tmp_path, samples, text, said):
+    write_session(tmp_path, samples)
+    (tmp_path / "attitudes.csv").write_text(text)
+    with pytest.raises(FormatError, match=said):
+        read_session(tmp_path)
+
+
+def test_dial_readings_that_cannot_be_read_as_text_are_refused(tmp_path, samples):
+    write_session(tmp_path, samples)
+    path = tmp_path / "attitudes.csv"
+    path.write_bytes("still,roll_deg,pitch_deg,yaw_deg\n0,1°,0,0\n".encode("latin-1"))
+    with pytest.raises(FormatError, match="not UTF-8"):
+        read_session(tmp_path)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(FormatError, match="cannot be read"):
+        read_session(tmp_path)

@@ -1,0 +1,65 @@
+"""Lines of text that are none, or only look whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from streams import decode, line_list, same, sent, strangers
+
+from session.stream.decoder import StreamDecoder
+from session.stream.events import Chunk
+from session.stream.text import parse_lines
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "1,2,3,4,5,6,7",
+        "1,2,3,4,5,6,7,",
+        "1,2,3,4,5,6,7,--8",
+        "1,2,3,4,5,6,7,8-",
+        "1,2,3,4,5,6,7,-",
+        "1,2,3,4,,6,7,8",
+        "1,2,3,4,5,6,7,08",
+        "1,2,3,4,5,6,7,-0",
+        "1,2,3,4,5,6,7,32768",
+        "1,2,3,4,5,6,7,-32769",
+        "-1,2,3,4,5,6,7,8",
+        "1,2,3,4,5,6,7,8x",
+        "99999999999999999999,2,3,4,5,6,7,8",
+        "1,2,3,4,5,6,7,99999999999999999999999",
+    ],
+)
+def test_lines_that_are_none(line):
+    good, values = parse_lines(f"10,0,-1,2,3,4,5,6\n{line}\n20,0,-32768,32767,3,4,5,6\n".encode(), 8, tuple(range(8)))
+    assert good.tolist() == [True, False, True]
+    assert values.tolist() == [[10, 0, -1, 2, 3, 4, 5, 6], [20, 0, -32768, 32767, 3, 4, 5, 6]]
+    t_us, registers = sent(100)
+    lines = line_list(t_us, registers)
+    lines[50] = f"{line}\n".encode()
+    decoder, events = decode(b"".join(lines))
+    others = ~np.isin(np.arange(100), [49, 50])
+    assert same(events, t_us[others], registers[others])
+    assert decoder.garbage == len(line) + 1
+
+
+def test_two_halves_of_lines_that_look_whole_do_not_enter():
+    """Bytes lost from the middle of one line to the same column of a later one."""
+    t_us, registers = sent(300)
+    lines = line_list(t_us, registers)
+    for column in range(1, 8):
+        head, tail = lines[150].split(b","), lines[152].split(b",")
+        halves = b",".join([*head[:column], head[column][:1] + tail[column][1:], *tail[column + 1 :]])
+        data = b"".join([*lines[:150], halves, *lines[153:]])
+        _, events = decode(data)
+        assert strangers(events, t_us, registers) == 0
+        assert sum(len(event) for event in events if isinstance(event, Chunk)) >= 296
+
+
+def test_megabytes_of_nothing_need_no_memory():
+    decoder = StreamDecoder()
+    for byte in (b"\xff", b"7", b"\0", b"\n", b","):
+        for _ in range(4):
+            decoder.feed(byte * 1_000_000)
+            assert len(decoder._buffer) < 2000
+    assert decoder.samples == 0

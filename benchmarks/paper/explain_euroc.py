@@ -12,8 +12,9 @@ from paper.euroc import EUROC
 from session.common.units import DEG, MG
 from session.log.folder import read_session
 from session.public.euroc import write_sequences, write_training_windows
-from tinygc.explanation.truth.explain import TruthClaim, TruthExplanation, explain_truth
+from tinygc.explanation.truth.explain import explain_truth
 from tinygc.explanation.truth.result import independent
+from tinygc.explanation.truth.truth_explanation import TruthClaim, TruthExplanation
 from tinygc.fitting.bias.days import level_days
 from tinygc.problem.build import build_problem
 

@@ -11,7 +11,7 @@ from session.common.units import DEG, MG
 from tinygc.explanation.pictures.canvas import canvas, save
 from tinygc.explanation.pictures.panels.palette import AFTER, AXES, BEFORE, FLOOR
 from tinygc.explanation.truth.evidence import neighbours
-from tinygc.explanation.truth.explain import TruthExplanation
+from tinygc.explanation.truth.truth_explanation import TruthExplanation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,7 +14,7 @@ from session.common.version import VERSION
 from session.files.results import write_whole
 from session.files.writing import result_folder
 from tinygc.effects import largest
-from tinygc.explanation.truth.explain import TruthClaim, TruthExplanation
+from tinygc.explanation.truth.truth_explanation import TruthClaim, TruthExplanation
 from tinygc.explanation.verdict.measured import p_entry, p_words
 
 SCHEMA = "tinygc-explain/1"

@@ -11,7 +11,8 @@ from typing import Any
 
 from session.common.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from session.log.hashes import input_hashes
-from tinygc.explanation.truth.explain import TruthExplanation, explain_truth
+from tinygc.explanation.truth.explain import explain_truth
+from tinygc.explanation.truth.truth_explanation import TruthExplanation
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.verdict.explain import Explanation, explain_session

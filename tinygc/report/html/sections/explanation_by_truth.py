@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.explanation.truth.explain import TruthClaim, TruthExplanation
 from tinygc.explanation.truth.result import CANNOT, evidence_rows, refusals, values_of
+from tinygc.explanation.truth.truth_explanation import TruthClaim, TruthExplanation
 from tinygc.report.html.chart import Chart, log_axis
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, code, escape, figure, key, paragraph, table

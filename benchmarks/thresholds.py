@@ -50,8 +50,7 @@ WATCHED = {
         "verdict.decision": "LEFT_P RIGHT_SHARE",
     },
     "truth": {
-        "truth.explain": "MOST_EFFECTS LATER_FAMILY_WISE LATER_SHARE FRAME_RAD FRAME_SIGMAS FRAME_LEAVES STEPS_TRIED WANDER_S KEPT_SIGMAS "
-        "IMPLAUSIBLE",
+        "truth.explain": "MOST_EFFECTS LATER_FAMILY_WISE LATER_SHARE FRAME_RAD FRAME_SIGMAS FRAME_LEAVES STEPS_TRIED WANDER_S IMPLAUSIBLE",
         "truth.wrong_moments": "JUMP OPPOSITE",
         "truth.evidence": "SHORT_S FORCE_WINDOW_S",
     },

@@ -13,7 +13,6 @@ from tinygc.explanation.truth.evidence import (
     Force,
     Rests,
 )
-from tinygc.explanation.truth.truth_explanation import TruthClaim, TruthExplanation
 from tinygc.models.linear import LinearModel
 from tinygc.problem.problem import Problem
 

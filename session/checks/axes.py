@@ -7,7 +7,7 @@ import numpy as np
 from session.checks.findings import Finding
 from session.common.units import DEG
 from session.detect.stills import Still
-from session.detect.tilt import Agreement, agreement
+from session.detect.tilt import AxesAgreement, agreement
 from session.log.config import Config
 from session.log.samples import Samples
 from session.sensor.registers import GYRO_MDPS_PER_LSB
@@ -46,7 +46,7 @@ def check_axes(
     return [_axes_finding(where, found, turns), _scale_finding(where, found, turns, config, raw)]
 
 
-def _axes_finding(where: str, found: Agreement, turns: str) -> Finding:
+def _axes_finding(where: str, found: AxesAgreement, turns: str) -> Finding:
     ends = f", ends to {found.residual / DEG:.2f} deg" if np.isfinite(found.residual) else ""
     if found.misfit < CLEARLY * found.identity_misfit:
         says = f"{axes_in_words(found.axes)}: explains gravity's movement to {1 - found.misfit:.0%}{ends}, as logged to "
@@ -90,7 +90,7 @@ def _axes_advice(axes: np.ndarray) -> str:
     return f"correct the columns where the log is written; or it is the accelerometer: {text}"
 
 
-def _scale_finding(where: str, found: Agreement, turns: str, config: Config, raw: bool) -> Finding:
+def _scale_finding(where: str, found: AxesAgreement, turns: str, config: Config, raw: bool) -> Finding:
     """The factor that the rates need, against the factors of the usual mistakes."""
     k, bar = found.scale, max(SCALE_OK, found.scale_std)
     says = f"gravity asks for rates x {k:.3g} (bar 1 ± {bar:g}, {turns})"

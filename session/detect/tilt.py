@@ -57,7 +57,7 @@ class Turns:
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement:
+class AxesAgreement:
     """How gyro and gravity agree best: ``omega = scale * axes @ m``.
 
     axes (3, 3) signed permutation; scale, known to about scale_std (relative); misfit: the share of gravity's movement that these
@@ -75,7 +75,7 @@ class Agreement:
     turns: int
 
 
-def agreement(samples: Samples, stills: list[Still], skip: np.ndarray | None = None) -> Agreement | None:
+def agreement(samples: Samples, stills: list[Still], skip: np.ndarray | None = None) -> AxesAgreement | None:
     """Best axes and scale of the gyro against gravity, or None where gravity hardly moves in the sensor.
 
     samples with the specific force in right units and pre-calibrated; skip (N,) bool: rows whose turns are left out.
@@ -93,7 +93,7 @@ def agreement(samples: Samples, stills: list[Still], skip: np.ndarray | None = N
     if tilted.sum() >= LEAST_TURNS and scale > 0:
         scale, residual = _sharpen(turns.of(tilted), SIGNED_PERMUTATIONS[best], scale)
         scale_std = SHARP
-    return Agreement(
+    return AxesAgreement(
         axes=SIGNED_PERMUTATIONS[best],
         scale=float(scale),
         scale_std=scale_std,

@@ -1,4 +1,4 @@
-"""The catalogue: every effect that docs/formats.md lists, each the physics that its equation says, forwards, backwards and linearised."""
+"""The catalogue's first nineteen effects, each the physics that its equation says, forwards, backwards and linearised."""
 
 import re
 from dataclasses import replace
@@ -98,8 +98,9 @@ def theta_of(effect: Effect, value=None) -> np.ndarray:
 # The catalogue
 
 
-def test_it_holds_exactly_what_formats_lists():
-    assert sorted(catalogue()) == sorted(IDS)
+def test_none_of_them_is_lost_and_each_has_its_own_name():
+    """More may be there: test_formats_page.py holds the whole catalogue against docs/formats.md, test_effect_checks.py proves it."""
+    assert set(IDS) <= set(catalogue())
     assert all(name == effect.id for name, effect in catalogue().items())
 
 
@@ -188,8 +189,8 @@ def test_columns_of_a_matrix_multiply_what_they_are_given():
 # The physics
 
 
-def test_every_rate_effect_is_in_these_tests():
-    assert {name for name, effect in catalogue().items() if effect.kind == "rate"} == set(RATE)
+def test_every_rate_effect_of_theirs_is_in_these_tests():
+    assert {name for name in IDS if catalogue()[name].kind == "rate"} == set(RATE)
 
 
 @pytest.mark.parametrize("name", RATE)

@@ -107,6 +107,14 @@ def test_a_bias_of_the_fit_fails():
     assert "more than the stated sigmas" in quick(wrong, "recover", seeds=2)
 
 
+def test_a_size_that_no_session_shows_is_said():
+    (weak,) = check(DRIFT, size=1e-4 * DRIFT.parameter.plausible, parts=("recover",), seeds=2).parts
+    assert weak.result == "passed"
+    assert weak.says.endswith("hardly seen at this size: give a larger size=")
+    (strong,) = check(DRIFT, parts=("recover",), seeds=2).parts
+    assert "hardly" not in strong.says
+
+
 def test_what_follows_the_size_of_the_force_is_seen():
     """A hand adds to gravity, so that the specific force is not always 1 g long."""
     sized = replace(catalogue()["gyro.g2_sensitivity"], columns=lambda m: diagonal(np.linalg.norm(m.force_g, axis=1) - 1))

@@ -13,6 +13,8 @@ import yaml
 import calibrate
 import tinygc
 from tinygc.cli.commands import COMMANDS
+from tinygc.deploy.exports import FORMATS
+from tinygc.effects import catalogue
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -107,6 +109,18 @@ def test_every_picture_is_on_a_page(picture):
 def test_every_command_is_on_its_page():
     text = (DOCS / "commands.md").read_text(encoding="utf-8")
     assert sorted(re.findall(r"^calibrate\.py (\w+)", text, re.M)) == sorted(COMMANDS)
+
+
+def test_every_effect_is_on_the_page_of_explain_and_counted_in_the_readme():
+    section = (DOCS / "explain.md").read_text(encoding="utf-8").split("## The catalogue", 1)[1].split("\n## ", 1)[0]
+    first = "\n".join(row.split("|")[1] for row in section.splitlines() if row.startswith("| `"))
+    assert set(re.findall(r"`([a-z]+\.[a-z0-9_]+)`", first)) == set(catalogue())
+    assert f"knows {len(catalogue())} effects" in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_every_export_is_on_its_page():
+    page = (DOCS / "exports.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `(\w+)` \|", page, flags=re.M)) == set(FORMATS)
 
 
 @each_page

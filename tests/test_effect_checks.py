@@ -1,4 +1,4 @@
-"""The proof of an effect: the nineteen pass it, and an effect that is broken in one way fails that part of it and no other."""
+"""The proof of an effect: each of the catalogue passes it, and one that is broken in one way fails that part of it and no other."""
 
 from dataclasses import replace
 
@@ -105,6 +105,25 @@ def test_a_bias_of_the_fit_fails():
         DRIFT, exact_correct=lambda measured, m, theta: measured - 0.75 * (DRIFT.distort(m.with_rate(measured), theta) - measured)
     )
     assert "more than the stated sigmas" in quick(wrong, "recover", seeds=2)
+
+
+def test_a_size_that_no_session_shows_is_said():
+    (weak,) = check(DRIFT, size=1e-4 * DRIFT.parameter.plausible, parts=("recover",), seeds=2).parts
+    assert weak.result == "passed"
+    assert weak.says.endswith("hardly seen at this size: give a larger size=")
+    (strong,) = check(DRIFT, parts=("recover",), seeds=2).parts
+    assert "hardly" not in strong.says
+
+
+def test_what_follows_the_size_of_the_force_is_seen():
+    """A hand adds to gravity, so that the specific force is not always 1 g long."""
+    sized = replace(catalogue()["gyro.g2_sensitivity"], columns=lambda m: diagonal(np.linalg.norm(m.force_g, axis=1) - 1))
+    assert check(sized, parts=("columns", "undo", "live")).ok
+
+
+def test_rounding_is_no_change():
+    tiny = replace(DRIFT, basis=None, columns=lambda m: 1e-12 * diagonal(np.ones(len(m.rate))))
+    assert "parameter 0 changes nothing" in quick(tiny, "columns")
 
 
 def test_parameters_that_change_nothing_fail():

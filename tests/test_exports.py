@@ -27,6 +27,24 @@ def test_every_exporter_has_its_name_and_one_line(name):
     assert "\n" not in module.SUMMARY
 
 
+def test_the_example_of_contributing_exports_and_passes_its_own_test():
+    from types import SimpleNamespace
+
+    from conftest import ROOT
+
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    module, test = re.findall(r"```python\n(.*?)```", page, re.S)
+    made: dict = {}
+    exec(module, made)
+    with_it = globals() | {"exporter": {made["NAME"]: SimpleNamespace(**made)}.__getitem__}
+    exec(test, with_it)
+    for name in ("linear", "net that does not bend"):
+        with_it["test_plain_by_its_formula"](name)
+    (text,) = made["export"](LINEAR, context()).values()
+    assert "frame" in text.lower()
+    assert all(line.strip() for line in text.splitlines())
+
+
 def test_importing_the_package_loads_nothing_heavy():
     import subprocess
     import sys

@@ -18,6 +18,7 @@ from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, sectio
 
 import calibrate
 from session.log.config import Config
+from tinygc.deploy.exports import FORMATS
 from tinygc.effects import catalogue
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -205,7 +206,7 @@ def test_apply_and_the_header_of_its_log(folder, tmp_path):
     assert "t_ns,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2,temp_c" in section("Logs")
 
 
-@pytest.mark.parametrize("form", ["json", "c", "kalibr", "ros", "xio", "px4", "ardupilot"])
+@pytest.mark.parametrize("form", FORMATS)
 def test_exports(form, folder, tmp_path):
     table = told("export", folder, "--to", form, "--out", tmp_path, tmp_path / "x.json")
     assert_on_page(table, "tinygc-export/1")

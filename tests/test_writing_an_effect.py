@@ -12,6 +12,7 @@ from tinygc.effects import Effect, catalogue, load_folder, using
 from tinygc.effects.picture import PAIRS
 from tinygc.effects.reach import INPUTS
 from tinygc.effects.testing import check
+from tinygc.explanation.twin.variable import READ
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -62,6 +63,20 @@ def test_the_example_is_named_where_it_is(effects, tmp_path, run):
     off = np.abs(np.subtract(named["parameters"]["quadratic_at_fs"], TRUTH))
     np.testing.assert_array_less(off, 4 * np.array(named["std"]["quadratic_at_fs"]))
     assert "gyro.scale_quadratic" not in catalogue()
+
+
+def test_the_session_that_hides_the_example_is_made_as_the_page_says(effects, tmp_path, monkeypatch):
+    (block,) = (block for block in re.findall(r"```python\n(.*?)```", PAGE, re.S) if "tinygc.simulate(" in block)
+    monkeypatch.chdir(tmp_path)
+    with using([]):
+        exec(block, {})
+    truth = json.loads((tmp_path / "hidden" / "truth.json").read_text(encoding="utf-8"))
+    assert truth["effects"] == {"gyro.scale_quadratic": {"quadratic_at_fs": TRUTH.tolist()}}
+
+
+def test_the_page_names_every_variable_that_an_effect_can_be_drawn_against():
+    (row,) = re.findall(r"^\| `regime` \|.*$", PAGE, re.M)
+    assert set(re.findall(r'`"([a-z ]+)"`', row)) == set(READ)
 
 
 def test_the_page_names_every_field_input_and_command():

@@ -13,6 +13,8 @@ FINE_HZ, USUAL_HZ = 3332.0, 833.0
 COLUMNS_WITHIN, UNDONE_WITHIN = 5e-3, 5e-3
 STEP = 1e-4
 ENDS = 50
+#: rad/s: above the rounding of a rate at full scale, a millionth of what a step of any parameter of the catalogue does
+ROUNDING = 1e-12
 
 
 def columns(trial: Trial) -> str:
@@ -29,7 +31,7 @@ def columns(trial: Trial) -> str:
     step = STEP * effect.parameter.plausible
     numeric = np.stack([(effect.distort(moved, step * e) - moved.rate) / step for e in np.eye(size)], axis=-1)
     greatest = np.abs(numeric).max(axis=(0, 1))
-    if not (greatest > 0).all():
+    if not (step * greatest > ROUNDING).all():
         raise Wrong(f"parameter {int(np.argmin(greatest))} changes nothing on a hand's movement")
     off = float((np.abs(numeric - found)[ENDS:-ENDS].max(axis=(0, 1)) / greatest).max())
     if not off < COLUMNS_WITHIN:

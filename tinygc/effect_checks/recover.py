@@ -17,6 +17,8 @@ from tinygc.explanation.verdict.readable import readable
 CHANCE = 1e-4
 #: beyond noise, what any model of an effect simplifies (filters, sampling): this share of the injected size is allowed in each sigma
 MODEL_SHARE = 0.01
+#: of the size, a stated sigma with which most parameters cannot be told from zero: their errors then say little
+HARDLY_SEEN = 1 / 3
 
 
 def recover(effect: Effect, size: float, seeds: int, value: float | None = None) -> tuple[str, Found]:
@@ -37,7 +39,8 @@ def _verdict(found: list[Found]) -> str:
     allowed = MODEL_SHARE * np.concatenate([look[3] for look in looks])
     strict, loose = (float(np.sum(error**2 / variance)) * freedom / count for variance in (sigma**2, sigma**2 + allowed**2))
     bounds = chi2.ppf([CHANCE, 1 - CHANCE], freedom)
-    worst = float((np.abs(error) / np.concatenate([look[3] for look in looks])).max())
+    sizes = np.concatenate([look[3] for look in looks])
+    worst = float((np.abs(error) / sizes).max())
     numbers = (
         f"{len(found)} sessions, {count} numbers: errors {np.sqrt(np.mean((error / sigma) ** 2)):.2f} sigma rms, "
         f"at most {100 * worst:.2g} % of the size"
@@ -46,7 +49,8 @@ def _verdict(found: list[Found]) -> str:
         raise Wrong(f"{numbers}: more than the stated sigmas and {100 * MODEL_SHARE:g} % allow (chance {CHANCE:g})")
     if strict < bounds[0]:
         raise Wrong(f"{numbers}: the stated sigmas are too large (chance {CHANCE:g})")
-    return numbers
+    weak = "; hardly seen at this size: give a larger size=" if np.median(sigma / sizes) > HARDLY_SEEN else ""
+    return numbers + weak
 
 
 def _look(one: Found) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -89,5 +89,6 @@ def _rate(t_s: np.ndarray, length_s: float) -> np.ndarray:
 
 
 def _turned(t_s: np.ndarray) -> np.ndarray:
-    """(N, 3) g, of length 1."""
-    return np.stack([np.sin(0.7 * t_s), np.cos(0.7 * t_s) * np.sin(0.4 * t_s), -np.cos(0.7 * t_s) * np.cos(0.4 * t_s)], axis=-1)
+    """(N, 3) g: gravity, and up to a fifth of it that the hand's acceleration adds or takes off."""
+    gravity = np.stack([np.sin(0.7 * t_s), np.cos(0.7 * t_s) * np.sin(0.4 * t_s), -np.cos(0.7 * t_s) * np.cos(0.4 * t_s)], axis=-1)
+    return (1 + 0.2 * np.sin(1.9 * t_s))[:, None] * gravity

@@ -1,4 +1,4 @@
-"""Prove an effect: ``tinygc.effects.testing.check(EFFECT)``, of the nineteen, of yours, of anybody's.
+"""Prove an effect: ``tinygc.effects.testing.check(EFFECT)``, of the catalogue, of yours, of anybody's.
 
     from tinygc.effects.testing import check
 

@@ -17,7 +17,7 @@ session = simulated.session
 print(session)
 
 # %% The first look: units, rates, gaps, axes, stills
-worst = max((finding for finding in tinygc.check(session)), key=lambda finding: ("ok", "note", "warning", "error").index(finding.level))
+worst = max(tinygc.check(session), key=lambda finding: ("ok", "note", "warning", "error").index(finding.level))
 print(worst.level, worst.what, worst.says)
 
 # %% The main job: two of the methods; progress=print would tell how far it is

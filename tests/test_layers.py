@@ -103,6 +103,27 @@ def test_no_two_modules_import_each_other():
     assert circle(graph()) == []
 
 
+#: modules that are found by a name in a string, not by an import, and run up: the proof of effects is part of their layer's face
+BY_NAME_ABOVE = {"tinygc.effects.testing": {"tinygc.effect_checks.check"}}
+
+
+def test_no_string_names_a_module_above():
+    """What is imported by its name counts as an import."""
+    order = list(TopologicalSorter({f: set(stated("tinygc", f)) - {"session"} for p, f in FOLDERS if p == "tinygc"}).static_order())
+    known, above = set(graph()), {}
+    for module in sorted(known):
+        package, *rest = module.split(".")
+        if package == "session" or not rest:
+            continue
+        path = ROOT / (module.replace(".", "/") + ".py")
+        tree = ast.parse((path if path.exists() else path.with_suffix("") / "__init__.py").read_text(encoding="utf-8"))
+        texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+        named = {text for text in texts & known if text.startswith("tinygc.") and order.index(text.split(".")[1]) > order.index(rest[0])}
+        if named:
+            above[module] = named
+    assert above == BY_NAME_ABOVE
+
+
 def test_the_bench_side_names_neither_the_estimators_nor_torch():
     """Not even inside a function."""
     for path in (ROOT / "session").rglob("*.py"):

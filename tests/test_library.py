@@ -1,6 +1,7 @@
 """What a notebook calls: sessions of arrays, fit, explain, simulate, load; the same answers as from files and commands."""
 
 import json
+import re
 import runpy
 import subprocess
 import sys
@@ -12,6 +13,8 @@ from conftest import DEG, ROOT
 import calibrate
 import tinygc
 from session.common.errors import CalibrationError, DataError, FitError
+from session.log.config import Protocol
+from tinygc.deploy.calibration import Calibration
 
 HIDDEN = {"gyro.g_sensitivity": {"matrix_dps_per_g": [[0.10, 0.0, 0.0], [0.0, -0.08, 0.0], [0.0, 0.02, 0.06]]}}
 
@@ -167,3 +170,78 @@ def test_the_story_runs(capsys):
     assert known["again"].parameters["E_xx"].value == known["result"].parameters["E_xx"].value
     np.testing.assert_allclose(known["first"], known["omega"][0], atol=1e-12)
     assert "explained" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("choices", "complaint"),
+    [
+        ({"folds": 0}, "folds is 0, expected a whole number of 2 or more"),
+        ({"methods": ()}, r"methods is \(\), expected some of raw"),
+        ({"methods": "resnet"}, r"methods is \('resnet',\), expected some of raw"),
+        ({"integrator": "euler"}, "integrator is 'euler', expected one of exact, first-order"),
+        ({"conditions": ("weather",)}, "expected some of temperature, force"),
+        ({"epochs": 1.5}, "epochs is 1.5, expected a whole number"),
+    ],
+)
+def test_options_that_cannot_be_are_refused_in_one_line(simulated, choices, complaint):
+    with pytest.raises(CalibrationError, match=complaint):
+        tinygc.fit(simulated.session, **choices)
+
+
+def test_one_name_stands_for_a_tuple_of_one():
+    assert tinygc.FitOptions(methods="raw", physics="auto").methods == ("raw",)
+    assert tinygc.FitOptions(physics="auto").physics == ("auto",)
+
+
+def test_a_folder_may_be_text(simulated, tmp_path):
+    folder = simulated.save(tmp_path / "session")
+    assert tinygc.read_session(str(folder)).name == "session"
+    assert [f.what for f in tinygc.check(str(folder))] == [f.what for f in tinygc.check(tinygc.read_session(folder))]
+
+
+@pytest.mark.parametrize(
+    ("settings", "complaint"),
+    [
+        ({"protocol": Protocol(reference="truth")}, 'reference is "truth"; arrays have gravity alone'),
+        ({"closures": [(1, 2)]}, "each of closures is"),
+        ({"name": "../etc"}, "expected one word"),
+        ({"gyro_fs_dps": -5}, "gyro_fs_dps is -5, expected the full scale"),
+    ],
+)
+def test_settings_that_arrays_cannot_have_are_refused(settings, complaint):
+    with pytest.raises(DataError, match=complaint):
+        tinygc.Session.from_arrays([0.0, 0.01, 0.02], np.zeros((3, 3)), np.zeros((3, 3)), **settings)
+
+
+def test_an_explanation_of_arrays_wants_a_folder(tmp_path):
+    why = tinygc.explain(tinygc.simulate(segments=12, closure_s=0.0, seed=4).session)
+    with pytest.raises(CalibrationError, match="has no folder of its own"):
+        why.save(pictures=False)
+    assert (why.save(tmp_path / "new" / "explain", pictures=False) / "explain.json").exists()
+
+
+def test_a_gap_in_what_is_needed_is_no_rate(fitted, simulated):
+    raw = simulated.session.logs[0].samples.gyro[:20].copy()
+    raw[7, 1] = np.nan
+    with pytest.raises(CalibrationError, match=r"raw\[7\] is not finite"):
+        fitted.model(raw)
+    with pytest.raises(CalibrationError, match=r"raw\[0\] is not finite"):
+        fitted.model.live()(raw[7])
+    with pytest.raises(CalibrationError, match="raw is not made of numbers"):
+        fitted.model("abc")
+    with pytest.raises(CalibrationError, match="rate_hz is -5"):
+        Calibration(fitted.model.model, -5)
+
+
+def test_the_blocks_of_the_page_run(tmp_path, monkeypatch):
+    """docs/library.md, the blocks that stand by themselves, in a folder where data/session1 is."""
+    pytest.importorskip("matplotlib")
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "session1").symlink_to(ROOT / "data" / "session1")
+    monkeypatch.chdir(tmp_path)
+    first = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text(encoding="utf-8"), re.S)[0]
+    known: dict = {}
+    exec(first, known)
+    assert (tmp_path / "gyro.json").exists()
+    assert (tmp_path / "why.png").exists()
+    assert known["why"].verdict == "no_mismatch"

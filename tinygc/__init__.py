@@ -7,7 +7,8 @@
     model = tinygc.load("gyro.json")                      # omega = model(raw); live = model.live()
     tinygc.simulate(segments=12, seed=3).session
 
-Conventions (frames, signs, units, shapes) are those of ``session``'s docstring.  The commands of ``calibrate.py`` call just these names.
+Conventions (frames, signs, units, shapes) are those of ``session``'s docstring.  The commands ``fit``, ``explain``, ``check``,
+``simulate`` and ``apply`` of ``calibrate.py`` call these as well.
 Nothing heavy is imported before a name is used; torch only where a network is trained by AdamW.
 """
 
@@ -19,10 +20,10 @@ from typing import TYPE_CHECKING, Any
 from session.common.version import VERSION as __version__
 
 if TYPE_CHECKING:
-    from session.checks.first_look import check_session as check
     from session.common.errors import CalibrationError
     from session.log.folder import Session, read_session
     from tinygc.deploy.calibration import load
+    from tinygc.library.check import check
     from tinygc.library.explain import explain
     from tinygc.library.fit import fit
     from tinygc.library.simulate import simulate
@@ -35,7 +36,7 @@ _HOMES = {
     "FitOptions": ("tinygc.methods.options", "FitOptions"),
     "Session": ("session.log.folder", "Session"),
     "SimulationOptions": ("tinygc.simulation.options", "SimulationOptions"),
-    "check": ("session.checks.first_look", "check_session"),
+    "check": ("tinygc.library.check", "check"),
     "explain": ("tinygc.library.explain", "explain"),
     "fit": ("tinygc.library.fit", "fit"),
     "load": ("tinygc.deploy.calibration", "load"),

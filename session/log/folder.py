@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from session.common.errors import FormatError
+from session.common.errors import CalibrationError, DataError, FormatError
 from session.common.units import DEG
 from session.log.arrays import samples_from_arrays, usual_ranges
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
@@ -63,9 +63,20 @@ class Session:
         Full scales that are not given are the smallest usual ones that hold the data.  accelerometer: its pre-calibration (none); site
         and protocol as in session.toml.  Raises DataError for what no file may hold either.
         """
+        if Path(name).name != name or not name:
+            raise DataError(f"name is {name!r}, expected one word, as of a folder")
+        if protocol is not None and protocol.reference != "gravity":
+            raise DataError(
+                f'{name}: reference is "{protocol.reference}"; arrays have gravity alone, the others come from a session folder'
+            )
+        if not all(len(run) in (3, 4) for run in closures):
+            raise DataError(f"{name}: each of closures is (t_s, gyro_rps, accel_mps2) or (t_s, gyro_rps, accel_mps2, temp_c)")
         logs = [_from_memory(f"{name}.log", t_s, gyro_rps, accel_mps2, temp_c)]
         runs = [_from_memory(f"{name}.closure{number}", *run) for number, run in enumerate(closures, start=1)]
         usual_gyro, usual_accel = usual_ranges(joined([log.samples for log in (*logs, *runs)]))
+        for what, given in (("gyro_fs_dps", gyro_fs_dps), ("accel_fs_g", accel_fs_g)):
+            if given is not None and not 0 < given < float("inf"):
+                raise DataError(f"{name}: {what} is {given!r}, expected the full scale that the sensor was set to")
         sensor = Sensor(model, serial, 1 / logs[0].samples.period_s, gyro_fs_dps or usual_gyro, accel_fs_g or usual_accel)
         config = Config(sensor, accelerometer or Accelerometer(), site or Site(), protocol or Protocol())
         return cls(Path(name), config, tuple(logs), tuple(runs))
@@ -81,6 +92,12 @@ class Session:
     def name(self) -> str:
         """The folder's last name."""
         return self.folder.resolve().name
+
+    def own_folder(self, name: str) -> Path:
+        """Where results of that name go, unless another place is given.  CalibrationError where the session was never a folder."""
+        if any(log.in_memory for log in self.logs):
+            raise CalibrationError(f"{self.name}: made of arrays, it has no folder of its own; give one to save to")
+        return self.folder / name
 
     def calibrated(self, log: Log) -> Samples:
         """A log's samples with the accelerometer's pre-calibration applied."""
@@ -101,8 +118,9 @@ def log_paths(folder: Path, stem: str) -> list[Path]:
     return paths
 
 
-def read_session(folder: Path, progress: Callable[[str], None] = lambda what: None) -> Session:
+def read_session(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> Session:
     """Read a whole session folder.  Raises FormatError or DataError, naming file and line.  ``progress`` is told each file."""
+    folder = Path(folder)
     if not folder.is_dir():
         hint = "that is a file; give the session folder" if folder.exists() else "not found"
         raise FormatError(f"{folder}: {hint}; a session folder holds session.toml and log*.csv")

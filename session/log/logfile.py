@@ -29,6 +29,9 @@ class Log:
     raw: bool = True
     in_memory: bool = False
 
+    def __repr__(self) -> str:
+        return f"<Log {self.path.name}: {len(self.samples)} samples, {self.samples.duration_s:.1f} s>"
+
 
 def read_log(path: Path, sensor: Sensor) -> Log:
     """Read one log file.

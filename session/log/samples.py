@@ -24,6 +24,9 @@ class Samples:
     accel: np.ndarray
     temp_c: np.ndarray | None = None
 
+    def __repr__(self) -> str:
+        return f"<Samples {len(self)}, {self.duration_s:.1f} s>"
+
     def __len__(self) -> int:
         return len(self.t_ns)
 

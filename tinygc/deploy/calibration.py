@@ -20,7 +20,7 @@ from session.files.results import write_whole
 from tinygc import models
 from tinygc.deploy.live import Live
 from tinygc.deploy.needs import Needs
-from tinygc.deploy.stream import Stream
+from tinygc.deploy.stream import Stream, as_numbers, refuse_gaps
 from tinygc.models.model import Model
 
 
@@ -31,6 +31,8 @@ class Calibration:
     def __init__(self, model: Model, rate_hz: float | None = None, table: dict | None = None):
         """rate_hz: the sampling rate, which a model needs whose physics has a time in it; table: of its file, where more stands in it
         than the model itself."""
+        if rate_hz is not None and not (isinstance(rate_hz, int | float) and 0 < rate_hz < float("inf")):
+            raise CalibrationError(f"rate_hz is {rate_hz!r}, expected samples a second")
         self.model, self.rate_hz = model, rate_hz
         self._table, self._needs = table, Needs(model)
         self.effects, self.needs = self._needs.effects, self._needs.told
@@ -45,11 +47,12 @@ class Calibration:
         Nothing is remembered: the same arrays give the same answer.  A single sample (3,) is given to ``live()``.  Raises
         CalibrationError where the model needs what is not given, and for other shapes.
         """
-        rates = np.asarray(raw, dtype=float)
+        rates = as_numbers("raw", raw)
         if rates.shape == (3,):
             raise CalibrationError("raw is one sample (3,); live() takes one after another, and arrays are (N, 3)")
         if rates.ndim != 2 or rates.shape[-1] != 3:
             raise CalibrationError(f"raw has shape {rates.shape}, expected (N, 3), rad/s")
+        refuse_gaps("raw", rates)
         stream = self.stream()
         return np.concatenate([stream.push(rates, acc, temp), stream.flush()])
 
@@ -77,8 +80,10 @@ class Calibration:
 
     def save(self, path: Path | str) -> Path:
         """Write the model file, whole or not at all; returns its path."""
-        write_whole(Path(path), self.to_json())
-        return Path(path)
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, self.to_json())
+        return path
 
 
 def load(path: Path | str, rate_hz: float | None = None) -> Calibration:

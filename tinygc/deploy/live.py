@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from session.common.errors import CalibrationError
 from tinygc.deploy.needs import Needs
-from tinygc.deploy.stream import Stream
+from tinygc.deploy.stream import Stream, as_numbers, refuse_gaps
 from tinygc.models.model import Model
 
 
@@ -20,8 +20,9 @@ class Live:
 
     def __call__(self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
         """Calibrated rate (3,) rad/s of the next sample: raw (3,) rad/s, acc (3,) m/s^2, temp degC; CalibrationError for other shapes."""
-        sample = np.asarray(raw, dtype=float)
+        sample = as_numbers("raw", raw)
         if sample.shape != (3,):
             raise CalibrationError(f"raw has shape {sample.shape}, expected (3,), rad/s: a live stream takes one sample at a time")
-        acc, temp = (None if value is None else np.asarray(value, dtype=float)[None] for value in (acc, temp))
+        refuse_gaps("raw", sample[None])
+        acc, temp = (None if value is None else as_numbers(name, value)[None] for name, value in (("acc", acc), ("temp", temp)))
         return self._stream.push(sample[None], acc, temp)[0]

@@ -68,6 +68,21 @@ class Stream:
         return omega
 
 
+def as_numbers(name: str, values: ArrayLike) -> np.ndarray:
+    """An array of float64; CalibrationError for what is not made of numbers."""
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise CalibrationError(f"{name} is not made of numbers") from None
+
+
+def refuse_gaps(name: str, array: np.ndarray) -> None:
+    """CalibrationError, with the row, where a value is not finite: it would pass for a rate."""
+    if not np.isfinite(array).all():
+        row = int(np.argmin(np.isfinite(array).reshape(len(array), -1).all(axis=1)))
+        raise CalibrationError(f"{name}[{row}] is not finite; give numbers, or leave such rows out")
+
+
 class _Rows:
     """Rows of a log: raw (N, 3), acc (N, 3) and temp (N,), NaN where they are neither given nor needed."""
 
@@ -85,9 +100,11 @@ class _Rows:
         for name, (value, shape, unit) in parts.items():
             if value is None and name in needs:
                 raise CalibrationError(f"the model needs {name} of shape {shape}, {unit}")
-            array = np.full(shape, np.nan) if value is None else np.asarray(value, dtype=float)
+            array = np.full(shape, np.nan) if value is None else as_numbers(name, value)
             if array.shape != shape:
                 raise CalibrationError(f"{name} has shape {array.shape}, expected {shape}, {unit}")
+            if name in needs:
+                refuse_gaps(name, array)
             arrays.append(array)
         return cls(raw, *arrays)
 

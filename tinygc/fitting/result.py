@@ -46,6 +46,9 @@ class FitResult:
     bias_sigma_rps: np.ndarray | None = None
     lost_s: tuple[np.ndarray, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"
+
     @property
     def session(self) -> Session:
         """That was fitted."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from session.common.errors import CalibrationError
 from session.common.version import VERSION
 from session.files.results import write_whole
 from session.files.writing import result_folder
@@ -21,9 +20,7 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
 
     Raises CalibrationError where the session has no folder and none is given, and StorageError for what cannot be written.
     """
-    if folder is None and any(log.in_memory for log in result.session.logs):
-        raise CalibrationError(f"{result.session.name}: made of arrays, it has no folder of its own; give one to save to")
-    folder = folder or result.session.folder / "fit"
+    folder = folder or result.session.own_folder("fit")
     with result_folder(folder):
         for name, table in model_tables(result).items():
             write_whole(folder / f"model_{name}.json", table)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FoundEffect:
     """An effect that is claimed, or a finding without a name: its id and equation; parameters and their std by JSON name, in the units of
     that name; p_value, or None where none is known; equivalent: ids of what could stand in for it; says: one sentence."""
@@ -105,6 +105,7 @@ class Why:
         found = self.explanation
         figure = truth_picture.figure_of(found) if isinstance(found, TruthExplanation) else picture.figure_of(found)
         if path is not None:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
             save_figure(figure, Path(path))
         return figure
 

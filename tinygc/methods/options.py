@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from session.common.errors import CalibrationError
 from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.registry import CHOSEN
 
@@ -13,14 +14,32 @@ if TYPE_CHECKING:
     from tinygc.methods.network.adamw_checkpoint import Checkpoint
 
 
+INTEGRATORS, OPTIMIZERS = ("exact", "first-order"), ("second-order", "adamw")
+LOSSES, VARIANTS, CONDITIONS = ("squared", "distance"), ("paper", "published"), ("temperature", "force")
+
+
 @dataclass(frozen=True)
 class FitOptions:
-    """methods in the order of the report; folds of the held-out closure; seed of the swarm; still_rates as further data;
-    integrator; optimizer, epochs and loss of the network ("distance": the paper's, not squared); earth: whether its rotation is taken
-    off; exclude: numbers of segments to leave out; physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None
-    for none; denoise: of tinygc_denoised; variant of the calibration subnet; parts: segments that its training carries the attitude
-    through; conditions that a further net is told; checkpoints: folder where AdamW leaves what it can go on from, and resume: whether
-    it does; bias_per_log: each log has a bias of its own, and the median is kept."""
+    """What decides a fit's numbers.  CalibrationError for what cannot be; one name may stand for a tuple of one.
+
+    methods: in the order of the report, of ``tinygc.methods.registry.CHOSEN``;
+    folds: of the held-out closure, 2 or more;
+    seed: of the swarm, 0 or more;
+    still_rates: whether the mean rate in each still is data, too;
+    integrator: ``exact``, or the paper's ``first-order``;
+    optimizer: of the nets, ``second-order``, or the paper's ``adamw``;
+    epochs: of adamw;
+    loss: of the net, ``squared``, or the paper's ``distance``, not squared;
+    earth: whether the Earth's rotation is taken off;
+    physics: ids of effects to fit as well, ("auto",) for what `explain` would name, None for none;
+    exclude: numbers of segments to leave out;
+    denoise: options of tinygc_denoised;
+    variant: of the calibration subnet, ``paper`` (27 parameters) or ``published`` (26);
+    parts: segments that the net's training carries the attitude through;
+    conditions: what a further net is told, some of ``temperature``, ``force``;
+    checkpoints: folder where AdamW leaves what it can go on from, and resume: whether it does;
+    bias_per_log: whether each log has a bias of its own, of which the median is kept.
+    """
 
     methods: tuple[str, ...] = CHOSEN
     folds: int = 5
@@ -40,6 +59,22 @@ class FitOptions:
     checkpoints: Path | None = None
     resume: bool = False
     bias_per_log: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("methods", "physics", "conditions"):
+            if isinstance(getattr(self, name), str):
+                object.__setattr__(self, name, (getattr(self, name),))
+        self._require(bool(self.methods) and set(self.methods) <= set(CHOSEN), "methods", f"some of {', '.join(CHOSEN)}")
+        for name, known in (("integrator", INTEGRATORS), ("optimizer", OPTIMIZERS), ("loss", LOSSES), ("variant", VARIANTS)):
+            self._require(getattr(self, name) in known, name, f"one of {', '.join(known)}")
+        self._require(set(self.conditions) <= set(CONDITIONS), "conditions", f"some of {', '.join(CONDITIONS)}")
+        for name, least in (("folds", 2), ("seed", 0), ("epochs", 1), ("parts", 1)):
+            value = getattr(self, name)
+            self._require(isinstance(value, int) and value >= least, name, f"a whole number of {least} or more")
+
+    def _require(self, fine: bool, name: str, expected: str) -> None:
+        if not fine:
+            raise CalibrationError(f"{name} is {getattr(self, name)!r}, expected {expected}")
 
     def checkpoint(self, name: str) -> Checkpoint | None:
         """Of one training, or None."""

@@ -41,6 +41,9 @@ class Problem:
     still_rates: StillRates
     found: SessionStills
 
+    def __repr__(self) -> str:
+        return f"<Problem {self.session.name}: {len(self.stills)} stills, {len(self.used)} of {len(self.segments)} segments used>"
+
     @property
     def earth(self) -> EarthRate:
         """Of the yaw group with the most stills."""

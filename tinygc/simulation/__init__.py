@@ -1,6 +1,6 @@
 """A session that nobody recorded: a hand-turned three-axis table under an ASM330LHH.
 
-``options`` -> ``plan`` (what the hand does, a sum of ``stroke``) -> ``motion`` (exact attitude, rate, force) -> ``sensor``
+``options`` -> ``table_movement`` (what the hand does, a sum of ``stroke``) -> ``motion`` (exact attitude, rate, force) -> ``sensor``
 (errors of one drawn ``unit``, ``noise``, low-pass, registers) -> ``simulate`` (all of it) -> ``write`` (the session folder).
 The rest of the project reads that folder as it reads a recorded one; ``truth.json`` in it is for tests and demonstrations only.
 

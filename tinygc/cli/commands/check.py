@@ -18,10 +18,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The first look at a session."""
-    from session.checks.first_look import check_folder, worst
+    from session.checks.findings import worst
+    from tinygc.library.check import check
     from tinygc.report.fit_text import findings_table
 
-    findings = check_folder(args.folder)
+    findings = check(args.folder)
     output(args).print(findings_table(findings))
     write_json(args.json, {"schema": "tinygc-check/1", "findings": [vars(finding) for finding in findings]})
     if worst(findings) == "error":

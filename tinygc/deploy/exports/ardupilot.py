@@ -32,7 +32,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
         context,
         *cannot_scale(part),
         "corrected = measured - INS_GYROFFS_* - p(T - 35) + p(INS_GYR1_CALTEMP - 35),  p(d) = 1e-6 (GYR1 d + GYR2 d^2 + GYR3 d^3)",
-        "rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.  It calibrates the zero anew at each boot unless",
+        "rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.  It calibrates the offset anew at each boot unless",
         "INS_GYR_CAL is 0.",
     )
     return {"ardupilot.param": head + "".join(f"{name},{np.float32(value):.9g}\n" for name, value in values.items())}

@@ -100,7 +100,7 @@ def _effect(claim: TruthClaim) -> dict:
 
 def save_truth(e: TruthExplanation, folder: Path | None = None, pictures: bool = True) -> Path:
     """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder."""
-    folder = folder or e.problem.session.folder / "explain"
+    folder = folder or e.problem.session.own_folder("explain")
     with result_folder(folder):
         write_whole(folder / "explain.json", truth_to_json(e))
     if pictures:
@@ -178,7 +178,7 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
         off = f"accelerometer off by {triple(force.bias / MG, 0)} mg ± {triple(force.sigma / MG, 0)}"
         rows.append(("", f"{off}; turned as the gyro asks: {triple(force.turned / MG, 0)}"))
     if (rests := e.rests) is not None:
-        zero = f"zero there less in motion {triple(rests.difference / DEG, 3)} dps ± {triple(rests.sigma / DEG, 3)}"
+        zero = f"zero-rate offset there less in motion {triple(rests.difference / DEG, 3)} dps ± {triple(rests.sigma / DEG, 3)}"
         rows.append(("rest", f"{rests.seconds:.0f} s; {zero}"))
         rows.append(("", f"vibration {rests.vibration_g2[0]:.4f} g² there, {rests.vibration_g2[1]:.4f} in motion"))
     return [(of, says if "nan" not in says else f"{says.split(' ')[0]}: not known, too few segments") for of, says in rows]

@@ -53,6 +53,9 @@ class Explanation:
     seen_from: dict[str, float] = field(default_factory=dict)
     within: WithinStills | None = None
 
+    def __repr__(self) -> str:
+        return f"<Explanation {self.session.name}: {self.verdict}>"
+
 
 def explain_session(
     session: Session | Path,

@@ -68,7 +68,7 @@ def to_json(e: Explanation) -> dict:
 
 def save(e: Explanation, folder: Path | None = None, pictures: bool = True) -> Path:
     """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder."""
-    folder = folder or e.session.folder / "explain"
+    folder = folder or e.session.own_folder("explain")
     with result_folder(folder):
         write_whole(folder / "explain.json", to_json(e))
     if pictures:

@@ -12,7 +12,7 @@ from tinygc.effects import Effect, Parameter, catalogue, diagonal
 from tinygc.explanation.pictures.panels import PAIRS, draw_claim
 from tinygc.explanation.pictures.panels.palette import BEFORE, PALE
 from tinygc.explanation.twin.turn_gravity import turn_equations
-from tinygc.explanation.twin.variable import READ, Regime, regime_of
+from tinygc.explanation.twin.variable import READ, Variable, variable_of
 from tinygc.explanation.verdict.explain import explain_session
 
 session = pytest.fixture(make_session, scope="module", name="session")
@@ -94,8 +94,8 @@ def test_the_earth_gathers_in_the_table(explained):
 def test_an_effect_of_a_matrix_is_drawn_along_its_strongest_column():
     effect = catalogue()["gyro.g_sensitivity"]
     matrix = np.array([[0.01, 0.03, 0.0], [0.0, 0.15, 0.02], [0.04, -0.09, 0.0]]) * DEG
-    assert regime_of(effect, matrix.ravel()) == Regime("attitude", 1)
-    assert regime_of(effect, matrix.ravel()).words == "gravity along y"
+    assert variable_of(effect, matrix.ravel()) == Variable("attitude", 1)
+    assert variable_of(effect, matrix.ravel()).words == "gravity along y"
 
 
 def test_a_variable_that_no_movement_holds_is_not_what_the_axis_is_named(explained):
@@ -110,7 +110,7 @@ def test_a_variable_that_no_movement_holds_is_not_what_the_axis_is_named(explain
         splits="",
         regime=("humidity", "%"),
     )
-    found = regime_of(effect, np.ones(3))
+    found = variable_of(effect, np.ones(3))
     assert (found.words, found.units) == ("time", "s")
     twin = explained("nothing")[0].twin
     t_s = found.of_stills(twin)
@@ -122,7 +122,7 @@ def test_a_variable_that_no_movement_holds_is_not_what_the_axis_is_named(explain
 def test_gravity_along_an_axis_is_positive_where_it_points_down(explained):
     twin = explained("nothing")[0].twin
     for axis in range(3):
-        np.testing.assert_allclose(Regime("attitude", axis).of_stills(twin), -twin.force[:, axis] / 9.80665, atol=0.01)
+        np.testing.assert_allclose(Variable("attitude", axis).of_stills(twin), -twin.force[:, axis] / 9.80665, atol=0.01)
     assert READ["attitude"][1] == "g"
 
 

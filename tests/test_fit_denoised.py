@@ -10,7 +10,7 @@ from conftest import ROOT
 import calibrate
 from session.common.units import DEG
 from tinygc import models
-from tinygc.methods.network import adamw_training
+from tinygc.methods.network import adamw_net
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -91,7 +91,7 @@ def test_an_interrupted_fit_repeats_no_training_that_had_ended(tmp_path, monkeyp
     """Ctrl-C in the second of six trainings; resumed, the numbers are those of a fit that was left alone."""
     how = ["--methods", "tinygc", "--optimizer", "adamw", "--epochs", "8", "--folds", "2"]
     alone = fit(ROOT / "data" / "session1", tmp_path / "alone", *how)[1]
-    told, train = [], adamw_training.minimise
+    told, train = [], adamw_net.minimise
 
     def watched(*args, progress, **more):
         def tell(done, of):
@@ -102,7 +102,7 @@ def test_an_interrupted_fit_repeats_no_training_that_had_ended(tmp_path, monkeyp
 
         return train(*args, progress=tell, **more)
 
-    monkeypatch.setattr(adamw_training, "minimise", watched)
+    monkeypatch.setattr(adamw_net, "minimise", watched)
     out = tmp_path / "out"
     out.mkdir()
     assert calibrate.main(["fit", str(ROOT / "data" / "session1"), "--out", str(out), "--quiet", *how]) == 130

@@ -8,7 +8,7 @@ from test_training import MODEL, recording, rms
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.methods.network.adamw_training import train_adamw
+from tinygc.methods.network.adamw_net import train_adamw
 from tinygc.methods.network.training import train_second_order
 from tinygc.models.linear import bias_only
 from tinygc.problem import sequences

@@ -11,7 +11,7 @@ from session.common.units import DEG
 from tinygc import closure
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.still_rates import StillRates
-from tinygc.methods.network.adamw_training import train_adamw
+from tinygc.methods.network.adamw_net import train_adamw
 from tinygc.methods.network.distance_loss import fit_distance, mean_distance, train_distance
 from tinygc.methods.network.training import train_second_order
 from tinygc.models.calibration_net import TIES, CalibrationNet

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.effects import BYGONE, Drawn, Effect, Movement, Parameter, Scan, axis_of, largest, per_axis
+from tinygc.effects import BYGONE, Effect, Movement, Parameter, PictureData, Scan, axis_of, largest, per_axis
 
 RECOVERS_S = 25.0
 MINUTE_S = 60.0
@@ -16,7 +16,7 @@ def _grid(movements) -> np.ndarray:
     return np.arange(2.0, movements[0].duration_s - 2.0, 2.0)
 
 
-def _draw(data: Drawn, left, right) -> None:
+def _draw(data: PictureData, left, right) -> None:
     for axis, name in enumerate("xyz"):
         left.plot(data.stills_s / MINUTE_S, data.before[:, axis] / DEG, "o", label=name)
         right.plot(data.says[:, axis] / DEG, (data.says + data.after)[:, axis] / DEG, "o", label=name)

@@ -41,10 +41,10 @@ def trial(effect: Effect, size: float, seed: int, value: float | None = None) ->
     here = effect
     if effect.scan is not None:
         here = effect.at(middle_value(effect, [movement(104.0)]) if value is None else value)
-    return Trial(here, effect, drawn_theta(effect, size, seed))
+    return Trial(here, effect, random_theta(effect, size, seed))
 
 
-def drawn_theta(effect: Effect, size: float, seed: int) -> np.ndarray:
+def random_theta(effect: Effect, size: float, seed: int) -> np.ndarray:
     """(P,) SI, of a convention's gauge where there is one."""
     rng, gauge = np.random.default_rng(seed), effect.gauge
     theta = size * rng.uniform(0.5, 1.5, effect.parameter.size) * rng.choice((-1.0, 1.0), effect.parameter.size)

@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 from session.common.units import DEG, G
 from session.log.folder import read_session
 from tinygc.effect_checks.report import NotChecked
-from tinygc.effect_checks.scene import drawn_theta, middle_value
+from tinygc.effect_checks.scene import middle_value, random_theta
 from tinygc.effects import AppliedEffect, Effect, Movement
 from tinygc.effects.conditions import vibration
 from tinygc.explanation.mends.mending import mend
@@ -72,7 +72,7 @@ def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | 
     bench = {"latitude_deg": 60.0, "segments": 3 * SEGMENTS} if effect.kind == "earth" else {}
     chosen: dict[str, Any] = {"segments": SEGMENTS, "closure_s": 0.0, "odr_hz": ODR_HZ, "seed": seed, "warm_up_c": 1.5} | warm | bench
     options = SimulationOptions(**chosen)
-    plan, theta = plan_of(options), drawn_theta(effect, size, seed)
+    plan, theta = plan_of(options), random_theta(effect, size, seed)
     clean = _Scene(effect, plan, options)
     if effect.scan is not None:
         value = middle_value(effect, [clean.whole()]) if value is None else value

@@ -19,7 +19,7 @@ from tinygc.effects.gauge import CommonDelay, Convention
 from tinygc.effects.movement import Movement
 from tinygc.effects.occurrence import Occurrence
 from tinygc.effects.parameter import Derived, Parameter, Scan
-from tinygc.effects.picture import Drawn
+from tinygc.effects.picture import PictureData
 from tinygc.effects.reach import NEIGHBOURS, Reach
 
 __all__ = [
@@ -32,7 +32,6 @@ __all__ = [
     "Convention",
     "Cost",
     "Derived",
-    "Drawn",
     "Effect",
     "EffectError",
     "MatrixC",
@@ -41,6 +40,7 @@ __all__ = [
     "Occurrence",
     "Parameter",
     "PerAxisC",
+    "PictureData",
     "Reach",
     "Scan",
     "StageC",

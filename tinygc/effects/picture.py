@@ -17,7 +17,7 @@ PAIRS = (STILLS, TURNS, CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES, CREEPING_STI
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class PictureData:
     """What an effect's own picture is handed, of Q stills and S segments of one explained recording; SI, in the sensor's axes.
 
     theta (P,); parameters and std as in the JSON; variable, unit: what the effect's regime names, in people's units, its mean in each
@@ -45,4 +45,4 @@ class Drawn:
 
 
 #: (data, left axes, right axes) -> None, axes of matplotlib
-OwnPicture = Callable[[Drawn, Any, Any], None]
+OwnPicture = Callable[[PictureData, Any, Any], None]

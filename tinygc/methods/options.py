@@ -22,7 +22,7 @@ LOSSES, VARIANTS, CONDITIONS = ("squared", "distance"), ("paper", "published"), 
 class FitOptions:
     """What decides a fit's numbers.  CalibrationError for what cannot be; one name may stand for a tuple of one.
 
-    methods: in the order of the report, of ``tinygc.methods.registry.CHOSEN``;
+    methods: in the order of the report, those that ``tinygc/methods/registry.py`` lets a person choose;
     folds: of the held-out closure, 2 or more;
     seed: of the swarm, 0 or more;
     still_rates: whether the mean rate in each still is data, too;

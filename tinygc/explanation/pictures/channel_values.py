@@ -7,7 +7,7 @@ import numpy as np
 from session.common.units import DEG
 from tinygc.attitude import rotation
 from tinygc.closure.residual import closure_angles
-from tinygc.explanation.twin.variable import Regime, regime_of
+from tinygc.explanation.twin.variable import Variable, variable_of
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.readable import theta_of
@@ -23,9 +23,9 @@ def theta(e: Explanation, claim: Claim) -> np.ndarray:
     return theta_of(claim.effect, claim.parameters, e.naming.fit.state)
 
 
-def regime(e: Explanation, claim: Claim | None) -> Regime:
+def variable_for(e: Explanation, claim: Claim | None) -> Variable:
     """The variable that a claim is drawn against; time where there is none."""
-    return regime_of(None) if claim is None else regime_of(claim.effect, theta(e, claim))
+    return variable_of(None) if claim is None else variable_of(claim.effect, theta(e, claim))
 
 
 def rates_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:

@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.effects import Drawn, EffectError
-from tinygc.explanation.pictures.channel_values import added_in_stills, added_to_closure, left_in_stills, rates_per_still, regime, theta
-from tinygc.explanation.twin.variable import Regime
+from tinygc.effects import EffectError, PictureData
+from tinygc.explanation.pictures.channel_values import (
+    added_in_stills,
+    added_to_closure,
+    left_in_stills,
+    rates_per_still,
+    theta,
+    variable_for,
+)
+from tinygc.explanation.twin.variable import Variable
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
@@ -17,11 +24,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def drawn(e: Explanation, claim: Claim) -> Drawn:
+def picture_data(e: Explanation, claim: Claim) -> PictureData:
     """What there is to draw of a claim that adds to the rates."""
-    variable, (before, _) = regime(e, claim), rates_per_still(e)
+    variable, (before, _) = variable_for(e, claim), rates_per_still(e)
     closure_says, closure_recorded = added_to_closure(e, claim)
-    return Drawn(
+    return PictureData(
         theta=theta(e, claim),
         parameters=claim.parameters,
         std=claim.std,
@@ -29,7 +36,7 @@ def drawn(e: Explanation, claim: Claim) -> Drawn:
         unit=variable.units,
         of_stills=variable.of_stills(e.twin),
         of_segments=variable.of_segments(e.twin),
-        stills_s=Regime("time").of_stills(e.twin),
+        stills_s=Variable("time").of_stills(e.twin),
         before=before * DEG,
         after=left_in_stills(e, claim) * DEG,
         says=added_in_stills(e, claim) * DEG,
@@ -45,7 +52,7 @@ def draw_own(e: Explanation, claim: Claim, left: Axes, right: Axes) -> None:
     own = claim.effect.pair
     assert callable(own)
     try:
-        own(drawn(e, claim), left, right)
+        own(picture_data(e, claim), left, right)
     except Exception as error:
         what = " ".join(str(error).split())
         raise EffectError(

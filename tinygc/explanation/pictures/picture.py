@@ -13,10 +13,10 @@ from tinygc.explanation.pictures.channel_values import lengths_per_still, rates_
 from tinygc.explanation.pictures.panels import draw_claim
 from tinygc.explanation.pictures.panels.palette import AFTER, AXES, BEFORE, FLOOR
 from tinygc.explanation.twin.channels import own_residuals
-from tinygc.explanation.twin.variable import Regime
+from tinygc.explanation.twin.variable import Variable
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.proof import tilt_rms
-from tinygc.explanation.verdict.words import VERDICTS
+from tinygc.explanation.verdict.titles import VERDICTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,7 +67,7 @@ def _closure(e: Explanation, axes: Axes) -> None:
 def _stills_in_time(e: Explanation, axes: Axes) -> None:
     """Rate in each still over the session: where drifts and steps show."""
     before, after = rates_per_still(e)
-    t_s, refitted = Regime("time").of_stills(e.twin), bool(e.naming.fit.state.claims)
+    t_s, refitted = Variable("time").of_stills(e.twin), bool(e.naming.fit.state.claims)
     for i, axis in enumerate("xyz"):
         if refitted:
             axes.plot(t_s, before[:, i] * 1e3, "-", color=AXES[axis], lw=0.8, alpha=0.6)
@@ -81,7 +81,7 @@ def _stills_in_time(e: Explanation, axes: Axes) -> None:
 def _lengths_in_time(e: Explanation, axes: Axes) -> None:
     """Length of gravity in each still."""
     _, left = lengths_per_still(e)
-    axes.plot(Regime("time").of_stills(e.twin), left / MG, "o", mfc="none", color=AFTER, ms=4)
+    axes.plot(Variable("time").of_stills(e.twin), left / MG, "o", mfc="none", color=AFTER, ms=4)
     axes.axhline(0, color=FLOOR, lw=0.8)
     axes.set(xlabel="time (s)", ylabel="beyond one value (mg)", title="Length of gravity in the stills over time")
 

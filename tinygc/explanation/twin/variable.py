@@ -27,7 +27,7 @@ READ: dict[str, tuple[Callable[[Movement], np.ndarray], str]] = {
 
 
 @dataclass(frozen=True)
-class Regime:
+class Variable:
     """A variable of ``READ``; axis 0 to 2 where it is one component of a vector, None for a scalar or the greatest component."""
 
     variable: str
@@ -63,18 +63,18 @@ class Regime:
         return np.array([values[segment.log][segment.start : segment.stop].max() for segment in twin.segments])
 
 
-def regime_of(effect: Effect | None, theta: np.ndarray | None = None) -> Regime:
+def variable_of(effect: Effect | None, theta: np.ndarray | None = None) -> Variable:
     """Of an effect with parameters theta (P,): along the axis of the strongest column of a matrix, of the strongest entry of a vector.
 
     An effect that names a variable that a movement does not hold is drawn over time, and so is no effect.
     """
     variable = effect.regime[0] if effect is not None and effect.regime else "time"
     if variable not in READ:
-        return Regime("time")
+        return Variable("time")
     if theta is not None and np.size(theta) == 9 and variable in ("attitude", "rate", "angular acceleration"):
-        return Regime(variable, int(np.argmax(np.linalg.norm(np.reshape(theta, (3, 3)), axis=0))))
+        return Variable(variable, int(np.argmax(np.linalg.norm(np.reshape(theta, (3, 3)), axis=0))))
     if variable != "attitude":
-        return Regime(variable)
+        return Variable(variable)
     if effect is None or theta is None or np.size(theta) != 3 or effect.kind == "earth":
-        return Regime(variable, Z)
-    return Regime(variable, int(np.argmax(np.abs(theta))))
+        return Variable(variable, Z)
+    return Variable(variable, int(np.argmax(np.abs(theta))))

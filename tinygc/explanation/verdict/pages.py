@@ -13,14 +13,14 @@ from session.common.units import DEG, MG
 from tinygc.effects.occurrence import STILLS
 from tinygc.explanation.naming.seen_from import in_words
 from tinygc.explanation.twin.channels import own_residuals
-from tinygc.explanation.twin.variable import Regime
+from tinygc.explanation.twin.variable import Variable
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.measured import measured, p_words
 from tinygc.explanation.verdict.next_step import what_next
 from tinygc.explanation.verdict.proof import tilt_rms
+from tinygc.explanation.verdict.titles import CHANNELS, VERDICTS
 from tinygc.explanation.verdict.where import where
-from tinygc.explanation.verdict.words import CHANNELS, VERDICTS
 
 MOST_SAID = 6
 
@@ -128,18 +128,18 @@ def _where(e: Explanation) -> list[Text]:
     words = [f"lives in: {', '.join(place['phases'])}"]
     if place["axes"]:
         words.append(f"axes {', '.join(place['axes'])}")
-    words += [text for text in (regime_words(place["regime"]), seconds_words(place["seconds"])) if text]
+    words += [text for text in (variable_words(place["regime"]), seconds_words(place["seconds"])) if text]
     if place["segments"]:
         worst = zip(place["segments"][:MOST_SAID], place["segment_seconds"], strict=False)
         words.append("worst segments " + ", ".join(f"{number} ({start:.0f}–{stop:.0f} s)" for number, (start, stop) in worst))
     return [Text("; ".join(words))]
 
 
-def regime_words(regime: dict | None) -> str:
+def variable_words(regime: dict | None) -> str:
     """``gravity along x −0.98 to 1 g``; nothing where there is none, or where it is time, which the seconds say."""
     if regime is None or regime["variable"] == "time":
         return ""
-    words = Regime(regime["variable"], "xyz".index(regime["axis"]) if "axis" in regime else None).words
+    words = Variable(regime["variable"], "xyz".index(regime["axis"]) if "axis" in regime else None).words
     return f"{words} {regime['from']:.3g} to {regime['to']:.3g} {regime['units']}".replace("-", "−")
 
 

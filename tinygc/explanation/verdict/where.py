@@ -9,7 +9,7 @@ import numpy as np
 from session.common.units import DEG
 from tinygc.effects.occurrence import LEVEL
 from tinygc.explanation.twin.channels import own_residuals
-from tinygc.explanation.twin.variable import Regime, regime_of
+from tinygc.explanation.twin.variable import Variable, variable_of
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.events import clipped_readings, moments_s
 from tinygc.explanation.verdict.explain import Explanation
@@ -95,7 +95,7 @@ def _seconds(e: Explanation, claim: Claim | None, spans: list[list[float]]) -> l
 
 def _range(e: Explanation, claim: Claim) -> dict | None:
     """The range of the strongest effect's variable: where it is at least half its greatest, or at its moments."""
-    regime = regime_of(claim.effect, _theta(e, claim))
+    regime = variable_of(claim.effect, _theta(e, claim))
     values = _values(e, claim, regime)
     if not len(values) or not np.isfinite(values).all():
         return None
@@ -103,7 +103,7 @@ def _range(e: Explanation, claim: Claim) -> dict | None:
     return {"variable": regime.variable, "units": regime.units, "from": float(values.min()), "to": float(values.max()), **axis}
 
 
-def _values(e: Explanation, claim: Claim, regime: Regime) -> np.ndarray:
+def _values(e: Explanation, claim: Claim, regime: Variable) -> np.ndarray:
     if claim.effect.occurs is not None and claim.effect.occurs.counts == LEVEL:
         return clipped_readings(e, claim).magnitude / DEG
     if regime.variable == "time" and (times := moments_s(e, claim)) is not None:

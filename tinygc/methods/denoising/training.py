@@ -40,7 +40,7 @@ def train_denoiser(
     if not 0 <= options.delay <= REACH:
         raise FitError(f"a delay of {options.delay} samples is not within the denoiser's reach of {REACH}")
     if options.optimizer == "adamw" or options.slope != 1:
-        from tinygc.methods.denoising.adamw_training import train_adamw
+        from tinygc.methods.denoising.adamw_denoiser import train_adamw
 
         return train_adamw(material, calibration, options, progress, checkpoint)
     return train_second_order(material, calibration, options, progress)

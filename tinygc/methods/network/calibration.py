@@ -36,7 +36,7 @@ def _fit(seen: Seen) -> tuple[CalibrationNet | PublishedNet, dict]:
 
 
 def _by_adamw(seen: Seen, how: dict[str, Any]) -> Training:
-    from tinygc.methods.network.adamw_training import train_adamw
+    from tinygc.methods.network.adamw_net import train_adamw
 
     options, checkpoint = seen.options, seen.options.checkpoint(f"tinygc_{seen.label}")
     how |= {"epochs": options.epochs, "loss": options.loss, "checkpoint": checkpoint, "progress": seen.progress}

@@ -5,7 +5,7 @@ costs about one epoch.  It leads from the identity to the linear solution, and f
 along a path of weaker and weaker ties to it; on that path the step whose predicted error is least (leave one segment out) is kept, so
 that 27 parameters do not fit the noise that 12 leave alone.
 
-First order: the paper's AdamW at 0.01 in PyTorch (``adamw_training.py``), differentiating through the tree product.  Only that imports
+First order: the paper's AdamW at 0.01 in PyTorch (``adamw_net.py``), differentiating through the tree product.  Only that imports
 torch, which takes seconds; the second order needs no autograd.
 """
 

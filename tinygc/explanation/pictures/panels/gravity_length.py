@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.common.units import MG
-from tinygc.explanation.pictures.channel_values import lengths_per_still, regime, theta
+from tinygc.explanation.pictures.channel_values import lengths_per_still, theta, variable_for
 from tinygc.explanation.pictures.panels.palette import AFTER, BEFORE, FLOOR
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Gravity has one length, whatever the attitude."""
-    variable, (before, after) = regime(e, claim), lengths_per_still(e)
+    variable, (before, after) = variable_for(e, claim), lengths_per_still(e)
     x = variable.of_stills(e.twin)
     axes.plot(x, before / MG, "o", color=BEFORE, label=f"before, {np.std(before) / MG:.2f} mg rms")
     axes.plot(x, after / MG, "o", mfc="none", color=AFTER, label=f"after, {np.std(after) / MG:.2f} mg")

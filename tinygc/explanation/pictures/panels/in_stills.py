@@ -6,9 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tinygc.explanation.pictures.channel_values import added_in_stills, left_in_stills, rates_per_still, recorded_in_stills, regime, theta
+from tinygc.explanation.pictures.channel_values import (
+    added_in_stills,
+    left_in_stills,
+    rates_per_still,
+    recorded_in_stills,
+    theta,
+    variable_for,
+)
 from tinygc.explanation.pictures.panels.palette import AXES, FLOOR
-from tinygc.explanation.twin.variable import Regime
+from tinygc.explanation.twin.variable import Variable
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
@@ -19,10 +26,10 @@ if TYPE_CHECKING:
 def along(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Filled before, rings after; where each axis follows gravity along itself, that is what it is drawn against."""
     (before, _), after = rates_per_still(e), left_in_stills(e, claim)
-    variable = regime(e, claim)
+    variable = variable_for(e, claim)
     own = variable.variable == "attitude" and theta(e, claim).size == 3 and claim.effect.kind == "rate"
     for i, axis in enumerate("xyz"):
-        x = (Regime("attitude", i) if own else variable).of_stills(e.twin)
+        x = (Variable("attitude", i) if own else variable).of_stills(e.twin)
         axes.plot(x, before[:, i] * 1e3, "o", color=AXES[axis], label=f"{axis} before")
         axes.plot(x, after[:, i] * 1e3, "o", mfc="none", color=AXES[axis], label=f"{axis} after")
     axes.axhline(0, color=FLOOR, lw=0.8)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.explanation.pictures.channel_values import added_to_closure, closure_by_segment, regime
+from tinygc.explanation.pictures.channel_values import added_to_closure, closure_by_segment, variable_for
 from tinygc.explanation.pictures.panels.palette import AFTER, AXES, BEFORE, FLOOR
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def along(e: Explanation, claim: Claim, axes: Axes) -> None:
     """Closure before and after, along the greatest that the variable reaches in the segment."""
-    variable = regime(e, claim)
+    variable = variable_for(e, claim)
     x, numbers = variable.of_segments(e.twin), [segment.number for segment in e.twin.segments]
     for name, colour, fill, closure in zip(("before", "after"), (BEFORE, AFTER), (BEFORE, "none"), closure_by_segment(e), strict=True):
         axes.semilogy(x, [closure.get(number, np.nan) for number in numbers], "o", color=colour, mfc=fill, label=name)

@@ -5,12 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.explanation.pictures.channel_values import added_in_stills, left_in_stills, rates_per_still, recorded_in_stills, regime, told
+from tinygc.explanation.pictures.channel_values import (
+    added_in_stills,
+    left_in_stills,
+    rates_per_still,
+    recorded_in_stills,
+    told,
+    variable_for,
+)
 from tinygc.explanation.verdict.explain import Claim, Explanation
 from tinygc.explanation.verdict.next_step import what_next
-from tinygc.explanation.verdict.pages import parameter_lines, regime_words, seconds_words
+from tinygc.explanation.verdict.pages import parameter_lines, seconds_words, variable_words
+from tinygc.explanation.verdict.titles import CHANNELS, VERDICTS
 from tinygc.explanation.verdict.where import where
-from tinygc.explanation.verdict.words import CHANNELS, VERDICTS
 from tinygc.report.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, code, escape, figure, key, paragraph, table
@@ -60,7 +67,7 @@ def _place(e: Explanation) -> str:
     words = [f"It lives in: {', '.join(place['phases'])}"]
     if place["axes"]:
         words.append(f"on {', '.join(place['axes'])}")
-    words += [text for text in (regime_words(place["regime"]), seconds_words(place["seconds"])) if text]
+    words += [text for text in (variable_words(place["regime"]), seconds_words(place["seconds"])) if text]
     if place["segments"]:
         words.append(f"worst in segments {', '.join(map(str, place['segments'][:6]))}")
     return paragraph(escape("; ".join(words)) + ".")
@@ -116,7 +123,7 @@ def _before_after_keys(named: bool) -> list[str]:
 
 
 def _stills_along(e: Explanation, claim: Claim | None, width: int) -> str:
-    variable = regime(e, claim)
+    variable = variable_for(e, claim)
     x = variable.of_stills(e.twin)
     before, after = rates_per_still(e)
     before, after = 1e3 * before, 1e3 * (after if claim is None else left_in_stills(e, claim))
@@ -137,7 +144,7 @@ def _stills_along(e: Explanation, claim: Claim | None, width: int) -> str:
 
 
 def _closure_along(e: Explanation, claim: Claim, width: int) -> str:
-    variable = regime(e, claim)
+    variable = variable_for(e, claim)
     x = variable.of_segments(e.twin)
     at = {number: angles for number, angles in zip(e.proof.before_numbers, e.proof.before, strict=True)}
     before = np.array([np.linalg.norm(at[s.number][:2]) if s.number in at else np.nan for s in e.twin.segments]) / DEG

@@ -45,6 +45,8 @@ PLATEAU_EXCESS = 10.0
 OUTLIER_SIGMAS = 10.0
 #: and lie within 18 degrees of it
 VERTICAL = 3.0
+#: found by a detector, which gives the chance of its bar and no smaller one
+FROM_THE_BAR = frozenset({"gyro.saturation", "data.glitches", "reference.not_still"})
 
 
 @dataclass(frozen=True, eq=False)

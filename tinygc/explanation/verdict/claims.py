@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from tinygc.effects import Effect, catalogue
-from tinygc.explanation.mends.mending import Mended
+from tinygc.explanation.mends.mending import FROM_THE_BAR, Mended
 from tinygc.explanation.naming.forward import Naming
 from tinygc.explanation.twin.turn_gravity import TurnGravity
 from tinygc.explanation.verdict.readable import readable
@@ -18,7 +18,8 @@ from tinygc.explanation.verdict.readable import readable
 class Claim:
     """One effect that is claimed: parameters and their std in people's units, p-value, what could stand in for it.
 
-    gain: chi-square that it took up; share: of what was beyond noise in all channels, None for what was mended before the fit.
+    gain: chi-square that it took up; share: of what was beyond noise in all channels, None for what was mended before the fit;
+    p_is_bound: the p-value is that of a detector's bar, and what was found beyond it is less probable still.
     """
 
     effect: Effect
@@ -29,6 +30,7 @@ class Claim:
     equivalent: tuple[str, ...]
     says: str
     share: float | None = None
+    p_is_bound: bool = False
 
 
 def mended_claims(mended: Mended) -> list[Claim]:
@@ -38,7 +40,7 @@ def mended_claims(mended: Mended) -> list[Claim]:
         effect = catalogue()[name]
         value = parameters[effect.parameter.name]
         theta = np.array([len(value) if isinstance(value, list) else value * effect.parameter.si], dtype=float)
-        claims.append(Claim(effect, parameters, std, mended.p_value[name], np.inf, (), effect.says(theta)))
+        claims.append(Claim(effect, parameters, std, mended.p_value[name], np.inf, (), effect.says(theta), p_is_bound=name in FROM_THE_BAR))
     return claims
 
 

@@ -21,11 +21,12 @@ def measured(value: float, std: float | None = None) -> str:
     return f"{value:.{decimals}f} ± {std:.{decimals}f}"
 
 
-def p_entry(name: str, p_value: float) -> dict:
-    """A p-value for JSON: itself under its name, or ``SMALLEST_P`` with ``<name>_is_upper_bound``, for readers that take logarithms."""
-    return {name: p_value} if p_value >= SMALLEST_P else {name: SMALLEST_P, f"{name}_is_upper_bound": True}
+def p_entry(name: str, p_value: float, bound: bool = False) -> dict:
+    """A p-value for JSON, with ``<name>_is_upper_bound`` where it is no more than that: smaller than any number, for readers that take
+    logarithms, or taken from the bar of a detector."""
+    return {name: max(p_value, SMALLEST_P), **({f"{name}_is_upper_bound": True} if bound or p_value < SMALLEST_P else {})}
 
 
-def p_words(p_value: float) -> str:
-    """``= 0.012``, or ``< 1e-99``."""
-    return f"= {p_value:.2g}" if p_value > 1e-99 else "< 1e-99"
+def p_words(p_value: float, bound: bool = False) -> str:
+    """``= 0.012``, ``< 0.012`` for a bound, or ``< 1e-99``."""
+    return f"{'<' if bound else '='} {p_value:.2g}" if p_value > 1e-99 else "< 1e-99"

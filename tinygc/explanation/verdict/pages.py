@@ -32,7 +32,9 @@ def explanation_page(e: Explanation) -> Group:
     # The first look's own suspicions stand before what has no name: they are the likelier cause.
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
     for claim in e.claimed:
-        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value)}"))
+        parts.append(
+            Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value, claim.p_is_bound)}")
+        )
         parts.append(Text(f"  {claim.says}"))
         parts += [Text(f"  {line}") for line in parameter_lines(claim)]
         if claim.equivalent:

@@ -84,7 +84,7 @@ def _effect(claim: Claim) -> dict:
         "equation": claim.effect.equation,
         "parameters": claim.parameters,
         "std": claim.std,
-        **p_entry("p_value", claim.p_value),
+        **p_entry("p_value", claim.p_value, claim.p_is_bound),
         "equivalent": list(claim.equivalent),
         "says": claim.says,
     }

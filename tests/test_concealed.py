@@ -54,6 +54,7 @@ def test_closure_comes_down_to_its_floor(results, case):
     assert held["after"] < 1.6 * held["floor"]
 
 
+@pytest.mark.slow
 def test_thermal_bias_is_right(results, truth):
     for case in ("case011", "case028"):
         (effect,) = [effect for effect in results(case)["effects"] if effect["id"] == "gyro.thermal_bias"]
@@ -61,6 +62,7 @@ def test_thermal_bias_is_right(results, truth):
         assert (np.abs(value - truth[case]["effects"]["gyro.thermal_bias"]["dps_per_c"]) < 3 * std).all()
 
 
+@pytest.mark.slow
 def test_false_readings_are_found_row_by_row(results, truth):
     (effect,) = results("case020")["effects"]
     true = truth["case020"]["effects"]["data.glitches"]

@@ -86,6 +86,7 @@ def test_a_picture_that_fails_says_so():
     assert "its picture cannot be drawn: ValueError: no paint" in quick(replace(DRIFT, picture=draw), "picture")
 
 
+@pytest.mark.slow
 def test_a_picture_without_labels_or_with_an_empty_panel_fails():
     def one_panel(data, left, right):
         left.plot(data.stills_s, data.before)

@@ -68,6 +68,7 @@ def test_a_steps_time_is_found_within_the_still_or_turn_it_is_in(explained):
     assert effect_of(result, "gyro.bias_step")["parameters"]["at_s"] == pytest.approx(60, abs=2)
 
 
+@pytest.mark.slow
 def test_a_crept_accelerometer_is_named(session, explained):
     _, result = explained("accelerometer")
     assert named(result) == ["reference.accelerometer"]
@@ -157,6 +158,7 @@ def test_false_readings_are_named_with_their_rows_and_mended(explained):
 # Two, and none of the catalogue
 
 
+@pytest.mark.slow
 def test_two_effects_are_both_named(explained):
     _, result = explained("both")
     assert named(result) == ["gyro.g_sensitivity", "gyro.scale_asymmetry"]

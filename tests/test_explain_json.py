@@ -29,9 +29,11 @@ MORE = {"findings", "logs", "warnings", "seen_from", "within_stills", "channels"
 #: beside a p-value that underflows
 BOUND = {"p_value_is_upper_bound"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]
+QUICK = ("nothing", "thermal_bias")
+EACH = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in EVERY]
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", EACH)
 def test_the_json_is_as_formats_has_it(explained, name):
     explanation, result = explained(name)
     assert set(result) == {*KEYS, *MORE}
@@ -72,12 +74,13 @@ def test_the_json_is_as_formats_has_it(explained, name):
     assert all(value > 0 for value in held.values())
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", EACH)
 def test_the_json_goes_through_a_file_unchanged(explained, name):
     _, result = explained(name)
     assert json.loads(json.dumps(result, allow_nan=False)) == result
 
 
+@pytest.mark.slow
 def test_verdict_and_effects_agree(explained):
     for name in EVERY:
         _, result = explained(name)

@@ -37,6 +37,7 @@ def test_every_effect_that_is_no_rate_names_its_panels():
     assert all(effect.picture in PAIRS for effect in catalogue().values() if effect.kind != "rate")
 
 
+@pytest.mark.slow
 def test_a_clipped_turn_shows_the_readings_at_the_level(explained):
     explanation, _ = explained("saturation")
     axes = drawn(explanation, 0)

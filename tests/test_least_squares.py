@@ -179,6 +179,7 @@ def test_uncertainties_are_true(many_fits):
     np.testing.assert_allclose(np.mean(errors, axis=0), 0, atol=4 / np.sqrt(len(errors)))
 
 
+@pytest.mark.slow
 def test_goodness_is_uniform_where_nothing_is_wrong(many_fits):
     """The mean chi-square is the degrees of freedom; p below 5 % in 5 % of the fits."""
     _, found = many_fits

@@ -88,6 +88,7 @@ def test_every_command_says_its_help(name):
     assert "usage:" in done.stdout, done.stderr
 
 
+@pytest.mark.slow
 def test_a_session_is_simulated_checked_fitted_replayed_and_applied(tmp_path):
     folder = tmp_path / "s"
     made = calibrate("simulate", "--out", folder, "--segments", "10", "--closure", "20", "--odr-hz", "104", "--quiet")

@@ -26,6 +26,7 @@ def test_a_zero_with_a_turning_point_in_temperature_is_given_no_name(tmp_path):
     assert [finding.effect.id for finding in result.findings] == ["unknown.curve_over_temperature"]
 
 
+@pytest.mark.slow
 def test_a_straight_line_in_temperature_keeps_its_name(tmp_path):
     result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer(temp - MIDDLE_C, 2 * CURVE))
     assert [claim.effect.id for claim in result.claimed] == ["gyro.thermal_bias"]

@@ -45,6 +45,7 @@ def test_the_script_checks_types_the_reference_and_all_tests():
     assert any(line.endswith("python -m pytest") for line in commands())
     assert SETTINGS["tool"]["mypy"]["files"] == ["tinygc", "session", "calibrate.py"]
     assert SETTINGS["tool"]["mypy"]["disallow_untyped_defs"] is True
+    assert "ignore_errors" not in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert all((ROOT / package / "py.typed").exists() for package in ("tinygc", "session"))
 
 

@@ -179,8 +179,9 @@ def test_registers_through_columns_stay_registers(tmp_path):
 def test_no_stamps_at_all_asks_for_the_rate(tmp_path):
     text = "wx,wy,wz,ax,ay,az\n" + rows(*triads("dps", "g"))
     columns = "gx_dps=wx,gy_dps=wy,gz_dps=wz,ax_g=ax,ay_g=ay,az_g=az"
-    with pytest.raises(FormatError, match="--odr"):
-        make(tmp_path, text, columns=columns)
+    for unit in (None, "us"):  # a unit of stamps that are not there stamps nothing
+        with pytest.raises(FormatError, match="--odr"):
+            make(tmp_path, text, columns=columns, time_unit=unit)
     samples = read_session(make(tmp_path, text, columns=columns, odr_hz=104.0).folder).logs[0].samples
     assert np.abs(samples.t_ns - np.arange(len(samples)) * 1e9 / 104).max() <= 500
 

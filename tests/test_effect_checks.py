@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from session.common.errors import CalibrationError
 from tinygc.challenge.conceal import Case, conceal
+from tinygc.deploy.calibration import Calibration
+from tinygc.effect_checks import live
 from tinygc.effects import Cost, EffectError, Parameter, StageC, catalogue, diagonal
 from tinygc.effects.testing import check
 from tinygc.explanation.verdict.explain import explain_session
@@ -170,7 +173,32 @@ def test_looking_ahead_without_a_word_fails():
     declared = replace(ASYMMETRY, columns=ahead, device=DRIFT.device, reach=catalogue()["gyro.bandwidth"].reach)
     (part,) = check(declared, parts=("live",)).parts
     assert part.result == "passed"
-    assert part.says.startswith("refused live, since it looks ahead: ")
+    assert part.says.startswith(f"refused live, since it looks ahead: {ASYMMETRY.id} is undone from what comes after a sample")
+
+
+class Elsewhere(Calibration):
+    """Refuses for another reason than that it looks ahead."""
+
+    def live(self):
+        raise CalibrationError("no memory left")
+
+
+class Careless(Calibration):
+    def live(self):
+        return None
+
+
+@pytest.mark.parametrize(
+    ("name", "how", "says"),
+    [
+        ("gyro.bandwidth", Elsewhere, "the refusal to go live is not one line that names gyro.bandwidth: no memory left"),
+        ("gyro.bandwidth", Careless, "it looks ahead, and yet goes live"),
+        ("gyro.scale_asymmetry", Elsewhere, "cannot go live: no memory left"),
+    ],
+)
+def test_only_looking_ahead_is_a_reason_to_refuse(name, how, says, monkeypatch):
+    monkeypatch.setattr(live, "Calibration", how)
+    assert quick(catalogue()[name], "live") == says
 
 
 REMEMBERS = replace(
@@ -228,6 +256,22 @@ def test_what_is_no_effect_or_no_part_is_refused():
         check(3)
     with pytest.raises(EffectError, match="'colums' is no part of a check; choose among columns, undo"):
         check(DRIFT, parts=("colums",))
+
+
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [
+        ({"size": 0.0}, "size is 0.0, expected more than 0"),
+        ({"size": -1e-3}, "size is -0.001, expected more than 0"),
+        ({"size": float("nan")}, "size is nan, expected more than 0"),
+        ({"size": float("inf")}, "size is inf, expected more than 0"),
+        ({"seeds": 0}, "seeds is 0, expected 1 or more"),
+    ],
+)
+def test_a_size_or_a_number_of_sessions_that_cannot_be_is_refused(how, says):
+    with pytest.raises(EffectError, match=says) as caught:
+        check(DRIFT, parts=("units",), **how)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_report_is_read_by_name_and_printed_by_lines():

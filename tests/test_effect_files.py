@@ -123,6 +123,12 @@ def test_a_folder_that_is_none_or_empty_is_said(tmp_path, run, simulated):
     assert "no effect in it" in err
 
 
+def test_a_file_in_the_place_of_its_folder_is_said(effects, run, simulated):
+    file = effects / "mine.py"
+    file.write_text(HEAD + MADE_UP)
+    assert run("fit", simulated(), "--effects", file) == (2, "", f"calibrate: {file}: that is a file; give its folder, {effects}\n")
+
+
 def test_no_python_in_a_session_folder_is_run(folder, tmp_path, run):
     """Nor beside a model."""
     ran = tmp_path / "ran"

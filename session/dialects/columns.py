@@ -10,19 +10,22 @@ EXPECTED = (
     "expected t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME; NAME is the header's, or the column's number from 1, with - for a wrong sign"
 )
 KEY = re.compile(r"(t|g[xyz]|a[xyz]|temp)(?:_(\S+))?")
+#: one column of a log: its position, its unit as text, its sign
+Column = tuple[int, str, int]
 #: None: any run of white space
 DELIMITERS = (",", ";", "\t", None)
 NEEDED = tuple(f"{letter}{axis}" for letter in "ga" for axis in "xyz")
 
 
-def from_columns(text: str, lines: list[str], name: str) -> tuple:
+def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, int, tuple[str, ...], dict[str, Column]]:
     """``(delimiter, lines before the rows, names, {t, gx, …: (column, unit, sign)})``."""
     wanted = _parse(text)
     for number, line in enumerate(lines):
         for delimiter in DELIMITERS:
             names = split(line, delimiter)
-            places = {key: _place(what, names) for key, (what, _, _) in wanted.items()}
-            if None in places.values() or (all(what.isdigit() for what, _, _ in wanted.values()) and not _numeric(names, places)):
+            looked_up = {key: _place(what, names) for key, (what, _, _) in wanted.items()}
+            places = {key: place for key, place in looked_up.items() if place is not None}
+            if len(places) < len(wanted) or (all(what.isdigit() for what, _, _ in wanted.values()) and not _numeric(names, places)):
                 continue
             headless = all(what.isdigit() for what, _, _ in wanted.values())
             columns = {key: (places[key], unit, sign) for key, (_, unit, sign) in wanted.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,12 @@ class Triad:
     unit: Unit
 
 
+def three(values: Iterable[int]) -> tuple[int, int, int]:
+    """One value each for x, y, z; ValueError for another number of them."""
+    x, y, z = values
+    return x, y, z
+
+
 @dataclass(frozen=True)
 class Layout:
     """dialect's name; delimiter (None: white space); first: number of lines before the rows; time: column, or None where rows are only
@@ -74,11 +81,22 @@ class Layout:
         """Columns that are read, time first."""
         return self.numbers if self.time is None else (self.time, *self.numbers)
 
+    @property
+    def kinds(self) -> list[tuple[str, tuple[int, ...], Unit]]:
+        """Each quantity that is there: ``gyro``, ``accel`` or ``temp``, its columns, its unit."""
+        triads = (("gyro", self.gyro), ("accel", self.accel))
+        found: list[tuple[str, tuple[int, ...], Unit]] = [(kind, triad.columns, triad.unit) for kind, triad in triads if triad is not None]
+        return found + ([] if self.temp is None or self.temp_unit is None else [("temp", (self.temp,), self.temp_unit)])
+
+    @property
+    def time_column(self) -> int:
+        """``time`` of a log that has stamps."""
+        assert self.time is not None  # who asks has stamps at hand
+        return self.time
+
     def is_register(self, column: int) -> bool:
         """Whether a column holds a sensor's registers."""
-        kinds: list[tuple[tuple[int, ...], Unit]] = [(triad.columns, triad.unit) for triad in (self.gyro, self.accel) if triad is not None]
-        kinds += [] if self.temp is None or self.temp_unit is None else [((self.temp,), self.temp_unit)]
-        return any(column in columns and unit.si is None for columns, unit in kinds)
+        return any(column in columns and unit.si is None for _, columns, unit in self.kinds)
 
     def is_whole(self, column: int) -> bool:
         """Whether a column may hold nothing but whole numbers."""

@@ -27,7 +27,8 @@ class Lines:
 
     def __init__(self, path: Path):
         """Raises FormatError for what cannot be opened."""
-        self._path, self.note, self.comments = path, "", {}
+        self._path, self.note = path, ""
+        self.comments: dict[str, str] = {}
         try:
             self._file = open(0, "rb", closefd=False) if str(path) == STANDARD else path.open("rb")  # noqa: SIM115
             # A stream has no name that tells.
@@ -73,7 +74,7 @@ class Lines:
     def __enter__(self) -> Lines:
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _heed(self, text: str) -> None:
@@ -104,8 +105,9 @@ class Lines:
 class _Unpack:
     """gzip, member after member, as far as it is sound.  broken: something in it was not; whole: it ended where it should."""
 
-    def __init__(self):
-        self._member, self._packed, self.gave, self.broken = None, b"", False, False
+    def __init__(self) -> None:
+        self._member: zlib._Decompress | None = None
+        self.gave = self.broken = False
 
     @property
     def whole(self) -> bool:

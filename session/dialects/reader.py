@@ -10,7 +10,7 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.units import NS
-from session.dialects.layout import Answers, Layout
+from session.dialects.layout import Answers, Layout, Triad
 from session.dialects.lines import ALL_BYTES, PIECE_BYTES, Lines
 from session.dialects.recognise import recognise
 from session.dialects.rows import MEND, RowFault, fault, parse, unreadable
@@ -42,13 +42,15 @@ class Reader:
 
         Raises FormatError: what cannot be read or told.
         """
-        self.path, self.notes, self.comments = path, [], {}
+        self.path = path
+        self.notes: list[str] = []
+        self.comments: dict[str, str] = {}
         self._stream: Lines | None = None  # what can be read but once: a pipe, standard input
         head = self._head()
         if not any(line.strip() for line in head) or (answers is None and _first_of_content(head) is None):
             raise FormatError(f"{path.name}: empty; expected a header line and samples; was the recording stopped before it began?")
         self.layout: Layout = standard_layout(head, path.name) if answers is None else recognise(head, path.name, answers)
-        self._file = None
+        self._file: Lines | None = None
         self._unroll = Unroll(self._counter_ns())
         self._before: int | None = None
         self._commas = False  # in the place of decimal points; whole numbers at the beginning do not show it
@@ -103,7 +105,7 @@ class Reader:
         """After how many ns the stamps begin anew, or None where they never do."""
         layout = self.layout
         if layout.standard:
-            return COUNTER * layout.time_ns if layout.name(layout.time) == "t_us" else None
+            return COUNTER * layout.time_ns if layout.name(layout.time_column) == "t_us" else None
         return DAY_NS if layout.clock else COUNTER * layout.time_ns
 
     def _piece(self, lines: list[str], number: int, last: bool) -> Piece | None:
@@ -138,7 +140,7 @@ class Reader:
         cells = [row[column].strip().split(" ")[-1] for row in rows for column in self.layout.used if column < len(row)]
         return any("," in cell for cell in cells) and not any("." in cell for cell in cells)
 
-    def _triad(self, table: np.ndarray, triad) -> np.ndarray | None:
+    def _triad(self, table: np.ndarray, triad: Triad | None) -> np.ndarray | None:
         if triad is None:
             return None
         places = [self.layout.numbers.index(column) for column in triad.columns]
@@ -149,12 +151,13 @@ class Reader:
     def _unrolled(self, stamps: np.ndarray) -> np.ndarray:
         """(N,) ns that go on from those before.  RowFault where they go back."""
         t_ns = self._unroll(stamps)
-        back = np.diff(t_ns, prepend=t_ns[0] if self._before is None else self._before) < 0
+        before = int(t_ns[0]) if self._before is None else self._before
+        back = np.diff(t_ns, prepend=before) < 0
         if back.any():
             row = int(np.argmax(back))
-            by_s = (int(self._before if row == 0 else t_ns[row - 1]) - int(t_ns[row])) * NS
+            by_s = ((before if row == 0 else int(t_ns[row - 1])) - int(t_ns[row])) * NS
             do = " or mend the stamps" if self.layout.standard else ", or count samples: --time-unit none --odr HZ"
-            raise RowFault(row, f"{self.layout.name(self.layout.time)} goes backward by {by_s:g} s", f"split the log there{do}")
+            raise RowFault(row, f"{self.layout.name(self.layout.time_column)} goes backward by {by_s:g} s", f"split the log there{do}")
         self._before = int(t_ns[-1])
         return t_ns
 
@@ -177,8 +180,8 @@ class Reader:
             elif problem := fault(line, self.layout):
                 leave_out(i, problem)
         # No rule of ours: numpy itself says which is the first line that it cannot take.
-        if (i := unreadable(kept, self.layout)) is not None:
-            leave_out(i, f"{kept[i][:40]!r} cannot be read as numbers")
+        if (row := unreadable(kept, self.layout)) is not None:
+            leave_out(row, f"{kept[row][:40]!r} cannot be read as numbers")
         return kept
 
     def _note(self, text: str) -> None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 from session.common.errors import FormatError
-from session.dialects.columns import DELIMITERS, from_columns, split
-from session.dialects.layout import Answers, Layout, Triad
+from session.dialects.columns import DELIMITERS, Column, from_columns, split
+from session.dialects.layout import Answers, Layout, Triad, three
 from session.dialects.standard import OWN, parse_header
 from session.dialects.table import DIALECTS, Dialect
 from session.dialects.units import STAMP_NS, Unit, known, parse_unit
 
 UNIT = re.compile(r"\s*[\[(]([^\])]*[^\W\d_][^\])]*)[\])]$")
+#: how well a header fits (the more the better), its line, delimiter, dialect or None for our own, {what: column}, names
+Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
 
 
 def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
@@ -42,8 +45,8 @@ def _first(lines: list[str]) -> str:
     return next((line.strip()[:60] for line in lines if line.strip()), "")
 
 
-def _matches(lines: list[str]):
-    """(strength, line, delimiter, dialect or None for our own, {what: (column, unit)}, names) of every header that fits."""
+def _matches(lines: list[str]) -> Iterator[Match]:
+    """Every header that fits, with every delimiter and dialect that it fits with."""
     for number, line in enumerate(lines):
         if not re.search(r"[A-Za-z]", line):
             continue
@@ -64,22 +67,22 @@ def _name_and_unit(text: str) -> tuple[str, str]:
     return (text[: match.start()] if match else text).strip().lower(), match[1] if match else ""
 
 
-def _columns_of(dialect: Dialect, names: list[tuple[str, str]]) -> dict:
-    """{time: (column, unit), gx: …, temp: …} where the header is of this dialect; empty where it is not."""
-    at = {}
+def _columns_of(dialect: Dialect, names: list[tuple[str, str]]) -> dict[str, Column]:
+    """{t: column, gx: …, temp: …} where the header is of this dialect; empty where it is not."""
+    at: dict[str, tuple[int, str]] = {}
     for column, (name, unit) in enumerate(names):
         at.setdefault(name, (column, unit))
     time = next((at[name] for name in dialect.time if name in at), None)
     if time is None or not all(name in at for name in dialect.signature):
         return {}
-    found = {}
+    found: dict[str, Column] = {}
     for letter, pattern, unit in (("g", dialect.gyro, dialect.gyro_unit), ("a", dialect.accel, dialect.accel_unit)):
         triad = [pattern.format(axis) for axis in dialect.axes]
         if all(name in at for name in triad):
-            found |= {f"{letter}{axis}": (at[name][0], at[name][1] or unit) for axis, name in zip("xyz", triad, strict=True)}
+            found |= {f"{letter}{axis}": (at[name][0], at[name][1] or unit, 1) for axis, name in zip("xyz", triad, strict=True)}
     if dialect.temp in at:
-        found["temp"] = at[dialect.temp][0], at[dialect.temp][1] or "degc"
-    return {"t": (time[0], time[1] or dialect.time_unit), **found} if found else {}
+        found["temp"] = at[dialect.temp][0], at[dialect.temp][1] or "degc", 1
+    return {"t": (time[0], time[1] or dialect.time_unit, 1), **found} if found else {}
 
 
 def _is_own(names: tuple[str, ...]) -> bool:
@@ -93,25 +96,34 @@ def _own_header(lines: list[str]) -> tuple[int, tuple[str, ...]] | None:
     return next((found for found in named if len(found[1]) > 1 and ours & set(found[1])), None)
 
 
-def _own_columns(names: tuple[str, ...], where: str) -> dict:
+def _own_columns(names: tuple[str, ...], where: str) -> dict[str, Column]:
     own = parse_header(",".join(names), where)
-    columns = {"t": (own.time, own.name(own.time).removeprefix("t_"))}
-    for letter, triad in (("g", own.gyro), ("a", own.accel)):
-        columns |= {f"{letter}{axis}": (column, triad.unit.word) for axis, column in zip("xyz", triad.columns, strict=True)}
-    if own.temp is not None:
-        columns["temp"] = own.temp, own.temp_unit.word
+    columns: dict[str, Column] = {"t": (own.time_column, own.name(own.time_column).removeprefix("t_"), 1)}
+    for kind, places, unit in own.kinds:
+        keys = ("temp",) if kind == "temp" else tuple(f"{kind[0]}{axis}" for axis in "xyz")
+        columns |= {key: (column, unit.word, 1) for key, column in zip(keys, places, strict=True)}
     return columns
 
 
-def _layout(name, dialect, delimiter, first, names, columns, answers, frame, lines) -> Layout:
-    """columns: {t, gx, …, temp: (column, unit as text, sign)}; what has no unit is asked for."""
-    time_column, time_unit = (*columns["t"][:1], columns["t"][1]) if "t" in columns else (None, "none")
+def _layout(
+    name: str,
+    dialect: str,
+    delimiter: str | None,
+    first: int,
+    names: tuple[str, ...],
+    columns: dict[str, Column],
+    answers: Answers,
+    frame: str,
+    lines: list[str],
+) -> Layout:
+    """columns: {t, gx, …, temp: column}; what has no unit is asked for."""
+    time_column, time_unit = columns["t"][:2] if "t" in columns else (None, "none")
     time_unit = answers.time_unit or time_unit
-    if time_unit == "none":
+    if time_column is None or time_unit == "none":
         time_column, unit = None, Unit(0, "")
         if answers.odr_hz is None and ("gx" in columns or "ax" in columns):
             raise FormatError(f"{name}: it has no time stamps; give the true data rate, --odr HZ")
-    elif time_column is not None and _is_clock(names, time_column, delimiter, lines[first:]):
+    elif _is_clock(time_column, delimiter, lines[first:]):
         unit = Unit(1, "clock")
     else:
         unit = _unit("time", time_unit, "--time-unit", name, dialect)
@@ -140,13 +152,15 @@ def _layout(name, dialect, delimiter, first, names, columns, answers, frame, lin
     )
 
 
-def _is_clock(names, column: int, delimiter, rows: list[str]) -> bool:
+def _is_clock(column: int, delimiter: str | None, rows: list[str]) -> bool:
     """Whether the stamps are a time of day."""
     row = next((row for row in rows if row.strip()), "").split(delimiter)
     return column < len(row) and ":" in row[column]
 
 
-def _triad(columns, letter, kind, option, said, axes, name, dialect) -> Triad | None:
+def _triad(
+    columns: dict[str, Column], letter: str, kind: str, option: str, said: str | None, axes: str, name: str, dialect: str
+) -> Triad | None:
     if f"{letter}x" not in columns:
         return None
     found = [columns[f"{letter}{axis}"] for axis in "xyz"]
@@ -154,11 +168,10 @@ def _triad(columns, letter, kind, option, said, axes, name, dialect) -> Triad | 
     if len(units) > 1 and not said:
         raise FormatError(f"{name}: the three axes are in different units ({', '.join(sorted(units))}); expected one")
     unit = _unit(kind, said or found[0][1], option, name, dialect)
-    signs = [entry[2] if len(entry) > 2 else 1 for entry in found]
     order, turned = parse_axes(axes, f"--{kind}-axes")
     return Triad(
-        tuple(found[i][0] for i in order),
-        tuple(signs[i] * sign for i, sign in zip(order, turned, strict=True)),
+        three(found[i][0] for i in order),
+        three(found[i][2] * sign for i, sign in zip(order, turned, strict=True)),
         unit,
     )
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import re
+from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from session.dialects.layout import Layout
 from session.dialects.stamps import ERA_NS, exact_ns
@@ -43,7 +46,7 @@ def parse(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray | No
     return table, None if layout.time is None else _stamps(time, lines, layout)
 
 
-def _load(lines: list[str], columns: tuple[int, ...], layout: Layout, kind, dimensions: int = 2) -> np.ndarray:
+def _load(lines: list[str], columns: tuple[int, ...], layout: Layout, kind: DTypeLike, dimensions: Literal[1, 2] = 2) -> np.ndarray:
     quote = None if layout.standard else '"'
     return np.loadtxt(lines, dtype=kind, delimiter=layout.delimiter, comments="#", quotechar=quote, usecols=columns, ndmin=dimensions)
 
@@ -72,7 +75,7 @@ def _with_time(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray
 
 def _with_whole_time(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     """Times as int64, since those in ns do not fit a float64."""
-    names = [("time", np.int64), *((f"c{place}", np.float64) for place in range(len(layout.numbers)))]
+    names = np.dtype([("time", np.int64), *((f"c{place}", np.float64) for place in range(len(layout.numbers)))])
     rows = _load(lines, layout.used, layout, names, dimensions=1)
     return rows.view(np.float64).reshape(len(rows), -1)[:, 1:], rows["time"]
 
@@ -80,7 +83,8 @@ def _with_whole_time(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.n
 def _looks_whole(lines: list[str], layout: Layout) -> bool:
     """Whether the first row's time is a whole number."""
     row = next(line for line in lines if line.lstrip()[:1] not in ("", "#")).split(layout.delimiter)
-    return layout.time < len(row) and re.fullmatch(r"[-+]?[0-9]+", row[layout.time].strip().strip('"')) is not None
+    column = layout.time_column
+    return column < len(row) and re.fullmatch(r"[-+]?[0-9]+", row[column].strip().strip('"')) is not None
 
 
 def _require_whole(values: np.ndarray) -> None:
@@ -100,25 +104,25 @@ def _stamps(time: np.ndarray | None, lines: list[str], layout: Layout) -> np.nda
             return np.rint(time * layout.time_ns).astype(np.int64)
         if layout.standard:
             _require_era(np.abs(time) < ERA_NS // layout.time_ns, lambda row: time[row], layout)
-        if layout.is_whole(layout.time) and largest < EXACT:
+        if layout.is_whole(layout.time_column) and largest < EXACT:
             return time.astype(np.int64) * layout.time_ns
     # A float64 would round these: text to integers, exactly.
-    texts = _load(lines, (layout.time,), layout, "U48")[:, 0].tolist()
+    texts = _load(lines, (layout.time_column,), layout, "U48")[:, 0].tolist()
     exact = np.array([exact_ns(text, layout.time_ns) for text in texts], dtype=object)
     _require_era(np.abs(exact) < ERA_NS, lambda row: texts[row][:20], layout)
     return exact.astype(np.int64)
 
 
-def _require_era(fine: np.ndarray, value, layout: Layout) -> None:
+def _require_era(fine: np.ndarray, value: Callable[[int], object], layout: Layout) -> None:
     if not fine.all():
         row = int(np.argmin(fine))
-        raise RowFault(row, f"{layout.name(layout.time)} is {value(row)}, which is no time of this era")
+        raise RowFault(row, f"{layout.name(layout.time_column)} is {value(row)}, which is no time of this era")
 
 
 def _refuse_impossible(table: np.ndarray, time: np.ndarray | None, layout: Layout) -> None:
     """RowFault for what is no number, no register, or nothing that a sensor measures."""
     columns = list(zip(layout.numbers, table.T, strict=True))
-    for column, values in [*([] if time is None else [(layout.time, time)]), *columns]:
+    for column, values in [*([] if time is None else [(layout.time_column, time)]), *columns]:
         if values.dtype == np.float64 and not (fine := np.isfinite(values)).all():
             row = int(np.argmin(fine))
             raise RowFault(row, f"{layout.name(column)} is {values[row]}, expected a finite number", "remove that line")
@@ -126,12 +130,11 @@ def _refuse_impossible(table: np.ndarray, time: np.ndarray | None, layout: Layou
             row = int(np.argmin(fine))
             do = "units belong in the header (gx_dps, ax_g)" if layout.standard else "is its unit right?"
             raise RowFault(row, f"{layout.name(column)} is {values[row]:.15g}, no 16-bit register value", do)
-    kinds = [("gyro", layout.gyro.columns, layout.gyro.unit)] if layout.gyro else []
-    kinds += [("accel", layout.accel.columns, layout.accel.unit)] if layout.accel else []
-    kinds += [("temp", (layout.temp,), layout.temp_unit)] if layout.temp is not None else []
     table_of = dict(columns)
-    for kind, places, unit in kinds:
-        for column in places if unit.si is not None else ():
+    for kind, places, unit in layout.kinds:
+        if unit.si is None:
+            continue
+        for column in places:
             if (far := beyond_any_sensor(table_of[column], unit.si, kind)).any():
                 row = int(np.argmax(far))
                 raise RowFault(row, *complaint(layout.name(column), table_of[column][row], kind).rsplit("; ", 1))

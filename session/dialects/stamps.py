@@ -46,7 +46,8 @@ class Unroll:
     """Carries a wrapping counter or clock on, piece after piece; span_ns: None for stamps that count on for ever."""
 
     def __init__(self, span_ns: int | None):
-        self._span, self._last, self._offset = span_ns, None, 0
+        self._span, self._offset = span_ns, 0
+        self._last: np.ndarray | None = None  # (1,) ns as written
         self._lowest = self._highest = 0
         self.wraps = 0
 

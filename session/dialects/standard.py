@@ -6,7 +6,7 @@ import re
 from difflib import get_close_matches
 
 from session.common.errors import FormatError
-from session.dialects.layout import Layout, Triad
+from session.dialects.layout import Layout, Triad, three
 from session.dialects.units import STAMP_NS, endings
 
 OWN = "TinyGC"
@@ -70,7 +70,7 @@ def _triad(names: tuple[str, ...], kind: str, where: str, expected: str) -> Tria
     found = {ending: [names.index(f"{letter}{axis}{ending}") for axis in "xyz" if f"{letter}{axis}{ending}" in names] for ending in units}
     whole = [ending for ending, columns in found.items() if len(columns) == 3]
     if len(whole) == 1 and sum(map(len, found.values())) == 3:
-        return Triad(tuple(found[whole[0]]), (1, 1, 1), units[whole[0]])
+        return Triad(three(found[whole[0]]), (1, 1, 1), units[whole[0]])
     sensor = {"g": "gyroscope", "a": "accelerometer"}[letter]
     strangers = [name for name in names if re.fullmatch(rf"{letter}[xyz]_\w+", name) and name[2:] not in units]
     if strangers:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from session.common.units import DEG, MDPS, MG, G
@@ -12,7 +13,7 @@ TIME = {"ns": 1, "us": 1_000, "µs": 1_000, "μs": 1_000, "ms": 1_000_000, "s": 
 GYRO = {"mdps": MDPS, "dps": DEG, "deg/s": DEG, "°/s": DEG, "deg s^-1": DEG, "rps": 1.0, "rad/s": 1.0, "rad s^-1": 1.0}
 ACCEL = {"mg": MG, "g": G, "mps2": 1.0, "m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "m/s/s": 1.0, "m s^-2": 1.0}
 TEMPERATURE = {"c": 1.0, "degc": 1.0, "°c": 1.0, "℃": 1.0}
-WORDS = {"time": TIME, "gyro": GYRO, "accel": ACCEL, "temp": TEMPERATURE}
+WORDS: Mapping[str, Mapping[str, float]] = {"time": TIME, "gyro": GYRO, "accel": ACCEL, "temp": TEMPERATURE}
 #: what registers are called
 COUNTS = ("lsb", "raw", "counts")
 #: the words that a standard log's names end in (``t_us``, ``gx_dps``); no ending: registers

@@ -95,12 +95,17 @@ def _check_out(out: Path, add: str | None) -> None:
 
 def _with_comments(answers: Answers, readers: list[Reader]) -> Answers:
     """What a log's own comments say (``# gyro_fs_dps=500 accel_fs_g=4``), unless the person says otherwise."""
-    said = {}
+    said: dict[str, float] = {}
     for reader in readers:
         for key in ("gyro_fs_dps", "accel_fs_g", "odr_hz"):
             with contextlib.suppress(KeyError, ValueError):
                 said[key] = float(reader.comments[key])
-    return replace(answers, **{key: value for key, value in said.items() if getattr(answers, key) is None})
+    return replace(
+        answers,
+        gyro_fs_dps=said.get("gyro_fs_dps") if answers.gyro_fs_dps is None else answers.gyro_fs_dps,
+        accel_fs_g=said.get("accel_fs_g") if answers.accel_fs_g is None else answers.accel_fs_g,
+        odr_hz=said.get("odr_hz") if answers.odr_hz is None else answers.odr_hz,
+    )
 
 
 def _as_in(sensor: Sensor, answers: Answers) -> Answers:
@@ -155,6 +160,7 @@ def _is_ours(reader: Reader, answers: Answers) -> bool:
 
 
 def _sensor(answers: Answers) -> Sensor:
+    assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``_ask_full_scales`` has asked
     return Sensor("", "", 1.0, answers.gyro_fs_dps, answers.accel_fs_g)
 
 
@@ -162,15 +168,18 @@ def _columns(joined: Joined) -> tuple[list[str], list[np.ndarray], list[str]]:
     """Names, values and how each is written: as it was, or to 15 digits, which no decimal of a log exceeds, after a change of unit."""
     in_us = not (joined.t_ns % US_NS).any()
     header, columns, formats = ["t_us" if in_us else "t_ns"], [joined.t_ns // US_NS if in_us else joined.t_ns], ["%d"]
+    gyro, accel = joined.gyro_layout.gyro, joined.accel_layout.accel
+    assert gyro is not None and accel is not None  # noqa: PT018  # ``join`` chose the files that have them
     for letter, values, unit, units in (
-        ("g", joined.gyro, joined.gyro_layout.gyro.unit, endings("gyro")),
-        ("a", joined.accel, joined.accel_layout.accel.unit, endings("accel")),
+        ("g", joined.gyro, gyro.unit, endings("gyro")),
+        ("a", joined.accel, accel.unit, endings("accel")),
     ):
         suffix, values, written = _in_our_unit(values, unit.si, {ending: each.si for ending, each in units.items() if each.si is not None})
         header += [f"{letter}{axis}{suffix}" for axis in "xyz"]
         columns += list(values.T)
         formats += [written] * 3
     if joined.temp is not None:
+        assert joined.temp_layout is not None and joined.temp_layout.temp_unit is not None  # noqa: PT018  # of the file it is from
         raw = joined.temp_layout.temp_unit.si is None
         header.append("temp" if raw else "temp_c")
         columns.append(np.rint(joined.temp) if raw else joined.temp)

@@ -77,6 +77,8 @@ def _whole(reader: Reader, odr_hz: float | None, notes: list[str]) -> Piece:
     ]
     whole = Piece(*columns)
     if whole.t_ns is None:
+        if odr_hz is None:  # of a file with neither sensor: ``recognise`` asks for the others
+            raise FormatError(f"{name}: it has no time stamps; give the true data rate, --odr HZ")
         rows = next(len(part) for part in (whole.gyro, whole.accel, whole.temp) if part is not None)
         notes.append(f"{name}: samples are counted at {odr_hz:g} Hz")
         return Piece(counted(rows, odr_hz), *columns[1:])

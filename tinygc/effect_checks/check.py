@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from session.common.errors import CalibrationError
@@ -35,6 +36,10 @@ def check(
     if unknown := [name for name in parts if name not in PARTS]:
         raise EffectError(f"{unknown[0]!r} is no part of a check; choose among {', '.join(PARTS)}")
     tried(effect, "check")
+    if size is not None and not (size > 0 and isfinite(size)):
+        raise EffectError(f"size is {size!r}, expected more than 0, in SI units: the size of the injected parameters")
+    if seeds < 1:
+        raise EffectError(f"seeds is {seeds!r}, expected 1 or more: the number of simulated sessions")
     size = SIZE * effect.parameter.plausible if size is None else size
     strong = trial(effect, size, 1, value)
     found = []

@@ -35,16 +35,28 @@ def live(trial: Trial) -> str:
         pieces.append(stream.push(part.gyro, part.accel, part.temp_c))
     _same(np.concatenate([*pieces, stream.flush()]), whole, "in pieces")
     _looks_no_farther(trial, samples)
+    if calibration.looks_ahead:
+        return f"refused live, since it looks ahead: {_refusal(calibration, trial.effect.id)}"
+    assert samples.temp_c is not None  # as ``log`` makes them
     try:
-        assert samples.temp_c is not None  # as ``log`` makes them
         one_at_a_time = calibration.live()
         one_by_one = np.array([one_at_a_time(*sample) for sample in zip(samples.gyro, samples.accel, samples.temp_c, strict=True)])
     except CalibrationError as error:
-        if calibration.looks_ahead and "\n" not in str(error):
-            return f"refused live, since it looks ahead: {error}"
         raise Wrong(f"cannot go live: {error}") from None
     _same(one_by_one, trial.model().calibrate(samples, live=True), "sample by sample")
     return "sample by sample, in pieces and whole agree"
+
+
+def _refusal(calibration: Calibration, name: str) -> str:
+    """The one line that refuses to go live, before any sample, and names the effect."""
+    try:
+        calibration.live()
+    except CalibrationError as error:
+        says = str(error)
+        if name not in says or "\n" in says:
+            raise Wrong(f"the refusal to go live is not one line that names {name}: {' '.join(says.split())}") from None
+        return says
+    raise Wrong("it looks ahead, and yet goes live")
 
 
 def _same(one: np.ndarray, whole: np.ndarray, how: str) -> None:

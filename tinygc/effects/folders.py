@@ -18,6 +18,8 @@ def effects_in(said: Path, folder: Path) -> list[tuple[Effect, Path]]:
 
     Raises EffectError for a folder that is none or holds no effect, and for a file that cannot be loaded or defines none.
     """
+    if folder.is_file():
+        raise EffectError(f"{said}: that is a file; give its folder, {said.parent}")
     if not folder.is_dir():
         raise EffectError(f"{said}: no such folder; --effects names a folder of files that define EFFECT")
     files = sorted(path for path in folder.glob("*.py") if not path.name.startswith("_"))

@@ -13,6 +13,7 @@ from tinygc.explanation.naming.selection import SHAPE_SHARE
 from tinygc.explanation.twin.refit import Refit, prior_sigmas
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
+from tinygc.models.linear import MATRIX
 
 #: by how much a channel's own E may differ from the one that all share: a data sheet's tolerance of sensitivity
 OWN_E_SIGMA = 0.01
@@ -37,7 +38,7 @@ def own_p_values(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
 def own_residuals(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[np.ndarray, dict[str, float]]:
     """Residuals (n,) of each channel by itself, unit variance, and how many parameters each has used up."""
     prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
-    prior[:9] = OWN_E_SIGMA
+    prior[MATRIX] = OWN_E_SIGMA
     alone, columns = whiten.by_channel(fit.r), whiten.by_channel(fit.J * prior)
     taken = {}
     for name, part in whiten.parts.items():

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from tinygc.methods.denoising.options import DenoiseOptions
+from tinygc.methods.checkpoint import NAME, Checkpoint
+from tinygc.methods.denoise_options import DenoiseOptions
 from tinygc.methods.registry import CHOSEN
-
-if TYPE_CHECKING:
-    from tinygc.methods.network.adamw_checkpoint import Checkpoint
 
 
 @dataclass(frozen=True)
@@ -45,6 +42,4 @@ class FitOptions:
         """Of one training, or None."""
         if self.checkpoints is None or self.optimizer != "adamw":
             return None
-        from tinygc.methods.network.adamw_checkpoint import NAME, Checkpoint
-
         return Checkpoint(self.checkpoints / NAME.format(name), self.resume)

@@ -1,21 +1,5 @@
-"""What a person may set of the denoiser."""
+"""What a person may set of the denoiser, under the denoiser's own name; the record stands below, where ``FitOptions`` holds it."""
 
-from __future__ import annotations
+from tinygc.methods.denoise_options import LOSSES, DenoiseOptions
 
-from dataclasses import dataclass
-
-LOSSES = ("endpoint", "still", "neighbours")
-
-
-@dataclass(frozen=True)
-class DenoiseOptions:
-    """loss; delay in samples at which ``neighbours`` aims; reduction: factor by which it takes the noise at rest down; slope of the leaky
-    ReLUs (AdamW only, if not 1); optimizer, epochs, seed of the start."""
-
-    loss: str = "neighbours"
-    delay: int = 12
-    reduction: float = 3.2
-    slope: float = 1.0
-    optimizer: str = "second-order"
-    epochs: int = 400
-    seed: int = 0
+__all__ = ["LOSSES", "DenoiseOptions"]

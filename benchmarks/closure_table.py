@@ -18,8 +18,8 @@ from session.common.units import DEG
 from session.log.folder import Session, read_session
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.fitting.figures import closure_figures, run_figures
+from tinygc.methods.denoise_options import DenoiseOptions
 from tinygc.methods.denoising.material import of_problem
-from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.denoising.training import train_denoiser
 from tinygc.methods.network.training import train_second_order
 from tinygc.methods.options import FitOptions

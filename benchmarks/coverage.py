@@ -17,7 +17,7 @@ from session.common.units import DEG
 from session.log.folder import read_session
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.uncertainty import goodness, parameter_covariance
-from tinygc.models.linear import NAMES, bias_only
+from tinygc.models.linear import BIAS, MATRIX, NAMES, bias_only
 from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import simulate_session
@@ -66,8 +66,8 @@ def main() -> None:
         f"uniform by Kolmogorov-Smirnov: p = {stats.kstest(p, 'uniform').pvalue:.2g}."
     )
     print(
-        f"Median stated sigma: E {np.median([result['sigma'][:9] for result in results]) * 1e6:.0f} ppm (or µrad), "
-        f"B {np.median([result['sigma'][9:] for result in results]) / DEG * 1e3:.2f} mdps."
+        f"Median stated sigma: E {np.median([result['sigma'][MATRIX] for result in results]) * 1e6:.0f} ppm (or µrad), "
+        f"B {np.median([result['sigma'][BIAS] for result in results]) / DEG * 1e3:.2f} mdps."
     )
 
 

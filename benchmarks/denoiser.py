@@ -27,9 +27,9 @@ from session.common.units import DEG
 from session.log.folder import Session, read_session
 from tinygc import closure
 from tinygc.fitting.figures import run_figures
+from tinygc.methods.denoise_options import DenoiseOptions
 from tinygc.methods.denoising import risk as denoise_risk
 from tinygc.methods.denoising.material import REACH, Material, of_problem
-from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.denoising.training import train_denoiser
 from tinygc.methods.network.training import train_second_order
 from tinygc.models.denoiser import DenoisedNet

@@ -16,11 +16,11 @@ import numpy as np
 from session.common.units import DEG
 from session.public.euroc import write_sequences
 from tinygc.cli.console import output
+from tinygc.explanation.save import save_explanation
 from tinygc.explanation.truth.explain import explain_truth
 from tinygc.explanation.truth.result import save_truth
 from tinygc.explanation.verdict.explain import explain_session
 from tinygc.explanation.verdict.pages import explanation_page
-from tinygc.explanation.verdict.result import save
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -40,9 +40,9 @@ def main() -> None:
         folder = write_session(options, Path(parent) / "warm", distort=warm)
         explanation = explain_session(folder)
         output().print(explanation_page(explanation))
-        shutil.copy(save(explanation) / "explain.png", Path(__file__).parent / "explain.png")
+        shutil.copy(save_explanation(explanation) / "explain.png", Path(__file__).parent / "explain.png")
         if XSENS.is_dir():
-            there = save(explain_session(XSENS), Path(parent) / "xsens")
+            there = save_explanation(explain_session(XSENS), Path(parent) / "xsens")
             shutil.copy(there / "explain.png", Path(__file__).parent / "explain-xsens.png")
         if EUROC.is_dir():
             there = save_truth(explain_truth(write_sequences(EUROC, ["MH_02"], Path(parent) / "MH_02", 2.0)))

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from session.common.errors import FitError
-from tinygc.methods.network.adamw_checkpoint import Checkpoint, forget, minimise
+from tinygc.methods.checkpoint import Checkpoint
+from tinygc.methods.network.adamw_checkpoint import forget, minimise
 
 START = np.array([3.0, -2.0, 1.0])
 

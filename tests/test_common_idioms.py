@@ -1,4 +1,4 @@
-"""What many modules need stands once: the edges of runs, a scatter from medians, where logs begin, nanoseconds in seconds."""
+"""What many modules need stands once: edges of runs, a scatter from medians, where logs begin, units, and where parameters stand."""
 
 import re
 from pathlib import Path
@@ -54,6 +54,8 @@ def test_a_stamp_is_fresh_if_it_is_later():
         (r"flatnonzero\(np\.diff\(np\.concatenate", "session/common/runs.py"),
         (r"cumsum\(\[0", "session/log/samples.py"),
         (r"= 1e-9  #: s per", "session/common/units.py"),
+        (r"slice\(0, 9\), slice\(9, 12\)", "tinygc/models/linear.py"),
+        (r"FIRST_CLAIM = ", "tinygc/explanation/twin/layout.py"),
     ],
 )
 def test_each_has_one_home(idiom, home):
@@ -65,3 +67,34 @@ def test_no_module_writes_nanoseconds_out():
     assert NS * NS_PER_S == 1
     written = re.compile(r"_ns\b.*\* ?1e-9|ticks \* 1e-9|\b1e9 /|(_s|rows\]) \* 1e9")
     assert [(name, line) for name, text in SOURCES.items() for line in text.splitlines() if written.search(line)] == []
+
+
+#: an index into the linear model's vector, or into the twin's state, written out: 9 of E, 3 of B, 2 of the Earth, gravity, claims
+WRITTEN_OUT = re.compile(
+    r"\[([^\[\]]*, )?(:9|9:|9:12|:12|12:|12:14|12:15|:14|14|:15|15:)(, [^\[\]]*)?\]"
+    r"|\b(9|12|15) \+ (axis|sum\()|, at\b.* = .*\b1[25]\b|\bat\b.* = 1[25]\b"
+)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "at = 15 + sum(sizes)",
+        "at, claims = 15, []",
+        "rows, at = list(range(12)), 15",
+        "vector[:9].reshape(3, 3)",
+        "slope[:, 9:12]",
+        "design[..., 9:]",
+        "covariance[:12, :12]",
+        "float(vector[14])",
+        "still[:, axis, 9 + axis] = 1.0",
+    ],
+)
+def test_a_place_that_is_written_out_is_seen(line):
+    assert WRITTEN_OUT.search(line)
+
+
+def test_no_module_writes_out_where_a_parameter_stands():
+    """``tinygc.models.linear`` names the places in the linear model's vector, ``tinygc.explanation.twin.layout`` those in the state's."""
+    lines = [(name, line) for name, text in SOURCES.items() if name.startswith("tinygc/") for line in text.splitlines()]
+    assert [(name, line) for name, line in lines if WRITTEN_OUT.search(line.replace("hexdigest()[:12]", ""))] == []

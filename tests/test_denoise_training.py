@@ -10,9 +10,9 @@ from conftest import Turns
 from session.common.errors import FitError
 from session.common.units import DEG
 from tinygc import closure
+from tinygc.methods.denoise_options import DenoiseOptions
 from tinygc.methods.denoising import risk as denoise_risk
 from tinygc.methods.denoising.material import REACH, of_batch
-from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.denoising.second_order import taps_and_jacobian
 from tinygc.methods.denoising.start import start
 from tinygc.methods.denoising.training import train_denoiser

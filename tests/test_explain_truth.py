@@ -18,7 +18,7 @@ from tinygc.explanation.truth.picture import draw_truth
 from tinygc.explanation.truth.result import refusals, truth_page, truth_to_json
 from tinygc.explanation.truth.wrong_moments import chance_of
 from tinygc.explanation.verdict.measured import SMALLEST_P, p_entry, p_words
-from tinygc.fitting.bias.days import level_days
+from tinygc.fitting.days import level_days
 from tinygc.methods.network.distance_loss import fit_distance
 from tinygc.problem.build import build_problem
 from tinygc.problem.truth_orientation import absolute_orientation_error

@@ -7,6 +7,7 @@ same package, ``session`` as a whole for those of ``tinygc``, or ``nothing``.  I
 import ast
 import subprocess
 import sys
+from collections.abc import Iterable
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -15,6 +16,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("session", "tinygc")
+#: stands for the modules that lie right in a folder, beside its sub-folders
+OWN = "*"
+#: parts that a folder lists by name and that use its tools: one thing in two folders, for the length of the list
+OWN_PARTS = {"tinygc.cli.commands", "tinygc.explanation.pictures.panels", "tinygc.report.html.sections"}
 FOLDERS = sorted((package, path.parent.name) for package in PACKAGES for path in (ROOT / package).glob("*/__init__.py"))
 
 
@@ -99,6 +104,49 @@ def test_no_folder_stands_above_one_that_stands_above_it(package):
     assert circle({folder: set(stated(package, folder)) - {"session"} for each, folder in FOLDERS if each == package}) == []
 
 
+def sub_folders(folder: str, modules: Iterable[str]) -> set[str]:
+    """Names of the packages with modules right below a package."""
+    below = [module.removeprefix(f"{folder}.").split(".") for module in modules if module.startswith(f"{folder}.")]
+    return {parts[0] for parts in below if len(parts) > 1}
+
+
+def units(folder: str, imports: dict[str, set[str]]) -> dict[str, set[str]]:
+    """Of one folder: each sub-folder as a whole, and ``OWN``, the modules that lie right in it; what each imports of the others."""
+    subs = sub_folders(folder, imports)
+
+    def unit(module: str) -> str:
+        name = module.removeprefix(f"{folder}.").split(".")[0]
+        return name if name in subs else OWN
+
+    inside = {module for module in imports if module == folder or module.startswith(f"{folder}.")}
+    edges: dict[str, set[str]] = {name: set() for name in (*subs, OWN)}
+    for module in inside:
+        edges[unit(module)] |= {unit(other) for other in imports[module] & inside}
+    return {name: others - {name} for name, others in edges.items()}
+
+
+def without_own_parts(folder: str, edges: dict[str, set[str]]) -> dict[str, set[str]]:
+    """The graph of ``units`` less what an ``OWN_PARTS`` sub-folder takes from the modules that list it."""
+    return {name: others - {OWN} if f"{folder}.{name}" in OWN_PARTS else others for name, others in edges.items()}
+
+
+PARENTS = sorted(module for module in graph() if "." in module and sub_folders(module, graph()))
+
+
+@pytest.mark.parametrize("folder", PARENTS)
+def test_no_sub_folder_stands_above_a_sibling_that_stands_above_it(folder):
+    """Neither another sub-folder nor the modules right beside it: two levels down there is an order, too."""
+    assert circle(without_own_parts(folder, units(folder, graph()))) == []
+
+
+@pytest.mark.parametrize("whole", sorted(OWN_PARTS))
+def test_a_folder_is_let_off_only_where_it_needs_to_be(whole):
+    folder, _, name = whole.rpartition(".")
+    edges = units(folder, graph())
+    assert name in edges[OWN]
+    assert OWN in edges[name]
+
+
 def test_no_two_modules_import_each_other():
     assert circle(graph()) == []
 
@@ -154,6 +202,25 @@ def test_an_import_is_seen_wherever_it_stands():
 def test_a_circle_is_seen():
     assert circle({"a": {"b"}, "b": {"c"}, "c": set()}) == []
     assert set(circle({"a": {"b"}, "b": {"c"}, "c": {"a"}})) == {"a", "b", "c"}
+
+
+def test_a_circle_of_sub_folders_is_seen():
+    """Also one that goes through the modules beside them, and one that no two modules close."""
+    imports = {"p": set(), "p.a": set(), "p.b": set(), "p.a.x": {"p.b.x"}, "p.b.x": set(), "p.b.y": {"p.top"}, "p.top": set()}
+    assert sub_folders("p", imports) == {"a", "b"}
+    assert units("p", imports) == {"a": {"b"}, "b": {OWN}, OWN: set()}
+    assert circle(units("p", imports)) == []
+    assert set(circle(units("p", imports | {"p.b.y": {"p.a"}}))) == {"a", "b"}
+    assert set(circle(units("p", imports | {"p.other": {"p.a.x"}}))) == {"a", "b", OWN}
+
+
+def test_every_sub_folder_is_looked_at():
+    packages = {module_of(path) for package in PACKAGES for path in (ROOT / package).glob("*/*/**/__init__.py")}
+    with_code = {module_of(path.parent / "__init__.py") for package in PACKAGES for path in (ROOT / package).glob("*/*/**/*.py")}
+    looked_at = {f"{parent}.{name}" for parent in PARENTS for name in sub_folders(parent, graph())}
+    assert with_code <= packages, "a folder does not say what it is"
+    assert with_code == looked_at
+    assert len(looked_at) > 15
 
 
 def test_every_folder_is_looked_at():

@@ -14,7 +14,7 @@ import numpy as np
 
 from paper.euroc import Euroc
 from session.files.results import write_whole
-from tinygc.methods.network.adamw_checkpoint import Checkpoint
+from tinygc.methods.checkpoint import Checkpoint
 from tinygc.methods.network.adamw_net import train_adamw
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.published_net import PublishedNet

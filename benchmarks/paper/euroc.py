@@ -13,7 +13,7 @@ import numpy as np
 from session.common.units import DEG
 from session.log.folder import read_session
 from session.public.euroc import write_sequences, write_test_windows, write_training_windows
-from tinygc.fitting.bias.days import Levelled, level_days
+from tinygc.fitting.days import Levelled, level_days
 from tinygc.problem.build import build_problem
 from tinygc.problem.problem import Problem
 from tinygc.problem.truth_orientation import absolute_orientation_error

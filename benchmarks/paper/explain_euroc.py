@@ -15,7 +15,7 @@ from session.public.euroc import write_sequences, write_training_windows
 from tinygc.explanation.truth.explain import explain_truth
 from tinygc.explanation.truth.result import independent
 from tinygc.explanation.truth.truth_explanation import TruthClaim, TruthExplanation
-from tinygc.fitting.bias.days import level_days
+from tinygc.fitting.days import level_days
 from tinygc.problem.build import build_problem
 
 SEQUENCES = ("MH_01", "MH_02", "MH_03", "MH_04", "MH_05", "V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03")

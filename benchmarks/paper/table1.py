@@ -19,8 +19,8 @@ from session.common.units import DEG
 from session.public.euroc import true_bias_rps
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.fitting.bias.rebias import from_gravity, from_start, with_change
+from tinygc.methods.denoise_options import DenoiseOptions
 from tinygc.methods.denoising.material import of_problem
-from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.denoising.training import train_denoiser
 from tinygc.methods.network.distance_loss import fit_distance
 from tinygc.methods.network.training import train_second_order

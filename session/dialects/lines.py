@@ -7,6 +7,7 @@ import io
 import re
 import zlib
 from pathlib import Path
+from typing import Any
 
 from session.common.errors import FormatError
 
@@ -106,7 +107,7 @@ class _Unpack:
     """gzip, member after member, as far as it is sound.  broken: something in it was not; whole: it ended where it should."""
 
     def __init__(self) -> None:
-        self._member: zlib._Decompress | None = None
+        self._member: Any = None  # of zlib.decompressobj, whose class has no public name
         self.gave = self.broken = False
 
     @property

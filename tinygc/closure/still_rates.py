@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tinygc.closure.residual import RateMap
+from tinygc.models.linear import BIAS, PARAMETERS
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +31,8 @@ class StillRates:
     def columns(self) -> np.ndarray:
         """(3 Q, 12) of the linear model."""
         count = len(self.rate)
-        design = np.zeros((count, 3, 12))
+        design = np.zeros((count, 3, PARAMETERS))
         for axis in range(3):
             design[:, axis, 3 * axis : 3 * axis + 3] = self.rate
-            design[:, axis, 9 + axis] = 1.0
-        return (design / self.sigma[..., None]).reshape(3 * count, 12)
+            design[:, axis, BIAS.start + axis] = 1.0
+        return (design / self.sigma[..., None]).reshape(3 * count, PARAMETERS)

@@ -45,7 +45,7 @@ def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, wander: Bia
     design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, : batch.angles].reshape(len(angles), -1)
     covariance = floor.dense()
     if wander is not None:
-        bias, owner = design[:, 9:], np.repeat(np.arange(len(batch)), batch.angles)
+        bias, owner = design[:, linear.BIAS], np.repeat(np.arange(len(batch)), batch.angles)
         covariance = covariance + (bias @ bias.T) * wander.covariance()[np.ix_(owner, owner)]
     factor = np.linalg.cholesky(covariance)
     white = np.linalg.solve(factor, np.column_stack([angles, design * PRIOR_SIGMA]))
@@ -92,7 +92,7 @@ def parameter_covariance(
         meat += np.outer(pull, pull)
     if wander is not None:
         # A bias error turns a segment's end as the three bias columns say.
-        pull = np.einsum("sdp,sdi->spi", design * weight, design[..., 9:])
+        pull = np.einsum("sdp,sdi->spi", design * weight, design[..., linear.BIAS])
         more_s: tuple[np.ndarray, ...] = ()
         if still_rates is not None and still_rates.middle_s is not None:
             pull, more_s = np.concatenate([pull, still_pull]), (still_rates.middle_s,)
@@ -106,7 +106,7 @@ def covariance_from_columns(design: np.ndarray, floor: Floor, wander: BiasWander
     weight = 1 / floor.sigma[..., None] ** 2
     hessian = np.einsum("sdp,sdq->pq", design * weight, design) + np.diag(1 / PRIOR_SIGMA**2)
     meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
-    pull = np.einsum("sdp,sdi->spi", design * weight, design[..., 9:])
+    pull = np.einsum("sdp,sdi->spi", design * weight, design[..., linear.BIAS])
     meat += np.einsum("spi,st,tqi->pq", pull, wander.covariance(), pull, optimize=True)
     inverse = np.linalg.inv(hessian)
     # The prior is no datum: what no segment has seen is as uncertain as it was.

@@ -30,7 +30,7 @@ from session.log.folder import log_paths
 from session.log.hashes import sha256_of
 from tinygc import models
 from tinygc.models.field_parameters import WORDS, field_jacobian, field_vector
-from tinygc.models.linear import NAMES, LinearModel
+from tinygc.models.linear import BIAS, MATRIX, NAMES, LinearModel
 
 SCHEMA = "tinygc-compare/1"
 #: a disagreement this improbable is none of chance
@@ -154,8 +154,8 @@ def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
     looked_at = np.ones(len(kept), dtype=bool) if bias else lasting
     return Comparison(
         sessions=tuple(sessions),
-        lasting=agreement(vectors[:, :9], covariances[:, :9, :9]),
-        bias=agreement(vectors[:, 9:], covariances[:, 9:, 9:]),
+        lasting=agreement(vectors[:, MATRIX], covariances[:, MATRIX, MATRIX]),
+        bias=agreement(vectors[:, BIAS], covariances[:, BIAS, BIAS]),
         all=agreement(vectors, covariances),
         labels=labels,
         values=values,

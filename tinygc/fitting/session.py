@@ -53,7 +53,7 @@ def fit_session(
         raise SegmentError(f"{problem.session.folder}: no still to take a rate from; fit without --still-rates")
     runs, spread, floor = read_closure_runs(problem), None, problem.floor
     if options.bias_per_log:
-        from tinygc.fitting.bias.days import levelled
+        from tinygc.fitting.days import levelled
 
         problem, spread = levelled(problem)
     fits, reused = _run_methods(problem, options, progress, saved)

@@ -14,13 +14,13 @@ from session.log.config import read_config
 from session.log.folder import Session
 from tinygc.explanation.pictures import picture
 from tinygc.explanation.pictures.canvas import save as save_figure
+from tinygc.explanation.save import save_explanation
 from tinygc.explanation.truth import picture as truth_picture
 from tinygc.explanation.truth.explain import explain_truth
 from tinygc.explanation.truth.result import save_truth, truth_page, truth_to_json
 from tinygc.explanation.truth.truth_explanation import TruthExplanation
 from tinygc.explanation.verdict.explain import Explanation, explain_session
 from tinygc.explanation.verdict.pages import explanation_page
-from tinygc.explanation.verdict.result import save as save_explanation
 from tinygc.explanation.verdict.result import to_json
 from tinygc.library.text import as_html, as_text
 

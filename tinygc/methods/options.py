@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from session.common.errors import CalibrationError
-from tinygc.methods.denoising.options import DenoiseOptions
+from tinygc.methods.checkpoint import NAME, Checkpoint
+from tinygc.methods.denoise_options import DenoiseOptions
 from tinygc.methods.registry import CHOSEN
-
-if TYPE_CHECKING:
-    from tinygc.methods.network.adamw_checkpoint import Checkpoint
-
 
 INTEGRATORS, OPTIMIZERS = ("exact", "first-order"), ("second-order", "adamw")
 LOSSES, VARIANTS, CONDITIONS = ("squared", "distance"), ("paper", "published"), ("temperature", "force")
@@ -80,6 +76,4 @@ class FitOptions:
         """Of one training, or None."""
         if self.checkpoints is None or self.optimizer != "adamw":
             return None
-        from tinygc.methods.network.adamw_checkpoint import NAME, Checkpoint
-
         return Checkpoint(self.checkpoints / NAME.format(name), self.resume)

@@ -15,7 +15,7 @@ from session.common.units import DEG
 from tinygc.closure.preintegration import preintegrate
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
-from tinygc.models.linear import LinearModel
+from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def fit_pso(
     weight = (2 / sigma.reshape(len(batch), -1)) ** 2
 
     def cost(vectors: np.ndarray) -> np.ndarray:
-        E, B = vectors[:, :9].reshape(-1, 3, 3), vectors[:, 9:]
+        E, B = vectors[:, MATRIX].reshape(-1, 3, 3), vectors[:, BIAS]
         total = np.sum(windows.residuals(E, B) ** 2 * weight, axis=(1, 2))
         if still_rates is not None:
             total = total + [np.sum(still_rates.residuals(LinearModel.from_vector(vector)) ** 2) for vector in vectors]

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from session.common.units import DEG
-from tinygc.models.linear import NAMES
+from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS
 
 AXES = "xyz"
 #: a quantity that moves by this much per unit of a parameter that nothing shows is not shown either
@@ -58,7 +58,7 @@ WORDS = (
 
 def field_vector(vector: np.ndarray) -> np.ndarray:
     """(18,) SI, in the order of ``WORDS``, from ``LinearModel.vector`` (12,).  Raises numpy's LinAlgError for a singular E."""
-    E, B = vector[:9].reshape(3, 3), vector[9:12]
+    E, B = vector[MATRIX].reshape(3, 3), vector[BIAS]
     M = np.linalg.inv(E)
     length = np.linalg.norm(M, axis=1)
     u = M / length[:, None]
@@ -72,7 +72,7 @@ def field_vector(vector: np.ndarray) -> np.ndarray:
 
 def field_jacobian(vector: np.ndarray) -> np.ndarray:
     """(18, 12) of ``field_vector``, by central differences."""
-    steps = np.eye(12) * 1e-6
+    steps = np.eye(PARAMETERS) * 1e-6
     return np.stack([(field_vector(vector + step) - field_vector(vector - step)) / 2e-6 for step in steps], axis=1)
 
 

@@ -10,7 +10,9 @@ import numpy as np
 from session.common.units import DEG
 from tinygc.models.model import BaseModel
 
-PARAMETERS = 12
+#: where E, row by row, and B stand in ``LinearModel.vector``, and in whatever is in its order
+MATRIX, BIAS = slice(0, 9), slice(9, 12)
+PARAMETERS = BIAS.stop
 #: sigma of the prior around "no correction": 20 % for each element of E, 20 dps for the bias
 PRIOR_SIGMA = np.array([0.2] * 9 + [20 * DEG] * 3)
 NAMES = (*(f"E_{i}{j}" for i in "xyz" for j in "xyz"), "B_x", "B_y", "B_z")
@@ -29,7 +31,7 @@ class LinearModel(BaseModel):
     @classmethod
     def from_vector(cls, vector: np.ndarray) -> LinearModel:
         """From 12 numbers: E row by row, then B."""
-        return cls(np.asarray(vector[:9], dtype=float).reshape(3, 3), np.asarray(vector[9:12], dtype=float))
+        return cls(np.asarray(vector[MATRIX], dtype=float).reshape(3, 3), np.asarray(vector[BIAS], dtype=float))
 
     @property
     def parameters(self) -> int:

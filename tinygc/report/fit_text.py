@@ -15,7 +15,7 @@ from tinygc.fitting.figures import closure_figures, run_figures
 from tinygc.fitting.result import FitResult
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.registry import METHODS
-from tinygc.models.linear import NAMES, LinearModel
+from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, LinearModel
 from tinygc.problem.closure_run import ClosureRun
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def _parameters(result: FitResult) -> Table:
         return ["not observed" if n in unobserved else f"{v / unit:.{digits}f} ± {s / unit:.{digits}f}" for v, s, n in shown]
 
     names = [f"E_{i}{j}" for i in "xyz" for j in "xyz"]
-    E, sE = (model.E - np.eye(3)).ravel(), sigma[:9]
+    E, sE = (model.E - np.eye(3)).ravel(), sigma[MATRIX]
     diagonal = [0, 4, 8]
     table.add_row("scale correction, ppm", *cells(E[diagonal], sE[diagonal], [names[i] for i in diagonal], 1e-6, 0))
     for row, axis in enumerate("xyz"):
@@ -159,7 +159,7 @@ def _parameters(result: FitResult) -> Table:
         shown = cells(E[columns], sE[columns], [names[i] for i in columns], 1e-3, 3)
         shown[row] = ""
         table.add_row(f"E, row {axis}, mrad", *shown)
-    table.add_row("B, dps", *cells(model.B, sigma[9:], ["B_x", "B_y", "B_z"], DEG, 5))
+    table.add_row("B, dps", *cells(model.B, sigma[BIAS], ["B_x", "B_y", "B_z"], DEG, 5))
     return table
 
 
@@ -187,7 +187,7 @@ def _remarks(result: FitResult) -> list[Text]:
         remarks.append(Text("Correlated above 0.5: " + ", ".join(pairs)))
     now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
     words = ("without", "with") if result.options.still_rates else ("with", "without")
-    moved = np.abs(_linear(result.other_choice).B - _linear(result.linear).B) / np.sqrt(np.diag(result.covariance)[9:])
+    moved = np.abs(_linear(result.other_choice).B - _linear(result.linear).B) / np.sqrt(np.diag(result.covariance)[BIAS])
     remarks.append(
         Text(
             f"{words[0].capitalize()} --still-rates: held out {other:.4f} instead of {now:.4f}; "
@@ -234,5 +234,5 @@ def _p_words(p_value: float) -> str:
 def _correlations(covariance: np.ndarray) -> list[str]:
     sigma = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sigma, sigma)
-    pairs = [(abs(correlation[i, j]), i, j) for i in range(12) for j in range(i) if abs(correlation[i, j]) > 0.5]
+    pairs = [(abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i) if abs(correlation[i, j]) > 0.5]
     return [f"{NAMES[j]}–{NAMES[i]} {correlation[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:6]]

@@ -49,7 +49,7 @@ def add_fit_arguments(command: argparse.ArgumentParser) -> None:
 
 def fit_options(args: argparse.Namespace) -> FitOptions:
     """From the parsed arguments; without physics."""
-    from tinygc.methods.denoising.options import DenoiseOptions
+    from tinygc.methods.denoise_options import DenoiseOptions
     from tinygc.methods.options import FitOptions
 
     return FitOptions(

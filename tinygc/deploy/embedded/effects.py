@@ -11,7 +11,7 @@ import numpy as np
 
 from tinygc.deploy.embedded import affine
 from tinygc.deploy.embedded.stage import Cost, Inputs, ProgramStage, single
-from tinygc.deploy.exports import ExportError
+from tinygc.deploy.errors import ExportError
 from tinygc.effects import AppliedEffect, Conditions, MatrixC, NoC, PerAxisC, StageC
 
 

@@ -14,7 +14,7 @@ from tinygc.deploy.embedded.convolutions import Denoise
 from tinygc.deploy.embedded.effects import effect_stage
 from tinygc.deploy.embedded.nets import CalibrationNetStage, Conditioned, Published
 from tinygc.deploy.embedded.stage import Cost, Inputs, ProgramStage
-from tinygc.deploy.exports import ExportError
+from tinygc.deploy.errors import ExportError
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel
 from tinygc.models.denoiser import DenoisedNet

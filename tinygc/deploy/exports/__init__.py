@@ -16,13 +16,11 @@ from __future__ import annotations
 import importlib
 from types import ModuleType
 
-from session.common.errors import CalibrationError
+from tinygc.deploy.errors import ExportError
+
+__all__ = ["FORMATS", "ExportError", "exporter"]
 
 FORMATS = ("json", "kalibr", "ros", "xio", "px4", "ardupilot", "c")
-
-
-class ExportError(CalibrationError):
-    """A format that cannot carry the model, or a fit that lacks what the format needs."""
 
 
 def exporter(name: str) -> ModuleType:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.deploy.exports import ExportError
+from tinygc.deploy.errors import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import LinearPart, linear_part
 from tinygc.models.model import Model

@@ -17,7 +17,7 @@ from session.log.hashes import sha256_of
 from session.log.logfile import read_log
 from session.sensor.typical import typical_of
 from tinygc import models
-from tinygc.deploy.exports import ExportError
+from tinygc.deploy.errors import ExportError
 from tinygc.fitting import bias
 from tinygc.models.model import Model
 

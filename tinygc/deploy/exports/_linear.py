@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.common.units import G
-from tinygc.deploy.exports import ExportError
+from tinygc.deploy.errors import ExportError
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel
 from tinygc.models.denoiser import DenoisedNet

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG_PER_HOUR
-from tinygc.deploy.exports import ExportError
+from tinygc.deploy.errors import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import LinearPart, linear_part, words
 from tinygc.deploy.exports._remarks import remarks

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy.exports import ExportError
+from tinygc.deploy.errors import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import linear_part, words
 from tinygc.deploy.exports._remarks import remarks

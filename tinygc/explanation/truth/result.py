@@ -20,6 +20,7 @@ from tinygc.explanation.verdict.measured import p_entry, p_words
 SCHEMA = "tinygc-explain/1"
 #: of the gyro's own noise, which a truth that was made without this gyro cannot follow: two sigmas of the rms of 100 angles
 OWN_NOISE_SHARE = 0.85
+MOST_VALUES = 9  #: of a claim that the page prints: a matrix whole
 CANNOT = (
     "cannot know: an error of the gyro's sensitivity from one of the truth's scale of angles; a common rotation of gyro and accelerometer "
     "from one of the truth's body; temperature, which is not recorded; clocks of gyro and accelerometer, where no still gives gravity"
@@ -117,7 +118,7 @@ def truth_page(e: TruthExplanation) -> Group:
         share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value)}{share}"))
         parts.append(Text(f"  {claim.says}"))
-        parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:9])}\n"))
+        parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
     parts += [Text(f"{sentence}\n") for sentence in refusals(e)]
     parts += [_evidence(e), Text(CANNOT)]
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))

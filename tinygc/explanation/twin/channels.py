@@ -1,4 +1,4 @@
-"""How well each channel is predicted, together with the others and by itself, and the one p-value of the detection.
+"""How well each channel is predicted, together with the others and by itself.
 
 The fit sees all channels whitened together, with one calibration for all, so that a misfit of the closure is spread over the stills.
 To say *where* a mismatch lives, each channel is whitened by its own covariance and may have the calibration that suits it best.
@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from tinygc.explanation.naming.selection import SHAPE_SHARE
 from tinygc.explanation.twin.refit import Refit, prior_sigmas
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
+from tinygc.models.linear import MATRIX
 
 #: by how much a channel's own E may differ from the one that all share: a data sheet's tolerance of sensitivity
 OWN_E_SIGMA = 0.01
@@ -37,7 +37,7 @@ def own_p_values(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
 def own_residuals(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[np.ndarray, dict[str, float]]:
     """Residuals (n,) of each channel by itself, unit variance, and how many parameters each has used up."""
     prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
-    prior[:9] = OWN_E_SIGMA
+    prior[MATRIX] = OWN_E_SIGMA
     alone, columns = whiten.by_channel(fit.r), whiten.by_channel(fit.J * prior)
     taken = {}
     for name, part in whiten.parts.items():
@@ -53,15 +53,6 @@ def _p(twin: Twin, r: np.ndarray, taken: float) -> float:
     noise_freedom = 3 * sum(still.duration_s for _, still in twin.stills) / 0.1 * 0.66
     freedom = max(len(r) - taken, 1.0)
     return float(stats.f.sf(np.sum(r**2) / freedom, freedom, noise_freedom))
-
-
-def detection_p(first_p: float, channel_p: dict[str, float]) -> float:
-    """One p-value from the candidates' and the channels' own.
-
-    The channels are judged against noise as it is stated, with allowances that most recordings do not use up, so their p-values are no
-    uniform ones; they get so small a share of the level that only what is beyond doubt counts, and the whole stays uniform.
-    """
-    return min(1.0, first_p / SHAPE_SHARE, bonferroni(channel_p) / (1 - SHAPE_SHARE))
 
 
 def bonferroni(p: dict[str, float]) -> float:

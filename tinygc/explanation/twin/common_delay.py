@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tinygc.effects import CommonDelay, Convention
+from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explanation.twin.twin import Twin
@@ -76,8 +77,7 @@ def _with_possible_lag(twin: Twin, whiten: Whitener, fit: Refit, number: int, ga
 
 def _common_from_gravity(fit: Refit, number: int, gauge: CommonDelay, gravity: TurnGravity) -> np.ndarray:
     """The covariance with these entries' mean taken from gravity."""
-    at = 15 + sum(len(claim.theta) for claim in fit.state.claims[:number])
-    rows = np.add(gauge.delays, at)
+    rows = np.add(gauge.delays, claim_slice(fit.state.claims, number).start)
     change = np.eye(len(fit.covariance))
     change[np.ix_(rows, rows)] -= 1 / 3
     covariance = change @ fit.covariance @ change.T

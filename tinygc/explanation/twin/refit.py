@@ -12,6 +12,7 @@ import numpy as np
 
 from session.common.units import EARTH_RATE_RPS, MG
 from tinygc.effects import AppliedEffect, Effect
+from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.twin import Channels, State, Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.models.linear import PRIOR_SIGMA
@@ -44,9 +45,8 @@ class Refit:
 
     def theta_covariance(self, number: int) -> np.ndarray:
         """(P, P) of one claim."""
-        sizes = [len(claim.theta) for claim in self.state.claims]
-        at = 15 + sum(sizes[:number])
-        return self.covariance[at : at + sizes[number], at : at + sizes[number]]
+        own = claim_slice(self.state.claims, number)
+        return self.covariance[own, own]
 
 
 def refit(

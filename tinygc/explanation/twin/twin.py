@@ -17,6 +17,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
 from tinygc.effects import AppliedEffect, Effect, Movement, movement_of
+from tinygc.explanation.twin.layout import EARTH, GRAVITY, LINEAR, claim_slice
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.problem.conditions import conditions
@@ -54,16 +55,14 @@ class State:
 
     @property
     def vector(self) -> np.ndarray:
-        """All parameters: 12 linear, 2 of the Earth, gravity, and each claim's, in order."""
+        """All parameters, as ``layout`` has them: 12 linear, 2 of the Earth, gravity, and each claim's, in order."""
         return np.concatenate([self.model.vector, self.horizontal, [self.gravity_mps2], *(claim.theta for claim in self.claims)])
 
     def with_vector(self, vector: np.ndarray) -> State:
         """The same claims with other parameters."""
-        at, claims = 15, []
-        for claim in self.claims:
-            claims.append(replace(claim, theta=vector[at : at + len(claim.theta)]))
-            at += len(claim.theta)
-        return State(LinearModel.from_vector(vector[:12]), vector[12:14], float(vector[14]), self.axes, tuple(claims))
+        claims = (replace(claim, theta=vector[claim_slice(self.claims, number)]) for number, claim in enumerate(self.claims))
+        model = LinearModel.from_vector(vector[LINEAR])
+        return State(model, vector[EARTH], float(vector[GRAVITY]), self.axes, tuple(claims))
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +173,7 @@ class Twin:
         mean = self._still_rates([log.samples.gyro for log in self.problem.logs])
         for axis in range(3):
             still[:, axis, 3 * axis : 3 * axis + 3] = mean
-            still[:, axis, 9 + axis] = 1.0
+            still[:, axis, linear.BIAS.start + axis] = 1.0
         return Channels(design, still, np.zeros((len(self.stills), linear.PARAMETERS)))
 
     def earth_columns(self) -> Channels:

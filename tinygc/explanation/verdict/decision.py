@@ -11,9 +11,9 @@ from tinygc.effects import Effect
 from tinygc.explanation.mends.mending import Mended
 from tinygc.explanation.naming.forward import Naming, candidates, name_effects
 from tinygc.explanation.naming.rivals import BETTER, best_rival
-from tinygc.explanation.naming.selection import FAMILY_WISE
+from tinygc.explanation.naming.selection import FAMILY_WISE, SHAPE_SHARE
 from tinygc.explanation.naming.unknown import slow_candidates, unknown_candidates
-from tinygc.explanation.twin.channels import bonferroni, channel_p_values, detection_p
+from tinygc.explanation.twin.channels import bonferroni, channel_p_values
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
@@ -60,6 +60,15 @@ def decide(mended: Mended, twin: Twin, whiten: Whitener, seed: int, progress: Ca
         return NamingDecision(naming if rival is None else _with_stand_in(naming, rival), None, detected, channel_p, left)
     beyond = name_effects(twin, whiten, unknown_candidates(twin), seed, most=MOST_FINDINGS, stand_ins=False)
     return NamingDecision(Naming(naming.first, naming.first_p, naming.first), beyond, detected, channel_p, channel_p)
+
+
+def detection_p(first_p: float, channel_p: dict[str, float]) -> float:
+    """One p-value from the candidates' and the channels' own.
+
+    The channels are judged against noise as it is stated, with allowances that most recordings do not use up, so their p-values are no
+    uniform ones; they get so small a share of the level that only what is beyond doubt counts, and the whole stays uniform.
+    """
+    return min(1.0, first_p / SHAPE_SHARE, bonferroni(channel_p) / (1 - SHAPE_SHARE))
 
 
 def _with_stand_in(naming: Naming, rival: Effect) -> Naming:

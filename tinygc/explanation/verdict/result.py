@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from session.common.units import DEG, G
 from session.common.version import VERSION
-from session.files.results import write_whole
-from session.files.writing import result_folder
 from session.log.hashes import hash_of_log
 from tinygc.effects import catalogue
 from tinygc.explanation.verdict.claims import Claim
@@ -64,18 +60,6 @@ def to_json(e: Explanation) -> dict:
         "logs": {log.path.name: hash_of_log(log) for log in e.session.logs},
         "version": VERSION,
     }
-
-
-def save(e: Explanation, folder: Path | None = None, pictures: bool = True) -> Path:
-    """Write the result, and its picture, into a folder, the session's ``explain`` by default; returns that folder."""
-    folder = folder or e.session.own_folder("explain")
-    with result_folder(folder):
-        write_whole(folder / "explain.json", to_json(e))
-    if pictures:
-        from tinygc.explanation.pictures.picture import draw
-
-        draw(e, folder / "explain.png")
-    return folder
 
 
 def _effect(claim: Claim) -> dict:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tinygc.effects import AppliedEffect
+from tinygc.explanation.twin.layout import LINEAR, claim_slice
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import State
 from tinygc.models.linear import NAMES
@@ -20,12 +21,8 @@ def rate_covariance(found: Refit) -> np.ndarray:
 
 def rows_of_rates(state: State) -> np.ndarray:
     """Of ``State.vector``: the linear model, and the effects that add to the rate."""
-    rows, at = list(range(12)), 15
-    for claim in state.claims:
-        if claim.effect.kind == "rate":
-            rows += range(at, at + len(claim.theta))
-        at += len(claim.theta)
-    return np.array(rows)
+    added = [claim_slice(state.claims, number) for number, claim in enumerate(state.claims) if claim.effect.kind == "rate"]
+    return np.concatenate([np.arange(part.start, part.stop) for part in (LINEAR, *added)])
 
 
 def covariance_table(claims: tuple[AppliedEffect, ...], covariance: np.ndarray) -> dict:

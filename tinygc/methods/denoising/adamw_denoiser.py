@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tinygc import closure
+from tinygc.methods.checkpoint import Checkpoint
+from tinygc.methods.denoise_options import DenoiseOptions
 from tinygc.methods.denoising import risk as denoise_risk
 from tinygc.methods.denoising.material import REACH, Material
-from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.denoising.second_order import train_second_order
 from tinygc.methods.denoising.start import DenoiserTraining, start
-from tinygc.methods.network.adamw_checkpoint import Checkpoint, device, minimise
+from tinygc.methods.network.adamw_checkpoint import device, minimise
 from tinygc.methods.registry import Progress
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.model import Model

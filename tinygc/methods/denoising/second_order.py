@@ -8,9 +8,9 @@ import numpy as np
 
 from session.common.errors import FitError
 from tinygc import closure
+from tinygc.methods.denoise_options import DenoiseOptions
 from tinygc.methods.denoising import risk as denoise_risk
 from tinygc.methods.denoising.material import REACH, Material
-from tinygc.methods.denoising.options import DenoiseOptions
 from tinygc.methods.denoising.start import DenoiserTraining, start
 from tinygc.methods.registry import Progress
 from tinygc.models.denoiser import DILATIONS, KERNEL, PARAMETERS, DenoisedNet, Denoiser

@@ -13,15 +13,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from session.common.errors import FitError
+from tinygc.methods.denoise_options import LOSSES, DenoiseOptions
 from tinygc.methods.denoising.material import REACH, Material
-from tinygc.methods.denoising.options import LOSSES, DenoiseOptions
 from tinygc.methods.denoising.second_order import train_second_order
 from tinygc.methods.denoising.start import DenoiserTraining
 from tinygc.methods.registry import Progress
 from tinygc.models.model import Model
 
 if TYPE_CHECKING:
-    from tinygc.methods.network.adamw_checkpoint import Checkpoint
+    from tinygc.methods.checkpoint import Checkpoint
 
 
 def train_denoiser(
@@ -31,7 +31,7 @@ def train_denoiser(
     progress: Progress = lambda step, steps: None,
     checkpoint: Checkpoint | None = None,
 ) -> DenoiserTraining:
-    """The whole net with this calibration, frozen; checkpoint (``adamw_checkpoint.Checkpoint``) where AdamW trains it.
+    """The whole net with this calibration, frozen; checkpoint (``Checkpoint``) where AdamW trains it.
 
     Raises FitError where the loss is not finite, or there is nothing to smooth.
     """

@@ -11,7 +11,6 @@ import hashlib
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,22 +18,14 @@ import numpy as np
 
 from session.common.errors import FitError, FormatError
 from session.files.results import read_json, write_whole
+from tinygc.methods.checkpoint import NAME, Checkpoint
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 SCHEMA = "tinygc-checkpoint/1"
-NAME = "checkpoint_{}.json"
 #: s between two checkpoints
 EVERY_S = 5.0
-
-
-@dataclass(frozen=True)
-class Checkpoint:
-    """path of the file; resume: whether to go on from it where it is there."""
-
-    path: Path
-    resume: bool = False
 
 
 def device() -> str:

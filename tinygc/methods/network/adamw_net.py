@@ -13,7 +13,8 @@ import numpy as np
 
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
-from tinygc.methods.network.adamw_checkpoint import Checkpoint, device, minimise
+from tinygc.methods.checkpoint import Checkpoint
+from tinygc.methods.network.adamw_checkpoint import device, minimise
 from tinygc.methods.network.training import TrainableNet, Training
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.problem import sequences

@@ -17,7 +17,7 @@ from tinygc.fitting.physics.covariance import covariance_table, rate_covariance,
 from tinygc.fitting.physics.lost_in_runs import loss_words, lost_in
 from tinygc.fitting.result import FitResult
 from tinygc.models.field_parameters import Quantity, field_quantities
-from tinygc.models.linear import LinearModel
+from tinygc.models.linear import BIAS, PARAMETERS, LinearModel
 from tinygc.models.physics import PhysicsModel
 from tinygc.problem.closure_run import ClosureRun
 from tinygc.problem.conditions import conditions
@@ -54,7 +54,7 @@ class Adopted:
     @property
     def linear(self) -> LinearModel:
         """Its linear part."""
-        return LinearModel.from_vector(self.vector[:12])
+        return LinearModel.from_vector(self.vector[:PARAMETERS])
 
     @property
     def times_floor(self) -> float:
@@ -109,7 +109,7 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
     vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found)
 
     def model(trial: np.ndarray) -> PhysicsModel:
-        at, changed = 12, []
+        at, changed = PARAMETERS, []
         for claim in claims:
             changed.append(AppliedEffect(claim.effect, trial[at : at + len(claim.theta)]))
             at += len(claim.theta)
@@ -131,7 +131,7 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
         covariance=covariance,
         claims=claims,
         **_runs(fit, vector, covariance, errors),
-        quantities=field_quantities(vector[:12], covariance[:12, :12]),
+        quantities=field_quantities(vector[:PARAMETERS], covariance[:PARAMETERS, :PARAMETERS]),
     )
 
 
@@ -145,7 +145,7 @@ def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Ca
     for run in fit.runs:
         error = errors(vector, run)
         slope = np.stack([(errors(vector + step, run) - error) / step.max() for step in np.diag(sigma)], axis=1)
-        drift = slope[:, 9:12] * np.sqrt(_wander_since(fit, run))
+        drift = slope[:, BIAS] * np.sqrt(_wander_since(fit, run))
         expected = np.diag(run.floor_rad**2) + slope @ covariance @ slope.T + drift @ drift.T
         found.append(error)
         p.append(float(chi2.sf(error @ np.linalg.solve(expected, error), 3)))

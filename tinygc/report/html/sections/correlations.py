@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tinygc.models.field_parameters import field_jacobian
+from tinygc.models.linear import PARAMETERS
 from tinygc.report.html.chart import drawing
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, escape, figure, key, paragraph
@@ -19,11 +20,11 @@ STRONG = 0.5
 def section(evidence: Evidence) -> Section:
     """Matrix and words."""
     adopted = evidence.adopted
-    slope = field_jacobian(adopted.vector[:12])[list(INDEPENDENT)]
-    covariance = slope @ adopted.covariance[:12, :12] @ slope.T
+    slope = field_jacobian(adopted.vector[:PARAMETERS])[list(INDEPENDENT)]
+    covariance = slope @ adopted.covariance[:PARAMETERS, :PARAMETERS] @ slope.T
     sigma = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(sigma, sigma)
-    pairs = sorted(((abs(correlation[i, j]), i, j) for i in range(12) for j in range(i)), reverse=True)
+    pairs = sorted(((abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i)), reverse=True)
     strong = [(i, j) for size, i, j in pairs if size > STRONG][:6]
     words = "; ".join(f"{NAMES[j]} and {NAMES[i]} {fixed(correlation[i, j], 2)}" for i, j in strong)
     said = f"Above {STRONG:g}: {escape(words)}." if strong else f"None is above {STRONG:g}: the movements tell all twelve parameters apart."
@@ -41,9 +42,9 @@ def section(evidence: Evidence) -> Section:
 
 def _matrix(correlation: np.ndarray, side: int) -> str:
     left, top = 62.0, 8.0
-    size = (side - left - 4) / 12
+    size = (side - left - 4) / PARAMETERS
     parts = []
-    for i in range(12):
+    for i in range(PARAMETERS):
         y = top + i * size
         parts.append(f'<text x="{left - 8}" y="{y + size / 2 + 4:.1f}" text-anchor="end">{NAMES[i]}</text>')
         for j in range(i + 1):
@@ -55,4 +56,4 @@ def _matrix(correlation: np.ndarray, side: int) -> str:
                 f'x="{left + j * size:.1f}" y="{y:.1f}" '
                 f'width="{size - 1.5:.1f}" height="{size - 1.5:.1f}"><title>{title}</title></rect>'
             )
-    return drawing(side, top + 12 * size + 4, "Correlations of the twelve parameters", "".join(parts))
+    return drawing(side, top + PARAMETERS * size + 4, "Correlations of the twelve parameters", "".join(parts))

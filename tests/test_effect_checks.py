@@ -82,6 +82,7 @@ def quick(effect, *parts, **how) -> str:
     return part.says
 
 
+@pytest.mark.slow
 def test_a_picture_that_fails_says_so():
     def draw(data, left, right):
         raise ValueError("no paint")
@@ -111,6 +112,7 @@ def test_a_bias_of_the_fit_fails():
     assert "more than the stated sigmas" in quick(wrong, "recover", seeds=2)
 
 
+@pytest.mark.slow
 def test_a_size_that_no_session_shows_is_said():
     (weak,) = check(DRIFT, size=1e-4 * DRIFT.parameter.plausible, parts=("recover",), seeds=2).parts
     assert weak.result == "passed"

@@ -63,6 +63,7 @@ def test_one_strong_effect_is_named_with_its_parameters(explained, name, effect,
     assert result["next"] is None
 
 
+@pytest.mark.slow
 def test_a_steps_time_is_found_within_the_still_or_turn_it_is_in(explained):
     _, result = explained("bias_step")
     assert effect_of(result, "gyro.bias_step")["parameters"]["at_s"] == pytest.approx(60, abs=2)
@@ -78,6 +79,7 @@ def test_a_crept_accelerometer_is_named(session, explained):
     assert "reference" in result["mismatch"]["where"]["phases"]
 
 
+@pytest.mark.slow
 def test_a_late_gyro_is_named_though_it_closes(explained):
     _, result = explained("gyro_accel_offset")
     assert named(result) == ["timing.gyro_accel_offset"]

@@ -109,6 +109,7 @@ def test_it_says_where_the_mismatch_lives(explained, name, phases, variable):
     assert where["segments"]
 
 
+@pytest.mark.slow
 def test_temperature_and_time_of_the_regime_are_those_of_the_effect(explained):
     """Warm: the upper half of the rise.  Step: from its time to the end."""
     _, result = explained("thermal_bias")
@@ -121,6 +122,7 @@ def test_temperature_and_time_of_the_regime_are_those_of_the_effect(explained):
     assert regime["to"] == pytest.approx(explanation.twin.movements[0].t_s[-1], abs=0.1)
 
 
+@pytest.mark.slow
 def test_gravity_along_an_axis_is_in_g_and_has_the_axis_of_the_strongest_column(explained):
     _, result = explained("g_sensitivity")  # its columns are 0.095, 0.070 and 0.062 dps per g long
     regime = result["mismatch"]["where"]["regime"]
@@ -129,6 +131,7 @@ def test_gravity_along_an_axis_is_in_g_and_has_the_axis_of_the_strongest_column(
     assert result["mismatch"]["where"]["regime"]["units"] == "g"
 
 
+@pytest.mark.slow
 def test_a_ceiling_lives_at_its_level(explained):
     _, result = explained("saturation")
     regime = result["mismatch"]["where"]["regime"]
@@ -137,6 +140,7 @@ def test_a_ceiling_lives_at_its_level(explained):
     assert regime["to"] == pytest.approx(180, abs=0.1)
 
 
+@pytest.mark.slow
 def test_the_seconds_are_those_of_the_effect(explained):
     """Step: from its time to the end.  False readings: from the first to the last.  A worst segment's are its own."""
     explanation, result = explained("bias_step")
@@ -151,6 +155,7 @@ def test_the_seconds_are_those_of_the_effect(explained):
         assert any(start < t_s[row] < stop for row in FALSE_ROWS), number
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_json(session, explained):
     _, result = explained("g_sensitivity")
     assert to_json(explain_session(session("g_sensitivity"))) == result

@@ -63,6 +63,7 @@ def write(
     return folder
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
     found = [explain_truth(write(tmp_path / str(seed), seed=seed)) for seed in range(4)]
     assert sum(e.verdict == "no_mismatch" for e in found) >= 3

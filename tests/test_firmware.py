@@ -181,6 +181,7 @@ def test_garbage_on_the_line_is_passed_over(board):
     np.testing.assert_array_equal(rates, program(WHOLE).run(SENSOR.inputs(registers)))
 
 
+@pytest.mark.slow
 def test_play_writes_the_rates_that_the_board_answers(board, tmp_path):
     """The command of docs/firmware.md, on the first second of a closure run."""
     t_us, registers = read_registers(ROOT / "data" / "session1" / "closure0001.csv.gz")

@@ -156,6 +156,7 @@ def test_a_saved_fit_that_is_none_is_not_believed(simulated, tmp_path, text):
     assert saved_methods(tmp_path, build_problem(read_session(simulated())), FitOptions(), {}) == {}
 
 
+@pytest.mark.slow
 def test_a_broken_saved_fit_is_not_believed(simulated, tmp_path):
     folder = tmp_path / "s"
     shutil.copytree(simulated(), folder)
@@ -233,6 +234,7 @@ def test_bad_destinations_are_refused_before_the_work(simulated, tmp_path, capfd
     assert "not found" in capfd.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_same_twice_is_the_same_bytes(simulated, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     pages = [report_of(simulated(), tmp_path / f"{k}.html", *QUICK).read_text(encoding="utf-8") for k in range(2)]

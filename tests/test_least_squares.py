@@ -191,6 +191,7 @@ def test_goodness_is_uniform_where_nothing_is_wrong(many_fits):
     assert np.mean(p < 0.05) == pytest.approx(0.05, abs=4 * np.sqrt(0.05 * 0.95 / len(p)))
 
 
+@pytest.mark.slow
 def test_covariance_with_still_rates_is_true(bench):
     """With the stills' rates as data the bias is several times better known, and its sigma says so rightly."""
     errors = []

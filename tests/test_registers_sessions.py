@@ -64,6 +64,7 @@ def test_a_ceiling_in_one_log_leaves_the_other_logs_segments_alone(two):
     assert all(np.abs(samples.gyro[s.start : s.stop]).max() < 70 * DEG for s in left)
 
 
+@pytest.mark.slow
 def test_losses_in_every_turn_are_counted_without_a_whole_segment(two):
     """No segment is left from which to learn a linear model: each count is judged with its own."""
     (first, table), _ = two

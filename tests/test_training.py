@@ -103,6 +103,7 @@ def test_at_twice_the_rates_it_has_seen_it_is_not_worse_than_least_squares(start
     assert rms(faster, net) < 1.02 * rms(faster, linear)
 
 
+@pytest.mark.slow
 def test_a_free_net_does_extrapolate_badly():
     """What the ties are for: without them 27 parameters fit the noise of 16 segments, and pay for it at twice the rates."""
     ratios = []
@@ -123,6 +124,7 @@ def test_same_data_same_numbers():
     np.testing.assert_array_equal(first.net.vector, second.net.vector)
 
 
+@pytest.mark.slow
 def test_adamw_starts_at_the_identity_and_approaches_the_second_order_loss():
     batch, sigma = recording(4, count=8)
     identity = np.mean((closure.segment_residuals(batch, CalibrationNet.identity()(batch.rate)) * (2 / sigma)[:, None]) ** 2)

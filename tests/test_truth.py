@@ -168,6 +168,7 @@ def test_up_becomes_down():
     assert np.allclose(down, [0, 0, -1], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_euroc_comes_through_the_same_door(shared, tmp_path):
     euroc = shared / "euroc"
     if not euroc.is_dir():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +34,7 @@ class Inputs:
         )
 
 
-class ProgramStage:
+class ProgramStage(ABC):
     """One step of a program: it changes ``float r[3]`` in place, and may read ``in`` and change ``state``.
 
     says: a line of the header's formula; constants: name in C -> float32 array; body: C statements; functions: C functions that the
@@ -47,9 +48,9 @@ class ProgramStage:
     state_bytes = 0
     cost: Cost
 
+    @abstractmethod
     def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
         """What the body does, for N samples at once and in the same order: (N, 3) float32 from (N, 3) float32."""
-        raise NotImplementedError
 
 
 def single(values: ArrayLike, what: str) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from tinygc.methods.held_out import Seen, held_out
@@ -32,7 +33,8 @@ def _fit(seen: Seen) -> tuple[CalibrationNet | PublishedNet, dict]:
     }
     trained = _by_adamw(seen, how) if options.optimizer == "adamw" else _by_second_order(seen, how)
     assert isinstance(trained.net, CalibrationNet | PublishedNet)  # the kind that it began as
-    return trained.net, {"optimizer": options.optimizer, "tie": trained.tie, "loss": list(trained.loss)}
+    tie = trained.tie if math.isfinite(trained.tie) else None  # AdamW is tied to nothing; JSON has no infinity
+    return trained.net, {"optimizer": options.optimizer, "tie": tie, "loss": list(trained.loss)}
 
 
 def _by_adamw(seen: Seen, how: dict[str, Any]) -> Training:

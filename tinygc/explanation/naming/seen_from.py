@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tinygc.effects import Effect, catalogue
-from tinygc.explanation.naming.forward import candidates
+from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener

@@ -57,7 +57,7 @@ class Selection(Generic[Name]):
         along: frozenset = frozenset(),
     ):
         self.q = orthonormal(nuisance)
-        self.groups = [Group(name, basis) for name, columns in candidates.items() if (basis := _left(self.q, columns, UNSEEN)).shape[1]]
+        self.groups = [Group(name, basis) for name, columns in candidates.items() if (basis := left_of(self.q, columns, UNSEEN)).shape[1]]
         self.n = len(nuisance)
         self._seed, self._rows, self._along = seed, scale_rows, along
         self._candidates, self._nuisance, self._allowances = candidates, nuisance, allowances
@@ -104,7 +104,7 @@ class Selection(Generic[Name]):
         q = orthonormal(np.concatenate([_unit(self._nuisance), _unit(self._allowances)], axis=1), UNSEEN)
         groups = []
         for name, columns in self._candidates.items():
-            basis = _left(self.q, columns, UNSEEN) if name in self._along else _left(q, columns, UNSEEN_BESIDE)
+            basis = left_of(self.q, columns, UNSEEN) if name in self._along else left_of(q, columns, UNSEEN_BESIDE)
             if basis.shape[1]:
                 groups.append((Group(name, basis), name in self._along))
         return q, groups
@@ -139,7 +139,7 @@ def _unit(columns: np.ndarray) -> np.ndarray:
     return columns[:, size > 0] / size[size > 0]
 
 
-def _left(q: np.ndarray, columns: np.ndarray, unseen: float) -> np.ndarray:
+def left_of(q: np.ndarray, columns: np.ndarray, unseen: float = UNSEEN) -> np.ndarray:
     """Orthonormal basis of what is left of the columns beside q."""
     columns = _unit(columns)
     return orthonormal(columns - q @ (q.T @ columns), unseen, scaled=False)

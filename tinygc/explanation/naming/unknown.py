@@ -19,6 +19,8 @@ from tinygc.effects.picture import WORLD
 from tinygc.effects.reach import NOWHERE
 from tinygc.explanation.twin.twin import Twin
 
+#: ids of shapes without a name begin so
+NAMELESS = "unknown."
 #: orders of the smooth curves
 ORDERS = (2, 3, 4, 5)
 #: powers of the rate, each whether it changes sign with the rate
@@ -60,6 +62,7 @@ def slow_candidates(twin: Twin) -> list[Effect]:
             found += [_curve("temperature", "°C", lambda m: 2 * (m.temp_c - low) / (high - low) - 1, order) for order in ORDERS]
     found += [_attitude(order) for order in (2, 3)]
     found += [_world(twin.problem.earth, twin.problem.session.config.site.latitude_deg), _products()]
+    found += [_field(twin)]
     return found + [_rate_curve(power, odd) for power, odd in RATE_POWERS]
 
 
@@ -86,7 +89,7 @@ def _finding(
         assert basis is not None
         columns = per_axis(basis)
     return Effect(
-        id=f"unknown.{name}",
+        id=f"{NAMELESS}{name}",
         equation=equation,
         parameter=Parameter("coefficients_dps", (size,), "dps", DEG, plausible=PLAUSIBLE_RPS),
         seen_in=("still", "turn"),
@@ -174,6 +177,19 @@ def _world(earth: EarthRate, latitude_deg: float | None) -> Effect:
         splits="correct site.latitude_deg in session.toml; if it is right, record stills with each axis up and down and pointing each way",
         regime=("attitude", "g"),
         picture=WORLD,
+    )
+
+
+def _field(twin: Twin) -> Effect:
+    """A field fixed in the world, as a magnet's, seen by each axis in its own way; what is vertical of it is g-sensitivity's."""
+    began = {float(movement.t_s[0]): number for number, movement in enumerate(twin.movements)}
+
+    def basis(movement: Movement) -> np.ndarray:
+        return twin.level_axes[began[float(movement.t_s[0])]]
+
+    says = "the zero-rate offset follows a level direction that is fixed in the world: a magnetic field, a draught, the sun"
+    return _finding(
+        "world_field", "ω += K n, n two level directions fixed in the table", 18, says, ("attitude", "g"), basis=basis, inputs=("time",)
     )
 
 

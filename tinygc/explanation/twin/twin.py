@@ -140,6 +140,23 @@ class Twin:
         """(S, T, 3, 3) from the body to the table, by the first linear fit: within a degree, of which the Earth's rate knows nothing."""
         return rotation.matrix(closure.attitudes(self.batch, self.problem.first(self.batch.rate)))
 
+    @cached_property
+    def level_axes(self) -> list[np.ndarray]:
+        """(N, 6) of each log: the table's x and y axes in the body at each sample, by the first linear fit; between segments the next
+        still's."""
+        found = []
+        for log, movement in enumerate(self.movements):
+            axes = np.full((len(movement.t_s), 6), np.nan)
+            for (number, still), q in zip(self.stills, self.q_tb, strict=True):
+                if number == log:
+                    axes[still.start : still.stop] = rotation.matrix(q)[:2].ravel()
+            for segment, turn in zip(self.segments, self._turns, strict=True):
+                if segment.log == log:
+                    axes[segment.start : segment.stop] = turn[: segment.stop - segment.start, :2].reshape(-1, 6)
+            known = np.isfinite(axes[:, 0])
+            found.append(axes[known][np.searchsorted(np.flatnonzero(known), np.arange(len(axes))).clip(0, known.sum() - 1)])
+        return found
+
     def _bent(self, force_bias: np.ndarray) -> np.ndarray:
         """Attitudes (Q, 4) of the stills from gravity less a bias, each with the yaw that was carried to it."""
         tilts = rotation.from_gravity(self.force - force_bias)

@@ -1,8 +1,7 @@
-"""The known covariance of all channels together, and whitening with it.
+"""The covariance of all channels together, and whitening with it.
 
 Gyro and accelerometer noise are measured in the stills' own short-time scatter.  The segments contain part of the stills at their ends,
-so their gyro noise is shared.  The bias wanders by the sensor's bias instability (``Problem.instability``): it is part of what noise
-allows, as flicker noise between the moments at which stills and segments were recorded.
+so their gyro noise is shared.  What white noise does not cover comes as further covariance (``explanation/noise``).
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from scipy.linalg import solve_triangular
 
 from session.common.units import MG
 from tinygc.attitude import rotation
-from tinygc.closure.bias_wander import wander_covariance
 from tinygc.explanation.twin.twin import Twin
 
 #: what a MEMS accelerometer of this class wanders by within minutes; bounds what the length of gravity can tell.  Generous: lengths are
@@ -25,32 +23,45 @@ ACCEL_INSTABILITY_MPS2 = 0.03 * MG
 PRECALIBRATION_MPS2 = 0.1 * MG
 
 
-#: a unit's bias instability in the datasheet's, which is a typical one.  The middle of what units have (1 to 1.4 times): p-values are a
-#: little careful with the best and a little bold with the worst (benchmarks/null_sessions.py: 4.0 % false alarms at 1, 7.5 % at 1.3).
-#: Not where it was estimated from the recording: that is the unit's own
-UNIT_INSTABILITY = 1.2
-
-
 class Whitener:
-    """Cholesky factor of the covariance of ``Channels.stacked()``; sizes of the three channels."""
+    """Cholesky factor of the covariance of ``Channels.stacked()``; sizes of the three channels.
 
-    def __init__(self, twin: Twin):
-        allowances = _precalibration(twin)
-        self._covariance = _covariance(twin) + allowances @ allowances.T
-        self._rows: slice | np.ndarray = slice(None)
-        self._factor = np.linalg.cholesky(self._covariance)
+    white (n, n): white noise and the pre-calibration's allowance alone; more (n, n): what comes on top of it.
+    """
+
+    def __init__(self, twin: Twin, more: np.ndarray | None = None):
         s, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
-        #: (n, m) whitened: directions along which the covariance allows more than most recordings need
-        self.allowances = self(allowances)
+        self.sizes = s * d, 3 * q, q
         self.parts = {"closure": slice(0, s * d), "still": slice(s * d, s * d + 3 * q), "length": slice(s * d + 3 * q, s * d + 4 * q)}
+        self._allowances = _precalibration(twin)
+        self.white = _covariance(twin) + self._allowances @ self._allowances.T
+        self._rows: slice | np.ndarray = slice(None)
+        self._set(self.white if more is None else self.white + more)
+
+    def _set(self, covariance: np.ndarray) -> None:
+        self._covariance = covariance
+        self._factor = np.linalg.cholesky(covariance)
+        #: (n, m) whitened: directions along which the covariance allows more than most recordings need
+        self.allowances = self(self._allowances)
 
     def __call__(self, stacked: np.ndarray) -> np.ndarray:
         """Rows of unit variance, uncorrelated."""
-        return solve_triangular(self._factor, stacked[self._rows], lower=True)
+        return solve_triangular(self._factor, stacked[self._rows], lower=True, check_finite=False)
+
+    def back(self, whitened: np.ndarray) -> np.ndarray:
+        """The stacked channels (n,) or (n, m) that are whitened so."""
+        return self._factor @ whitened
+
+    def with_more(self, more: np.ndarray) -> Whitener:
+        """The same channels with other covariance (n, n) on top of white noise."""
+        other = copy(self)
+        other.__dict__.pop("_own_factors", None)
+        other._set(self.white + more)
+        return other
 
     def by_channel(self, whitened: np.ndarray) -> np.ndarray:
         """Rows (n,) or (n, m), whitened together, as each channel's own covariance alone would whiten them."""
-        stacked = self._factor @ whitened
+        stacked = self.back(whitened)
         alone = np.empty_like(stacked)
         for name, part in self.parts.items():
             alone[part] = solve_triangular(self._own_factors[name], stacked[part], lower=True)
@@ -70,7 +81,7 @@ class Whitener:
     @property
     def sigma(self) -> np.ndarray:
         """(n,) standard deviation of each row before whitening."""
-        return np.sqrt(np.sum(self._factor**2, axis=1))
+        return np.sqrt(np.diag(self._covariance))
 
 
 def _covariance(twin: Twin) -> np.ndarray:
@@ -93,7 +104,6 @@ def _covariance(twin: Twin) -> np.ndarray:
             rows, at = slice(i * d, i * d + d), s * d + 3 * number
             full[rows, at : at + 3] += block
             full[at : at + 3, rows] += block.T
-    full += _flicker(twin)
     for number, (log, still) in enumerate(twin.stills):
         variance = float(np.mean(problem.logs[log].noise.velocity_random_walk ** 2)) / still.duration_s + ACCEL_INSTABILITY_MPS2**2
         full[s * d + 3 * q + number, s * d + 3 * q + number] = variance
@@ -104,23 +114,3 @@ def _precalibration(twin: Twin) -> np.ndarray:
     """(n, 12) one sigma each of a bias and a matrix of the accelerometer that nobody knows better, the same for the whole session."""
     start = twin.start()
     return twin.precalibration_columns(start, twin.rates(start)).stacked() * PRECALIBRATION_MPS2
-
-
-def _flicker(twin: Twin) -> np.ndarray:
-    """Covariance from the wandering bias."""
-    s, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
-    starts = [movement.t_s[0] for movement in twin.movements]
-    segment_s = [starts[segment.log] + segment.start_s + segment.duration_s / 2 for segment in twin.segments]
-    still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
-    spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
-    known = twin.problem.instability
-    widen = 1.0 if known.of_unit else UNIT_INSTABILITY
-    wander = widen**2 * wander_covariance(np.array(segment_s + still_s), np.array(spans), instability_rps=known.rps)
-    # A bias error turns a segment's end by its mean attitude times its duration, and shows in a still as it is.
-    sensitivity = twin.sensitivity(twin.start(), twin.rates(twin.start()))
-    response = np.concatenate([sensitivity.sum(axis=1).reshape(s * d, 3), np.tile(np.eye(3), (q, 1))])
-    owner = np.concatenate([np.repeat(np.arange(s), d), s + np.repeat(np.arange(q), 3)])
-    block = (response @ response.T) * wander[np.ix_(owner, owner)]
-    full = np.zeros((s * d + 4 * q, s * d + 4 * q))
-    full[: len(owner), : len(owner)] = block
-    return full

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
 
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.mends.mending import FROM_THE_BAR, Mended
-from tinygc.explanation.naming.forward import Naming
+from tinygc.explanation.naming.naming import NamedEffect
+from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.turn_gravity import TurnGravity
 from tinygc.explanation.verdict.readable import readable
 
@@ -18,6 +19,7 @@ from tinygc.explanation.verdict.readable import readable
 class Claim:
     """One effect that is claimed: parameters and their std in people's units, p-value, what could stand in for it.
 
+    probability: of the name, after all that was weighed; rivals: probability of what was weighed in its place, by id;
     gain: chi-square that it took up; share: of what was beyond noise in all channels, None for what was mended before the fit;
     p_is_bound: the p-value is that of a detector's bar, and what was found beyond it is less probable still.
     """
@@ -31,6 +33,8 @@ class Claim:
     says: str
     share: float | None = None
     p_is_bound: bool = False
+    probability: float = 1.0
+    rivals: dict[str, float] = field(default_factory=dict)
 
 
 def mended_claims(mended: Mended) -> list[Claim]:
@@ -69,17 +73,27 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     ]
 
 
-def named_claims(naming: Naming) -> list[Claim]:
-    """What was named and refitted, or found without a name."""
+def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> list[Claim]:
+    """What was named and refitted, or found without a name; beyond_noise: chi-square of the first look beyond its freedom."""
     claims = []
-    numbers = {claim.effect.id: i for i, claim in enumerate(naming.fit.state.claims)}
-    freedom = max(len(naming.fit.r) - naming.fit.J.shape[1], 1)
-    widen = max(1.0, naming.fit.chi_square / freedom)
-    beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
-    for named in naming.named:
-        number = numbers[named.effect.id]
-        claim = naming.fit.state.claims[number]
-        theta, parameters, std = readable(claim, naming.fit.theta_covariance(number) * widen)
-        share = float(np.clip(named.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
-        claims.append(Claim(claim.effect, parameters, std, named.p_value, named.gain, named.equivalent, claim.effect.says(theta), share))
+    numbers = {claim.effect.id: i for i, claim in enumerate(fit.state.claims)}
+    for each in named:
+        number = numbers[each.effect.id]
+        claim = fit.state.claims[number]
+        theta, parameters, std = readable(claim, fit.theta_covariance(number))
+        share = float(np.clip(each.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
+        claims.append(
+            Claim(
+                claim.effect,
+                parameters,
+                std,
+                each.p_value,
+                each.gain,
+                each.equivalent,
+                claim.effect.says(theta),
+                share,
+                probability=each.probability,
+                rivals=each.rivals,
+            )
+        )
     return claims

@@ -3,40 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from tinygc.effects import Effect
-from tinygc.explanation.mends.mending import Mended
-from tinygc.explanation.naming.forward import Naming, candidates, name_effects
-from tinygc.explanation.naming.rivals import BETTER, best_rival
-from tinygc.explanation.naming.selection import FAMILY_WISE, SHAPE_SHARE
-from tinygc.explanation.naming.unknown import slow_candidates, unknown_candidates
-from tinygc.explanation.twin.channels import bonferroni, channel_p_values
+from tinygc.explanation.naming.candidates import candidates, selection_of
+from tinygc.explanation.naming.evidence import Evidence, Hypothesis
+from tinygc.explanation.naming.naming import STAND_IN, NamedEffect, Naming, probabilities, rivals_of
+from tinygc.explanation.naming.search import exchanged, search
+from tinygc.explanation.naming.selection import FAMILY_WISE
+from tinygc.explanation.naming.unknown import NAMELESS, slow_candidates, unknown_candidates
+from tinygc.explanation.noise.session_noise import SessionNoise
+from tinygc.explanation.twin.layout import claim_slice
+from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
-#: what is left after naming is judged at this level over the channels (Bonferroni): a right name is refused once in a thousand
-LEFT_P = 1e-3
-#: a right name takes up nearly all of the misfit; what it may leave, for what its model simplifies
-#: (not critical: benchmarks/thresholds.py)
-RIGHT_SHARE = 0.975
-MOST_FINDINGS = 2  #: that a page holds
-#: a shape without a name is not worth a reader's time if it carries less of the misfit than this: of what is said, not of what is decided
-LEAST_FINDING = 0.1
+#: a name is said if it, with what could stand in for it, is more probable than not
+SAID = 0.5
+MOST_FINDINGS = 2  #: shapes without a name beside the names: that a page holds
 
 
 @dataclass(frozen=True, eq=False)
 class NamingDecision:
-    """naming: the names that are kept, with the fit; beyond: shapes without a name, where names were refused or none was found;
-    p_value of the detection; channel p-values before and with what is kept."""
+    """naming: the names that are kept, with the fit; beyond: shapes without a name; considered: names that were weighed and are not
+    borne out, with their probability; whiten and noise: the covariance of all that; p_value of the detection."""
 
     naming: Naming
-    beyond: Naming | None
+    beyond: list[NamedEffect]
+    considered: dict[str, float]
+    whiten: Whitener
+    noise: SessionNoise
     p_value: float
-    channel_p: dict[str, float]
-    left: dict[str, float]
 
     @property
     def refused(self) -> bool:
@@ -44,42 +44,70 @@ class NamingDecision:
         return not self.naming.named and self.p_value <= FAMILY_WISE
 
 
-def decide(mended: Mended, twin: Twin, whiten: Whitener, seed: int, progress: Callable[[str], None] = lambda what: None) -> NamingDecision:
-    """Detect and name; keep the names only if they leave what noise allows, or next to nothing, and no shape without a name does
-    better; else say what is there without a name."""
-    naming = name_effects(twin, whiten, candidates(twin), seed, progress, explained=mended.misfit)
-    channel_p = channel_p_values(twin, whiten, naming.first.r, naming.first.J)
-    detected = detection_p(naming.first_p, channel_p)
-    left = channel_p_values(twin, whiten, naming.fit.r, naming.fit.J)
-    if not naming.named and detected > FAMILY_WISE:
-        return NamingDecision(naming, None, detected, channel_p, left)
+def decide(twin: Twin, seed: int, progress: Callable[[str], None] = lambda what: None) -> NamingDecision:
+    """Weigh the catalogue's effects against each other, against shapes without a name, and against nothing."""
+    evidence, tried = Evidence(twin), candidates(twin)
+    progress("detecting")
+    first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
+    best = search(evidence, tried, evidence.nothing, progress=progress)
+    progress("lookalikes")
+    best = exchanged(evidence, tried, best)
     progress("beyond the catalogue")
-    enough = bonferroni(left) > LEFT_P or _share(whiten, naming, mended.misfit) >= RIGHT_SHARE
-    rival, lead = best_rival(twin, whiten, naming, slow_candidates(twin), seed) if enough and naming.named else (None, -np.inf)
-    if enough and lead < BETTER:
-        return NamingDecision(naming if rival is None else _with_stand_in(naming, rival), None, detected, channel_p, left)
-    beyond = name_effects(twin, whiten, unknown_candidates(twin), seed, most=MOST_FINDINGS, stand_ins=False)
-    return NamingDecision(Naming(naming.first, naming.first_p, naming.first), beyond, detected, channel_p, channel_p)
+    best = _beyond(evidence, tried, best, first_p)
+    return decided(evidence, best, first_p, len({effect.id for effect in tried}))
 
 
-def detection_p(first_p: float, channel_p: dict[str, float]) -> float:
-    """One p-value from the candidates' and the channels' own.
+def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: float) -> Hypothesis:
+    """Shapes without a name, beside the names and in their place; the lines among them, of which there are hundreds, only where something
+    is left that nothing else takes up."""
+    shapes = slow_candidates(evidence.twin)
+    found = [search(evidence, shapes, begin, most=MOST_FINDINGS) for begin in ((best, evidence.nothing) if best.effects else (best,))]
+    ahead = min(found, key=lambda h: h.score)
+    if ahead.noise.unusual or (not ahead.effects and first_p < FAMILY_WISE):
+        ahead = search(evidence, unknown_candidates(evidence.twin), ahead, most=1)
+    if any(effect.id.startswith(NAMELESS) for effect in ahead.effects):
+        # A name that stood for a part of what the shape describes may go, another come.
+        ahead = search(evidence, tried, ahead, most=1)
+    return ahead
 
-    The channels are judged against noise as it is stated, with allowances that most recordings do not use up, so their p-values are no
-    uniform ones; they get so small a share of the level that only what is beyond doubt counts, and the whole stays uniform.
-    """
-    return min(1.0, first_p / SHAPE_SHARE, bonferroni(channel_p) / (1 - SHAPE_SHARE))
+
+def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) -> NamingDecision:
+    """What of the best hypothesis is said."""
+    twin, weighed = evidence.twin, evidence.weighed
+    chance = probabilities(weighed)
+    named = [_named(evidence, best, number, chance, tests) for number in range(len(best.effects))]
+    kept = [n for n in named if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID]
+    names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
+    fit = best.fit
+    if len(kept) < len(best.effects):
+        fit = refit(twin, best.whiten, [n.effect for n in kept], best.fit.state)
+    ids = {n.effect.id for n in kept}
+    considered = {name: p for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
+    first = refit(twin, best.whiten, [], twin.start())
+    p_value = min([first_p, *(n.p_value for n in kept)])
+    naming = Naming(first, first_p, fit, sorted(names, key=lambda n: -n.gain))
+    beyond = [n for n in kept if n not in names]
+    return NamingDecision(naming, beyond, considered, best.whiten, best.noise, p_value)
 
 
-def _with_stand_in(naming: Naming, rival: Effect) -> Naming:
-    """A shape that alone does as well as all names: each of them could be a part of it."""
-    return replace(naming, named=[replace(named, equivalent=(*named.equivalent, rival.id)) for named in naming.named])
+def _named(evidence: Evidence, best: Hypothesis, number: int, chance: dict[str, float], tests: int) -> NamedEffect:
+    effect = best.effects[number]
+    gain = _wald(best.fit, number)
+    freedom = effect.parameter.size + (effect.scan is not None)
+    p_value = min(1.0, tests * float(stats.chi2.sf(gain, freedom)))
+    rivals = rivals_of(evidence.weighed, best, effect)
+    return NamedEffect(
+        effect,
+        p_value,
+        gain,
+        chance[effect.id],
+        tuple(name for name, worse in rivals.items() if worse < STAND_IN),
+        {name: chance[name] for name in rivals},
+    )
 
 
-def _share(whiten: Whitener, naming: Naming, mended_from: float) -> float:
-    """Share of the excess misfit that mending and naming took up, in the channels that the gyro moves, and gravity's length if an
-    effect of the reference is among the names."""
-    end = whiten.parts["length" if any(n.effect.kind == "force" for n in naming.named) else "still"].stop
-    before = max(float(np.sum(naming.first.r[:end] ** 2)), mended_from)
-    after = float(np.sum(naming.fit.r[:end] ** 2))
-    return (before - after) / (before - end) if before > 2 * end else 0.0
+def _wald(fit: Refit, number: int) -> float:
+    """Chi-square of a claim's parameters against none."""
+    part = claim_slice(fit.state.claims, number)
+    theta = fit.state.claims[number].theta
+    return float(theta @ np.linalg.solve(fit.covariance[part, part], theta))

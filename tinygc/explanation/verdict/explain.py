@@ -10,17 +10,18 @@ from session.checks.findings import Finding
 from session.common.units import DEG
 from session.log.folder import Session
 from tinygc.explanation.mends.mending import Mended, mend
-from tinygc.explanation.naming.forward import Naming
+from tinygc.explanation.naming.naming import Naming
 from tinygc.explanation.naming.seen_from import seen_from
 from tinygc.explanation.naming.selection import FAMILY_WISE
-from tinygc.explanation.twin.channels import bonferroni, own_p_values
+from tinygc.explanation.noise.session_noise import SessionNoise
+from tinygc.explanation.twin.channels import channel_p_values, own_p_values
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.twin.within_stills import WithinStills, within_stills
 from tinygc.explanation.verdict.claims import Claim, mended_claims, named_claims, offset_claim
-from tinygc.explanation.verdict.decision import LEAST_FINDING, LEFT_P, decide
+from tinygc.explanation.verdict.decision import decide
 from tinygc.explanation.verdict.proof import Proof, prove
 from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
@@ -52,6 +53,8 @@ class Explanation:
     warnings: list[Finding] = field(default_factory=list)
     seen_from: dict[str, float] = field(default_factory=dict)
     within: WithinStills | None = None
+    noise: SessionNoise | None = None
+    considered: dict[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Explanation {self.session.name}: {self.verdict}>"
@@ -71,20 +74,21 @@ def explain_session(
     mended = mend(problem, lambda what: progress(what, 2, 6))
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
-    whiten = Whitener(twin)
-    decision = decide(mended, twin, whiten, seed, lambda what: progress(what, 4, 6))
+    decision = decide(twin, seed, lambda what: progress(what, 4, 6))
+    whiten = decision.whiten
     naming = replace(decision.naming, fit=in_gauge(twin, whiten, decision.naming.fit))
     gravity = turn_gravity(twin, naming.fit)
     progress("proof on held-out segments", 5, 6)
     proof = prove(problem, twin, whiten, naming.fit)
-    named = named_claims(naming)
+    beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
+    named = named_claims(naming.fit, naming.named, beyond_noise)
     before_the_fit = mended_claims(mended) + offset_claim(gravity, named)
-    beyond = [] if decision.beyond is None else [each for each in named_claims(decision.beyond) if (each.share or 0) >= LEAST_FINDING]
+    beyond = named_claims(naming.fit, decision.beyond, beyond_noise)
     p_value = min([decision.p_value, *(claim.p_value for claim in before_the_fit)])
-    claimed = before_the_fit + named
-    explanation = Explanation(
-        session, problem, mended, twin, whiten, naming, gravity, proof, "", p_value, claimed, beyond, decision.left, decision.channel_p
-    )
+    explanation = Explanation(session, problem, mended, twin, whiten, naming, gravity, proof, "", p_value, before_the_fit + named, beyond)
+    explanation.noise = decision.noise
+    explanation.considered = decision.considered
+    explanation.channel_p, explanation.left = (channel_p_values(twin, whiten, fit.r, fit.J) for fit in (naming.first, naming.fit))
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
     explanation.within = within_stills(twin)
@@ -106,8 +110,9 @@ def _heading_not_used(problem: Problem) -> list[Finding]:
 
 def _verdict(explanation: Explanation) -> str:
     if not explanation.claimed:
-        return "unexplained" if explanation.p_value <= FAMILY_WISE else "no_mismatch"
-    if explanation.findings or bonferroni(explanation.left) <= LEFT_P:
+        unnamed = explanation.p_value <= FAMILY_WISE or explanation.findings or explanation.noise.unusual
+        return "unexplained" if unnamed else "no_mismatch"
+    if explanation.findings or explanation.noise.unusual:
         return "partly_explained"
     if any(claim.equivalent for claim in explanation.claimed):
         return "ambiguous"

@@ -33,6 +33,7 @@ def to_json(e: Explanation) -> dict:
         },
         "effects": [_effect(claim) for claim in e.claimed],
         "findings": [_effect(claim) | {"share": claim.share} for claim in e.findings],
+        "considered": [{"id": name, "probability": p} for name, p in e.considered.items()],
         "fit": {
             "holdout_closure_rms_deg": {
                 "before": tilt_rms(e.proof.before) / DEG,
@@ -69,6 +70,8 @@ def _effect(claim: Claim) -> dict:
         "parameters": claim.parameters,
         "std": claim.std,
         **p_entry("p_value", claim.p_value, claim.p_is_bound),
+        "probability": claim.probability,
+        "rivals": claim.rivals,
         "equivalent": list(claim.equivalent),
         "says": claim.says,
     }

@@ -1,0 +1,132 @@
+"""The evidence of a hypothesis: how probable the recording is, if these effects and no others are there.
+
+    -2 log p(recording | effects) = log|C| + log|1 + D J' C^-1 J| + r' C^-1 r + theta' D^-1 theta        (Laplace, around the exact refit)
+
+C holds the noise as it is (``explanation/noise``), re-estimated for every hypothesis: what a name takes over from a noise component
+speaks for the name.  D is the prior size of each effect: normal, with one sigma for all parameters of an effect, which is itself as
+probable at every scale up to the catalogue's; its best value is the parameters' own rms, so that a strong and a weak effect pay alike.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tinygc.effects import Effect
+from tinygc.explanation.naming.candidates import scanned
+from tinygc.explanation.noise.session_noise import SessionNoise, first_noise
+from tinygc.explanation.twin.common_delay import in_gauge
+from tinygc.explanation.twin.layout import claim_slice
+from tinygc.explanation.twin.refit import ENOUGH, Refit, prior_sigmas, refit
+from tinygc.explanation.twin.twin import State, Twin
+from tinygc.explanation.twin.whitening import Whitener
+
+#: of any effect of the catalogue, before the recording is looked at, and of any shape without a name: a recording shows none of twenty
+#: effects in one case of three or so
+PRIOR_ODDS = 1 / 30
+#: the scale of an effect is known to a factor of e within ten of them, from what is never seen to what no sensor has
+SCALES = 10.0
+#: Gauss-Newton steps after the noise has been re-estimated: the second fit begins where the first ended
+MORE_STEPS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """effects; fit with all of them; whiten and noise: the covariance that it was fitted with; score: -2 log of evidence times prior."""
+
+    effects: tuple[Effect, ...]
+    fit: Refit
+    whiten: Whitener
+    noise: SessionNoise
+    score: float
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Of its effects."""
+        return frozenset(effect.id for effect in self.effects)
+
+    def __repr__(self) -> str:
+        return f"<{', '.join(sorted(self.ids)) or 'nothing'}: {self.score:.1f}>"
+
+
+class Evidence:
+    """Hypotheses of one recording, each weighed once."""
+
+    def __init__(self, twin: Twin):
+        self.twin = twin
+        self._white = Whitener(twin)
+        self.first_noise = first_noise(twin, self._white)
+        self.first_whiten = self._white.with_more(self.first_noise.covariance)
+        self._known: dict[tuple, Hypothesis] = {}
+        self._shapes: dict[str, int] = {}
+        self._columns: dict[Effect, np.ndarray] = {}
+        self.nothing = self.of((), None)
+
+    @property
+    def weighed(self) -> list[Hypothesis]:
+        """All hypotheses so far."""
+        return list(self._known.values())
+
+    def of(self, effects: tuple[Effect, ...], begin: Hypothesis | None) -> Hypothesis:
+        """The hypothesis of these effects; the fit begins from another's."""
+        key = tuple(
+            sorted((effect.id, *(round(value, 6) for value in effect.shape.values() if isinstance(value, float))) for effect in effects)
+        )
+        if key not in self._known:
+            self._known[key] = self._weigh(effects, begin)
+        return self._known[key]
+
+    def _weigh(self, effects: tuple[Effect, ...], begin: Hypothesis | None) -> Hypothesis:
+        twin = self.twin
+        whiten = self.first_whiten if begin is None else begin.whiten
+        state = twin.start() if begin is None else self._gauged_start(begin)
+        fit = refit(twin, whiten, list(effects), state)
+        noise = self.first_noise.estimated(whiten, fit, self.prior(fit))
+        whiten = self._white.with_more(noise.covariance)
+        fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
+        noise = noise.estimated(whiten, fit, self.prior(fit), go_on=True)
+        whiten = self._white.with_more(noise.covariance)
+        fit = refit(twin, whiten, list(effects), fit.state, max_steps=1)
+        return Hypothesis(effects, fit, whiten, noise, noise.value + sum(self.price(effect) for effect in effects))
+
+    def columns(self, effect: Effect) -> np.ndarray:
+        """(n, P) stacked, as one unit of each parameter moves the channels: by the linear model, which is near enough to rank by."""
+        if effect not in self._columns:
+            fit = self.nothing.fit
+            self._columns[effect] = self.twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked()
+        return self._columns[effect]
+
+    def _gauged_start(self, begin: Hypothesis) -> State:
+        # Not from where an earlier effect's common delay has run while this one was missing.
+        return in_gauge(self.twin, begin.whiten, begin.fit).state
+
+    def prior(self, fit: Refit) -> np.ndarray:
+        """(p,) prior sigmas of all parameters: of each claim, the rms of its own."""
+        prior = prior_sigmas(self.twin, [claim.effect for claim in fit.state.claims])
+        for number, claim in enumerate(fit.state.claims):
+            part = claim_slice(fit.state.claims, number)
+            least = float(np.sqrt(np.mean(np.diag(fit.covariance)[part])))
+            rms = float(np.sqrt(np.mean(claim.theta**2)))
+            prior[part] = min(max(rms, least, 1e-6 * claim.effect.parameter.plausible), claim.effect.parameter.plausible)
+        return prior
+
+    def price(self, effect: Effect) -> float:
+        """Twice the logarithm of what a name costs before it is looked at: its prior odds, its scale, the shapes that were tried under its
+        name, and the parameters' own place within their prior."""
+        shapes = self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect))
+        return 2 * float(np.log(SCALES / PRIOR_ODDS) + np.log(shapes)) + effect.parameter.size
+
+    def will_try(self, tried: list[Effect]) -> None:
+        """Shapes without a scan that share a name: each is one of so many."""
+        self._shapes |= Counter(effect.id for effect in tried)
+
+
+def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    """The fit where a delay that all axes share stands where it can be: such a direction is hardly seen, and a search that has run far
+    along it goes on from the gauge."""
+    gauged = in_gauge(twin, whiten, fit)
+    if gauged.chi_square > fit.chi_square - ENOUGH:
+        return replace(fit, state=gauged.state, rates=gauged.rates, r=gauged.r, chi_square=gauged.chi_square)
+    return in_gauge(twin, whiten, refit(twin, whiten, [claim.effect for claim in fit.state.claims], gauged.state))

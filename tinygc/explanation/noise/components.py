@@ -1,0 +1,113 @@
+"""What the covariance of all channels may hold beside white noise: variance components, each with a name and a place.
+
+A component is V_k s_k^2: V_k from the recording's geometry, s_k estimated (``restricted_likelihood.py``).
+
+- ``noise.bias_wander``: the bias wanders as flicker noise; it is known beforehand as well as its source is.
+- ``noise.still_rate``: the mean rate of each still errs by itself: rests creep, the bias jumps between them.
+- ``noise.reference``: the accelerometer's error in each attitude: it tilts the reference at the ends of two turns, and shows in gravity's
+  length.
+- ``noise.turn``: what each turn errs by beyond all that; equal for all turns.
+- ``motion.undersampled``: motion faster than half the data rate; each turn's share is predicted (``undersampling.py``), s is a factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.common.units import DEG, DEG_PER_HOUR, MG, G
+from tinygc.closure.bias_wander import wander_covariance
+from tinygc.explanation.noise.undersampling import Undersampling
+from tinygc.explanation.twin.twin import Twin
+
+WANDER, STILL_RATE, REFERENCE, TURN, UNDERSAMPLED = (
+    "noise.bias_wander",
+    "noise.still_rate",
+    "noise.reference",
+    "noise.turn",
+    "motion.undersampled",
+)
+#: ln: how far a unit's bias instability may be from the typical one of its model, and from the one that was given for it
+TYPICAL_SPREAD, GIVEN_SPREAD = 0.5, 0.1
+#: an undersampling below this share of the floor's rms is none: a factor of it cannot be told
+LEAST_UNDERSAMPLING = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """name; V (n, n) rad^2, (rad/s)^2 and (m/s^2)^2 of the stacked channels for s = 1; usual: s that is as large as white noise, SI, where a
+    search begins; prior: median and spread (ln) of s where something is known beforehand; unit and si: how a person reads s; says."""
+
+    name: str
+    V: np.ndarray
+    usual: float
+    unit: str
+    si: float
+    says: str
+    prior: tuple[float, float] | None = None
+
+
+def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> list[Component]:
+    """Of a twin whose channels have sizes (S d, 3 Q, Q)."""
+    floor = float(np.sqrt(np.mean(twin.problem.floor.sigma**2)))
+    found = [_wander(twin, sizes), _still_rate(twin, sizes), _reference(twin, sizes), _turn(sizes, floor)]
+    if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:
+        found.append(_undersampled(twin, sizes, missed))
+    return [component for component in found if component.V.any()]
+
+
+def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
+    s, q = len(twin.segments), len(twin.stills)
+    starts = [movement.t_s[0] for movement in twin.movements]
+    segment_s = [starts[segment.log] + segment.start_s + segment.duration_s / 2 for segment in twin.segments]
+    still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
+    spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
+    wander = wander_covariance(np.array(segment_s + still_s), np.array(spans), instability_rps=1.0)
+    # A bias error turns a segment's end by its mean attitude times its duration, and shows in a still as it is.
+    sensitivity = twin.sensitivity(twin.start(), twin.rates(twin.start()))
+    response = np.concatenate([sensitivity.sum(axis=1).reshape(sizes[0], 3), np.tile(np.eye(3), (q, 1))])
+    owner = np.concatenate([np.repeat(np.arange(s), twin.batch.angles), s + np.repeat(np.arange(q), 3)])
+    V = np.zeros((sum(sizes), sum(sizes)))
+    V[: len(owner), : len(owner)] = (response @ response.T) * wander[np.ix_(owner, owner)]
+    known = twin.problem.instability
+    white = float(np.median(twin.problem.still_rates.sigma)) if q else 1 * DEG_PER_HOUR
+    spread = TYPICAL_SPREAD if known.source.startswith("typical") else GIVEN_SPREAD
+    prior = (known.rps, spread) if known.rps > 0 and not known.of_unit else None
+    return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "the bias wanders", prior)
+
+
+def _still_rate(twin: Twin, sizes: tuple[int, int, int]) -> Component:
+    diagonal = np.zeros(sum(sizes))
+    diagonal[sizes[0] : sizes[0] + sizes[1]] = 1.0
+    white = float(np.median(twin.problem.still_rates.sigma)) if len(twin.stills) else DEG
+    return Component(STILL_RATE, np.diag(diagonal), white, "dps", DEG, "the mean rate of each still errs by itself: rests that creep")
+
+
+def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
+    d = twin.batch.angles
+    V = np.zeros((sum(sizes), sum(sizes)))
+    ends = np.zeros((len(twin.segments), len(twin.stills)))
+    ends[np.arange(len(ends)), twin.first] += 1
+    ends[np.arange(len(ends)), twin.last] -= 1
+    shared = ends @ ends.T / G**2
+    tilt = np.diag([1.0, 1.0, 0.0])[:d, :d]
+    V[: sizes[0], : sizes[0]] = np.kron(shared, tilt)
+    length = slice(sizes[0] + sizes[1], sum(sizes))
+    V[length, length] = np.eye(sizes[2])
+    return Component(REFERENCE, V, 0.1 * MG, "mg", MG, "the accelerometer errs with attitude, beyond its calibration")
+
+
+def _turn(sizes: tuple[int, int, int], floor: float) -> Component:
+    diagonal = np.zeros(sum(sizes))
+    diagonal[: sizes[0]] = 1.0
+    return Component(TURN, np.diag(diagonal), floor, "deg", DEG, "each turn errs by itself: the body moved between rest and turn")
+
+
+def _undersampled(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> Component:
+    d = twin.batch.angles
+    diagonal = np.zeros(sum(sizes))
+    diagonal[: sizes[0]] = np.repeat(missed.predicted_rad**2, d)
+    return Component(
+        UNDERSAMPLED, np.diag(diagonal), 1.0, "times what is predicted", 1.0, "motion is faster than half the data rate", (1.0, 1.0)
+    )

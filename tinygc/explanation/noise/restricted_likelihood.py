@@ -1,0 +1,109 @@
+"""Estimate variance components: restricted maximum likelihood (Patterson & Thompson 1971), with what is known beforehand as a prior.
+
+    -2 log L(s) = log|C| + log|J' C^-1 J + D^-1| + r' P r + prior,      C = C_0 + sum s_k^2 V_k,
+
+r the residuals, J the columns of all that is fitted, D their prior.  In a long session C is taken block by block of neighbouring turns:
+what is correlated over more than a block says little of the components and costs the cube of the session.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+
+#: steps of the search; it begins where the last one ended
+STEPS = 12
+#: of a component's usual size, as a variance: below, it is not there
+NOTHING = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """s (K,) SI of each component, sigma (K,) of it, and value: -2 log of the restricted likelihood with the prior, less a constant."""
+
+    s: np.ndarray
+    sigma: np.ndarray
+    value: float
+
+
+def estimate(
+    r: np.ndarray,
+    J: np.ndarray,
+    base: np.ndarray,
+    V: list[np.ndarray],
+    usual: np.ndarray,
+    priors: list[tuple[float, float] | None],
+    blocks: list[np.ndarray],
+    start: np.ndarray | None = None,
+    with_sigma: bool = False,
+) -> Estimate:
+    """Of residuals r (n,), columns J (n, p) scaled by their priors' sigmas, base covariance (n, n) and V, K of (n, n); usual (K,).
+
+    blocks: row numbers of each block.  start: s (K,) of an earlier search.
+    """
+    parts = [(r[b], J[b], base[np.ix_(b, b)], [v[np.ix_(b, b)] * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
+    begin = np.full(len(V), 0.5) if start is None else np.maximum((start / usual) ** 2, 0.05)
+
+    def cost(x: np.ndarray) -> tuple[float, np.ndarray]:
+        value, gradient = _cost(x, parts, J.shape[1])
+        for k, prior in enumerate(priors):
+            if prior is None:
+                continue
+            apart = (0.5 * np.log(max(x[k], 1e-12)) + np.log(usual[k] / prior[0])) / prior[1]
+            value += apart**2
+            gradient[k] += apart / prior[1] / max(x[k], 1e-12)
+        return value, gradient
+
+    bounds = [(0.0 if prior is None else 1e-6, None) for prior in priors]
+    found = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS, "ftol": 1e-6})
+    x = np.where(found.x < NOTHING, 0.0, found.x)
+    s = np.sqrt(x) * usual
+    return Estimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), float(found.fun))
+
+
+def _cost(x: np.ndarray, parts: list, p: int) -> tuple[float, np.ndarray]:
+    information, pull, value = np.eye(p), np.zeros(p), 0.0
+    kept = []
+    for r, J, base, V in parts:
+        factor = cho_factor(base + sum(v * xk for v, xk in zip(V, x, strict=True)), lower=True, check_finite=False)
+        CJ, Cr = cho_solve(factor, J, check_finite=False), cho_solve(factor, r, check_finite=False)
+        information += J.T @ CJ
+        pull += J.T @ Cr
+        value += 2 * float(np.sum(np.log(np.diag(factor[0])))) + float(r @ Cr)
+        kept.append((factor, CJ, Cr))
+    solved = cho_factor(information, check_finite=False)
+    beta = cho_solve(solved, pull, check_finite=False)
+    value += 2 * float(np.sum(np.log(np.diag(solved[0])))) - float(pull @ beta)
+    gradient = np.zeros(len(x))
+    for (_, _, base, V), (factor, CJ, Cr) in zip(parts, kept, strict=True):
+        inverse = cho_solve(factor, np.eye(len(base)), check_finite=False)
+        y = Cr - CJ @ beta
+        right = cho_solve(solved, CJ.T, check_finite=False)  # (p, n)
+        P = inverse - CJ @ right
+        for k, v in enumerate(V):
+            gradient[k] += float(np.sum(P * v)) - float(y @ v @ y)
+    return value, gradient
+
+
+def _sigma(cost: object, x: np.ndarray) -> np.ndarray:
+    """(K,) of the square root of x, from the curvature along each; of one at zero, the size at which the likelihood has lost a sigma."""
+    assert callable(cost)
+    sigma = np.zeros(len(x))
+    for k, xk in enumerate(x):
+        step = max(0.3 * xk, 0.02)
+        up = x.copy()
+        up[k] += step
+        curvature = (cost(up)[1][k] - cost(x)[1][k]) / step
+        if curvature <= 0:
+            sigma[k] = np.inf
+        elif xk > NOTHING:
+            sigma[k] = np.sqrt(2 / curvature) / (2 * np.sqrt(xk))
+        else:
+            slope = max(cost(x)[1][k], 0.0)
+            # slope x + curvature x^2 / 2 = 1
+            reach = (np.sqrt(slope**2 + 2 * curvature) - slope) / curvature
+            sigma[k] = np.sqrt(reach)
+    return sigma

@@ -1,0 +1,100 @@
+"""The noise of one session as it is: its components with sizes, and the covariance that they add."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tinygc.explanation.noise.components import STILL_RATE, TURN, WANDER, Component, components_of
+from tinygc.explanation.noise.restricted_likelihood import estimate
+from tinygc.explanation.noise.undersampling import Undersampling, undersampling
+from tinygc.explanation.twin.refit import Refit
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import Whitener
+
+#: turns that are taken together: their covariance is inverted at once (benchmarks/explain_speed.py)
+BLOCK = 60
+#: spreads of what is known of the bias instability, beyond which it is another thing
+UNUSUAL = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class SessionNoise:
+    """components, with s and sigma (K,) in SI; value: -2 log of the restricted likelihood; missed: what undersampling predicts."""
+
+    components: tuple[Component, ...]
+    blocks: list[np.ndarray]
+    missed: Undersampling
+    s: np.ndarray
+    sigma: np.ndarray
+    value: float = float("nan")
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(n, n) beside white noise."""
+        return sum(s**2 * c.V for s, c in zip(self.s, self.components, strict=True) if s > 0) + np.zeros_like(self.components[0].V)
+
+    def size(self, name: str) -> float:
+        """s of a component, SI; 0 where there is none of this name."""
+        return next((float(s) for s, c in zip(self.s, self.components, strict=True) if c.name == name), 0.0)
+
+    @property
+    def unusual(self) -> bool:
+        """Whether the recording asks for more than a sensor's own noise: each turn or each still errs by more than white noise does, or
+        the bias wanders far more than is known of it."""
+        found = dict(zip((c.name for c in self.components), zip(self.s, self.components, strict=True), strict=True))
+        for name in (TURN, STILL_RATE):
+            if name in found and found[name][0] > found[name][1].usual:
+                return True
+        s, wander = found.get(WANDER, (0.0, None))
+        return wander is not None and wander.prior is not None and s > wander.prior[0] * np.exp(UNUSUAL * wander.prior[1])
+
+    def estimated(self, whiten: Whitener, fit: Refit, prior: np.ndarray, go_on: bool = False) -> SessionNoise:
+        """The components re-estimated beside what ``fit`` has, whose parameters have these prior sigmas (p,).
+
+        A name that takes over what a component stood for leaves less of it, so the search begins anew unless it is to go on.
+        """
+        usual = np.array([c.usual for c in self.components])
+        found = estimate(
+            whiten.back(fit.r),
+            whiten.back(fit.J) * prior,
+            whiten.white,
+            [c.V for c in self.components],
+            usual,
+            [c.prior for c in self.components],
+            self.blocks,
+            self.s if go_on else None,
+        )
+        return replace(self, s=found.s, sigma=found.sigma, value=found.value)
+
+
+def first_noise(twin: Twin, whiten: Whitener) -> SessionNoise:
+    """What is known before anything is fitted: the bias instability alone."""
+    missed = undersampling(twin)
+    components = tuple(components_of(twin, whiten.sizes, missed))
+    s = np.array([c.usual if c.name == WANDER and c.prior is not None else 0.0 for c in components])
+    return SessionNoise(components, _blocks(twin, whiten), missed, s, np.zeros(len(s)))
+
+
+def _blocks(twin: Twin, whiten: Whitener) -> list[np.ndarray]:
+    """Rows of neighbouring turns with the stills at their beginnings; a session of up to ``BLOCK`` turns is one block."""
+    count, d = len(twin.segments), twin.batch.angles
+    parts = max(1, -(-count // BLOCK))
+    edges = np.linspace(0, count, parts + 1).round().astype(int)
+    # Each still goes with the turn that begins at or after it.
+    owner = np.searchsorted(twin.first, np.arange(len(twin.stills)))
+    found = []
+    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+        last = stop == count
+        stills = np.flatnonzero((owner >= start) & ((owner < stop) | last))
+        found.append(
+            np.concatenate(
+                [
+                    np.arange(start * d, stop * d),
+                    whiten.sizes[0] + (stills[:, None] * 3 + np.arange(3)).ravel(),
+                    whiten.sizes[0] + whiten.sizes[1] + stills,
+                ]
+            )
+        )
+    return found

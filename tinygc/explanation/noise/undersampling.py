@@ -1,0 +1,92 @@
+"""Motion faster than half the data rate: what a sum of readings misses, predicted from the recording alone.
+
+Every k-th reading, taken alone, misses more: the error is the spectrum's share that is folded onto the sum, and of a spectrum that
+falls as a power of frequency it grows as a power p of the step.  What all readings miss is contained in what every k-th misses, so
+
+    |end(every k-th) - end(all)|^2 = (k^2p - 1) E^2,
+
+E the closure error of all readings.  p is common to the recording, E is each turn's own.  A sensor that filters below half its data
+rate has less of it than this law says; a factor, estimated from the closure, carries that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tinygc import closure
+from tinygc.closure.residual import Batch
+from tinygc.explanation.twin.twin import Twin
+
+#: every 2nd, 3rd and 4th reading: more leave too few in a quick turn
+STEPS = (2, 3, 4)
+#: exponents that a hand's turns have (recordings: 1.4 to 2.6); smoother ones have more
+EXPONENTS = (1.0, 4.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Undersampling:
+    """predicted_rad (S,) rms per angle that each turn misses at the recording's own data rate; exponent; missed_rad (K,) rms over all turns
+    and both angles beyond what all readings give, for every k-th of ``STEPS``; rate_hz of the recording."""
+
+    predicted_rad: np.ndarray
+    exponent: float
+    missed_rad: np.ndarray
+    rate_hz: float
+
+    @property
+    def rms_rad(self) -> float:
+        """Of tilt, over all turns: both angles together."""
+        return float(np.sqrt(2 * np.mean(self.predicted_rad**2)))
+
+    def rate_needed_hz(self, allowed_rad: float) -> float:
+        """The data rate at which the rms of tilt would be as small as this."""
+        return float(self.rate_hz * max(self.rms_rad / allowed_rad, 1e-12) ** (1 / self.exponent))
+
+
+def undersampling(twin: Twin) -> Undersampling:
+    """Of a session's used segments, by the first linear fit."""
+    rate = twin.problem.first(twin.batch.rate)
+    whole = _ends(twin.batch, rate)
+    walk = np.array([np.mean(twin.problem.logs[s.log].noise.angle_random_walk ** 2) for s in twin.segments]) * twin.batch.duration_s
+    missed = []
+    for step in STEPS:
+        square = np.mean([_apart(whole, _ends(*_every(twin.batch, rate, step, offset))) for offset in range(step)], axis=0)
+        # White noise is thinned out as well: its variance grows with the step.
+        missed.append(np.maximum(square - (step - 1) * walk, 0.0))
+    square = np.array(missed)
+    exponent = _exponent(np.mean(square, axis=1))
+    weights = np.array(STEPS, dtype=float) ** (2 * exponent) - 1
+    predicted = np.mean(square / weights[:, None], axis=0)
+    period = float(np.median([movement.dt_s for movement in twin.movements]))
+    return Undersampling(np.sqrt(predicted), exponent, np.sqrt(np.mean(square, axis=1)), 1 / period)
+
+
+def _exponent(square: np.ndarray) -> float:
+    """p of (K,) mean squares that follow k^2p - 1, by least squares of their logarithms."""
+    if not (square > 0).all():
+        return 2.0
+    tried = np.linspace(*EXPONENTS, 121)
+    law = np.log(np.array(STEPS)[None] ** (2 * tried[:, None]) - 1)
+    left = np.log(square)[None] - law
+    return float(tried[np.argmin(np.var(left, axis=1))])
+
+
+def _every(batch: Batch, rate: np.ndarray, step: int, offset: int) -> tuple[Batch, np.ndarray]:
+    """Every ``step``-th reading beginning with ``offset``, and those at both ends, which are at rest."""
+    count = rate.shape[1]
+    kept = np.unique(np.concatenate([[0], np.arange(offset, count, step), [count - 1]]))
+    at_s = np.concatenate([np.zeros((len(batch), 1)), np.cumsum(batch.dt, axis=1)], axis=1)
+    return replace(batch, rate=batch.rate[:, kept], dt=np.diff(at_s[:, kept], axis=1), earth=batch.earth[:, kept]), rate[:, kept]
+
+
+def _ends(batch: Batch, rate: np.ndarray) -> np.ndarray:
+    """(S, 2 or 3) rad from the reference."""
+    q = closure.end_attitude(batch, rate)
+    return closure.error_angles(closure.residual(q, batch.end, batch.yaw_known))
+
+
+def _apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(S,) mean square per angle of tilt."""
+    return np.mean((a - b)[:, :2] ** 2, axis=1)

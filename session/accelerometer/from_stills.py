@@ -51,7 +51,7 @@ def fit_length(force: np.ndarray, gravity_mps2: float) -> Accelerometer:
     attitudes = attitudes_of(force)
     if attitudes < PARAMETERS:
         raise SegmentError(
-            f"the stills show {attitudes} different attitudes; an accelerometer's {PARAMETERS} numbers need at least {PARAMETERS}: "
+            f"the stills lie in {attitudes} attitude{'s' * (attitudes != 1)}; an accelerometer's {PARAMETERS} numbers need at least {PARAMETERS}: "
             "rest it on more sides, or leave its calibration out"
         )
 

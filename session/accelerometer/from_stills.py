@@ -50,9 +50,9 @@ def fit_length(force: np.ndarray, gravity_mps2: float) -> Accelerometer:
     """The pre-calibration under which force (S, 3) m/s^2 has gravity's length in every still.  SegmentError where it is not fixed."""
     attitudes = attitudes_of(force)
     if attitudes < PARAMETERS:
+        lie = f"the stills lie in {attitudes} attitude{'s' * (attitudes != 1)}"
         raise SegmentError(
-            f"the stills lie in {attitudes} attitude{'s' * (attitudes != 1)}; an accelerometer's {PARAMETERS} numbers need at least {PARAMETERS}: "
-            "rest it on more sides, or leave its calibration out"
+            f"{lie}; an accelerometer's {PARAMETERS} numbers need {PARAMETERS} at least: rest it on more sides, or leave them out"
         )
 
     def miss(x: np.ndarray) -> np.ndarray:

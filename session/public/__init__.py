@@ -1,4 +1,6 @@
 """Public recordings as session folders, from their authors' own files.
 
-May import: common, log.
+``python -m session.public NAME DIR`` makes them; docs/real-recordings.md says where the files come from.
+
+May import: common, log, accelerometer.
 """

@@ -7,6 +7,7 @@ the sequences has them, are written as exact zeros, which no accelerometer in th
 from __future__ import annotations
 
 import argparse
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -46,11 +47,18 @@ def sequence_path(euroc: Path, name: str) -> Path:
 
 
 def read_sequence(euroc: Path, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, Truth]:
-    """t_ns (N,), gyro (N, 3) rad/s, specific force (N, 3) m/s^2 with zeros where missing, and the truth with z down."""
-    with np.load(sequence_path(euroc, name), allow_pickle=False) as file:
-        accel = np.where(np.isnan(file["acc"]).any(axis=1, keepdims=True), 0.0, file["acc"])
-        truth = Truth(Path(f"truth_{name}.csv"), file["gt_t_ns"], to_down(file["gt_q_wxyz"]))
-        return file["t_ns"], file["gyro"], accel, truth
+    """t_ns (N,), gyro (N, 3) rad/s, specific force (N, 3) m/s^2 with zeros where missing, and the truth with z down.
+
+    FormatError where there is no such recording.
+    """
+    path = sequence_path(euroc, name)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            accel = np.where(np.isnan(file["acc"]).any(axis=1, keepdims=True), 0.0, file["acc"])
+            truth = Truth(Path(f"truth_{name}.csv"), file["gt_t_ns"], to_down(file["gt_q_wxyz"]))
+            return file["t_ns"], file["gyro"], accel, truth
+    except (ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        raise FormatError(f"{path}: not an archive of t_ns, gyro, acc, gt_t_ns and gt_q_wxyz") from None
 
 
 def true_bias_rps(euroc: Path, name: str) -> np.ndarray:
@@ -62,12 +70,16 @@ def true_bias_rps(euroc: Path, name: str) -> np.ndarray:
 def write_sequences(euroc: Path, names: Sequence[str], folder: Path, segment_s: float = 5.0, truth_sigma_deg: float = 0.1) -> Path:
     """A session folder of whole sequences, each with all its moments of truth."""
     for name in names:
-        t_ns, gyro, accel, truth = read_sequence(euroc, name)
-        # The truth of one sequence goes on where its log has nothing.
-        inside = (truth.t_ns >= t_ns[0]) & (truth.t_ns <= t_ns[-1])
-        _write_log(folder, name, t_ns, gyro, accel)
-        _write_truth(folder, name, truth.t_ns[inside], truth.q_nb[inside])
-    return _write_config(folder, segment_s, truth_sigma_deg)
+        write_sequence(folder, name, *read_sequence(euroc, name))
+    return write_config(folder, segment_s, truth_sigma_deg)
+
+
+def write_sequence(folder: Path, name: str, t_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray, truth: Truth) -> None:
+    """A sequence's log and truth file, as ``read_sequence`` gives them, without their ``session.toml``."""
+    # The truth of one sequence goes on where its log has nothing.
+    inside = (truth.t_ns >= t_ns[0]) & (truth.t_ns <= t_ns[-1])
+    _write_log(folder, name, t_ns, gyro, accel)
+    _write_truth(folder, name, truth.t_ns[inside], truth.q_nb[inside])
 
 
 def write_training_windows(euroc: Path, folder: Path, *, mislabelled: bool = False, truth_sigma_deg: float = 0.1) -> Path:
@@ -104,7 +116,7 @@ def _write_windows(folder: Path, data: dict[str, np.ndarray], truth_sigma_deg: f
             q = np.take_along_axis(to_down(data["q_wxyz"][rows].astype(float)), ends[:, :, None], axis=1)
             window = np.repeat(np.arange(len(rows)), 2)
             _write_truth(folder, stem, np.take_along_axis(t_ns, ends, axis=1).ravel(), q.reshape(-1, 4), window)
-    return _write_config(folder, WINDOW_S, truth_sigma_deg)
+    return write_config(folder, WINDOW_S, truth_sigma_deg)
 
 
 def to_down(q_wxyz: np.ndarray) -> np.ndarray:
@@ -114,7 +126,8 @@ def to_down(q_wxyz: np.ndarray) -> np.ndarray:
     return np.concatenate([a[0] * w - np.sum(a[1:] * v, axis=-1, keepdims=True), a[0] * v + w * a[1:] + np.cross(a[1:], v)], axis=-1)
 
 
-def _write_config(folder: Path, segment_s: float, truth_sigma_deg: float) -> Path:
+def write_config(folder: Path, segment_s: float, truth_sigma_deg: float) -> Path:
+    """The ``session.toml`` of logs and truth files of these recordings."""
     (folder / "session.toml").write_text(TOML.format(segment_s=segment_s, truth_sigma_deg=truth_sigma_deg), encoding="utf-8")
     return folder
 

@@ -1,0 +1,52 @@
+"""``python -m session.public NAME DIR``: session folders of a public set, from its authors' own files."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from session.common.errors import CalibrationError
+from session.public import euroc_folders, mikov, mimu, xsens
+from session.public.writing import calibrate_from_stills
+
+#: of each set: files, folder to write into, whether the authors' own accelerometer is wanted -> session folders
+SETS: dict[str, Callable[[Path, Path, bool], list[Path]]] = {
+    "xsens": xsens.write,
+    "mikov": mikov.write,
+    "mimu": mimu.write,
+    "euroc": euroc_folders.write,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write the folders and print their paths.  Exit code 2, and one line, for what is wrong with the files."""
+    parser = argparse.ArgumentParser(
+        prog="python -m session.public", description="Session folders of a public set of recordings; docs/real-recordings.md says more."
+    )
+    parser.add_argument("name", choices=tuple(SETS), help="which set")
+    parser.add_argument("dir", type=Path, help="folder with the authors' own files, as they were downloaded")
+    parser.add_argument("--out", type=Path, help="where the session folders are written (DIR/sessions)")
+    parser.add_argument(
+        "--accelerometer",
+        choices=("given", "stills"),
+        default="given",
+        help="its calibration: what the authors give, or nothing; or nine numbers from the recording's own stills (%(default)s)",
+    )
+    args = parser.parse_args(arguments)
+    given = args.accelerometer == "given"
+    try:
+        folders = SETS[args.name](args.dir, args.out or args.dir / "sessions", given)
+        for folder in folders:
+            if not given:
+                calibrate_from_stills(folder)
+            print(folder)
+    except (CalibrationError, OSError) as error:
+        print(f"session.public: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

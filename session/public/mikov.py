@@ -1,0 +1,40 @@
+"""Five MPU-9150 on one body, turned by hand (Mikov, Panyov, Kosyanchuk, Prikhodko, ICINS 2020): ``imu0.log`` to ``imu4.log``.
+
+A line is ``ax ay az gx gy gz`` in m/s^2 and rad/s.  There is no time; the authors say 100 Hz, so ``t_s`` is the line's number over 100.
+Full scales follow from the steps of the numbers.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from session.public.sources import found, rows_of_numbers
+from session.public.writing import write_folder
+
+COLUMNS = ("ax", "ay", "az", "gx", "gy", "gz")
+RATE_HZ = 100
+HEADER = "t_s,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"
+TOML = """schema = "tinygc-session/1"
+
+[sensor]
+model = "MPU-9150"
+serial = "mikov-{number}"
+odr_hz = 100.0
+gyro_fs_dps = 2000
+accel_fs_g = 16
+
+[protocol]
+still_s = 1.0
+segment_s = 5.0
+reference = "gravity"
+"""
+
+
+def write(source: Path, out: Path, given: bool = True) -> list[Path]:
+    """``out/imu0`` and so on, as many as there are logs; FormatError for a line that is none.  The authors give no calibration."""
+    folders = []
+    for path in found(source, "imu[0-9].log", "data"):
+        rows = rows_of_numbers(path, COLUMNS)
+        lines = (f"{number / RATE_HZ:.2f},{','.join(row[3:] + row[:3])}" for number, row in enumerate(rows))
+        folders.append(write_folder(out / path.stem, TOML.format(number=path.stem.removeprefix("imu")), HEADER, lines))
+    return folders

@@ -1,0 +1,85 @@
+"""Eight MPU-9150 on one board, turned by hand (Carlsson, Skog, Jaldén, IEEE Sensors Journal 21 (6), 2021): ``exp_N/data.bin``.
+
+Every experiment and unit becomes a session folder, ``e1u0`` for the first unit of the first experiment.  The axes are those of the chip,
+which are turned against the board's in some units.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from session.common.errors import FormatError
+from session.public.mimu_frames import UNITS, read_frames
+from session.public.sources import found
+from session.public.writing import write_folder
+
+NS_PER_TICK = 15.625  #: of 64 MHz; exact in binary
+ACCEL_LSB_PER_G = 2048
+GYRO_LSB_PER_DPS = 16.4
+HEADER = "t_ns,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"
+#: gravity is normal gravity at that latitude (WGS 84); the authors state neither
+TOML = """schema = "tinygc-session/1"
+
+# Registers over 2048 LSB/g and 16.4 LSB/dps.
+[sensor]
+model = "MPU-9150"
+serial = "mimu-{unit}"
+odr_hz = 62.5
+gyro_fs_dps = 2000
+accel_fs_g = 16
+
+[site]
+latitude_deg = 59.35
+gravity_mps2 = 9.8187
+
+[protocol]
+still_s = 1.0
+segment_s = 5.0
+reference = "gravity"
+"""
+
+
+def write(source: Path, out: Path, given: bool = True) -> list[Path]:
+    """``out/e1u0`` and so on.  FormatError for a file that is damaged.  The authors give no calibration."""
+    folders = []
+    for number, (ticks, registers) in experiments(source):
+        t_ns = np.rint(ticks * NS_PER_TICK).astype(np.int64).tolist()
+        for unit in range(UNITS):
+            rates, forces = registers[:, unit, 3:] / GYRO_LSB_PER_DPS, registers[:, unit, :3] / ACCEL_LSB_PER_G
+            lines = (
+                f"{t},{','.join(map(repr, rate))},{','.join(map(repr, force))}"
+                for t, rate, force in zip(t_ns, rates.tolist(), forces.tolist(), strict=True)
+            )
+            folders.append(write_folder(out / f"e{number}u{unit}", TOML.format(unit=unit), HEADER, lines))
+    return folders
+
+
+def experiments(source: Path) -> Iterator[tuple[int, tuple[np.ndarray, np.ndarray]]]:
+    """Number, then ticks (N,) int64 and registers (N, 8, 6) int16, of each ``exp_N/data.bin``, or of each ``exp_N.npz`` decoded before."""
+    decoded = sorted(source.glob("exp_*.npz"))
+    paths = decoded or found(source, "exp_*/data.bin", "experimental_data/calibration")
+    by_number = {_number(path.stem if decoded else path.parent.name, path): path for path in paths}
+    for number, path in sorted(by_number.items()):
+        yield number, (_read_npz(path) if decoded else read_frames(path)[:2])
+
+
+def _number(name: str, path: Path) -> int:
+    digits = name.removeprefix("exp_")
+    if not digits.isascii() or not digits.isdigit():
+        raise FormatError(f"{path}: expected exp_ and the experiment's number")
+    return int(digits)
+
+
+def _read_npz(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            ticks, registers = file["ticks_64mhz"], file["registers"]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        raise FormatError(f"{path}: not an archive of ticks_64mhz and registers; give the authors' exp_N/data.bin") from None
+    if ticks.dtype != np.int64 or registers.dtype != np.int16 or ticks.ndim != 1 or registers.shape != (len(ticks), UNITS, 6):
+        raise FormatError(f"{path}: expected ticks_64mhz (N,) int64 and registers (N, 8, 6) int16")
+    return ticks, registers

@@ -1,0 +1,64 @@
+"""The authors' files: found in the folder where they were put, or where a clone of the authors' repository has them; and read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from session.common.errors import FormatError
+
+
+def found(folder: Path, pattern: str, below: str = "") -> list[Path]:
+    """Files of a pattern in the folder itself, else in ``folder/below``, in name order.  FormatError where there is none."""
+    if not folder.is_dir():
+        raise FormatError(f"{folder}: {'that is a file' if folder.exists() else 'not found'}; give the folder with the authors' files")
+    for place in (folder, folder / below):
+        if paths := sorted(place.glob(pattern)):
+            return paths
+    nor = f", nor does its {below}" if below else ""
+    raise FormatError(f"{folder}: holds no {pattern}{nor}; download the authors' files first (docs/real-recordings.md)")
+
+
+def rows_of_numbers(path: Path, columns: tuple[str, ...], separator: str | None = None) -> list[list[str]]:
+    """The cells of each line as they are written, all finite numbers; separator: None for white space.  Lines with # are left out.
+
+    Raises FormatError with the number of the line.
+    """
+    expected = f"expected {len(columns)} numbers: {' '.join(columns)}"
+    rows = []
+    for number, line in enumerate(text_of(path).splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        cells = [cell.strip() for cell in line.split(separator)]
+        if len(cells) != len(columns) or not all(map(_finite, cells)):
+            raise FormatError(f"{path} line {number}: {line[:60]!r}, {expected}; download it again")
+        rows.append(cells)
+    if len(rows) < 2:
+        raise FormatError(f"{path}: {len(rows)} lines of numbers, {expected} in each of many")
+    return rows
+
+
+def text_of(path: Path) -> str:
+    """A text file; FormatError where it is missing or no text."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise FormatError(f"{path}: not UTF-8 text; download it again") from None
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def bytes_of(path: Path) -> np.ndarray:
+    """A binary file as (N,) uint8; FormatError where it cannot be read."""
+    try:
+        return np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def _finite(cell: str) -> bool:
+    try:
+        return bool(np.isfinite(float(cell)))
+    except ValueError:
+        return False

@@ -1,0 +1,114 @@
+"""An accelerometer's nine numbers from stills: recovered within what noise allows, unmoved by a bad still, refused where not fixed."""
+
+import numpy as np
+import pytest
+from conftest import GRAVITY, Table
+from public_files import mikov_text
+
+from session.accelerometer.from_stills import attitudes_of, fit_length, from_stills
+from session.common.errors import SegmentError
+from session.common.units import MG
+from session.log.folder import read_session
+from session.public.__main__ import main as public
+
+MATRIX = np.array([[0.99, 0.01, -0.02], [0, 1.01, 0.005], [0, 0, 0.995]])
+BIAS = np.array([0.3, -0.2, 0.5])
+SIGMA = 2e-4  #: of a still's force, of gravity
+
+
+def measured(count, rng):
+    """What the sensor with these errors reads (S, 3) m/s^2 in stills of random attitudes."""
+    up = rng.normal(size=(count, 3))
+    force = GRAVITY * (up / np.linalg.norm(up, axis=1, keepdims=True) + rng.normal(0, SIGMA, (count, 3)))
+    return as_measured(force)
+
+
+def as_measured(force):
+    return force @ np.linalg.inv(MATRIX).T + BIAS
+
+
+def left_mg(accelerometer, rng):
+    """rms of what the calibration leaves of the errors, over all attitudes."""
+    up = rng.normal(size=(500, 3))
+    force = GRAVITY * up / np.linalg.norm(up, axis=1, keepdims=True)
+    return np.sqrt(np.mean((accelerometer.correct(as_measured(force)) - force) ** 2)) / MG
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_nine_numbers_are_recovered(seed):
+    rng = np.random.default_rng(seed)
+    found = fit_length(measured(24, rng), GRAVITY)
+    assert left_mg(found, rng) < 0.3
+    np.testing.assert_array_equal(found.matrix, np.triu(found.matrix))
+
+
+@pytest.mark.parametrize("bad", [1, 2])
+@pytest.mark.parametrize("seed", range(8))
+def test_a_bad_still_moves_nothing(seed, bad):
+    rng = np.random.default_rng(seed)
+    force = measured(24, rng)
+    force[:bad] *= 1 + rng.choice([-1, 1], (bad, 1)) * rng.uniform(0.005, 0.05, (bad, 1))
+    assert left_mg(fit_length(force, GRAVITY), rng) < 0.6
+
+
+def test_exact_forces_give_the_exact_numbers():
+    up = np.random.default_rng(0).normal(size=(30, 3))
+    found = fit_length(as_measured(GRAVITY * up / np.linalg.norm(up, axis=1, keepdims=True)), GRAVITY)
+    np.testing.assert_allclose(found.matrix, MATRIX, atol=1e-7)
+    np.testing.assert_allclose(found.bias_mps2, BIAS, atol=1e-6)
+
+
+def test_too_few_attitudes_are_refused():
+    rng = np.random.default_rng(0)
+    with pytest.raises(SegmentError, match="lie in 8 attitudes"):
+        fit_length(np.repeat(measured(8, rng), 4, axis=0), GRAVITY)
+    with pytest.raises(SegmentError, match="lie in 0 attitudes"):
+        fit_length(np.zeros((12, 3)), GRAVITY)
+    with pytest.raises(SegmentError, match="lie in 0 attitudes"):
+        fit_length(np.zeros((0, 3)), GRAVITY)
+
+
+@pytest.mark.parametrize("slant_deg", [0, 10, 30])
+def test_turns_about_one_axis_alone_are_refused(slant_deg):
+    about = np.radians(np.arange(0, 360, 15))
+    slant = np.radians(slant_deg) * np.where(np.arange(24) % 2, 1, -1)
+    up = np.stack([np.cos(slant) * np.cos(about), np.cos(slant) * np.sin(about), np.sin(slant)], axis=1)
+    with pytest.raises(SegmentError, match="do not fix"):
+        fit_length(as_measured(GRAVITY * up), GRAVITY)
+
+
+def test_attitudes_that_come_back_count_once():
+    assert attitudes_of(GRAVITY * np.array([[0, 0, 1], [0, 0.05, 1], [0, 0, -1], [1, 0, 0], [0, 0, 1]])) == 3
+
+
+def tumbled():
+    table = Table().tumble(24, rest_s=1.6, turn_s=1.5, seed=5)
+    samples = table.samples(100.0, registers=False)
+    return samples.with_accel(as_measured(samples.accel))
+
+
+def test_stills_are_found_before_the_accelerometer_is_calibrated():
+    found = from_stills([tumbled()], GRAVITY)
+    assert left_mg(found, np.random.default_rng(0)) < 0.3
+
+
+def test_the_command_writes_what_the_stills_give(tmp_path, capsys):
+    samples = tumbled()
+    (tmp_path / "imu0.log").write_text(mikov_text(samples.accel, samples.gyro))
+    assert public(["mikov", str(tmp_path), "--out", str(tmp_path / "plain")]) == 0
+    assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 0
+    plain, found = (read_session(tmp_path / name / "imu0") for name in ("plain", "sessions"))
+    assert "[accelerometer]" not in (tmp_path / "plain" / "imu0" / "session.toml").read_text()
+    expected = from_stills([plain.logs[0].samples])
+    np.testing.assert_allclose(found.config.accelerometer.matrix, expected.matrix, atol=1e-8)
+    np.testing.assert_allclose(found.config.accelerometer.bias_mps2, expected.bias_mps2, atol=1e-7)
+    assert found.config.unknown == ()
+
+
+def test_the_command_says_in_one_line_where_stills_are_missing(tmp_path, capsys):
+    samples = Table().rest(5).samples(100.0, registers=False)
+    (tmp_path / "imu0.log").write_text(mikov_text(samples.accel, samples.gyro))
+    assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "imu0: the stills lie in 1 attitude;" in err

@@ -1,0 +1,276 @@
+"""Public sets as session folders: what is in the authors' files is in the folders, to the digit; what is damaged is refused in one line."""
+
+import gzip
+import io
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from public_files import mikov_text, mimu_data, mimu_frames, write_euroc, write_mimu, write_xsens
+
+from session.common.units import DEG, G
+from session.log.folder import read_session
+from session.public.__main__ import main
+from session.public.euroc import to_down
+from session.public.mimu_frames import read_frames
+from session.public.xsens import ACCEL_PER_MPS2, BY_IMU_TK, GYRO_PER_RPS
+
+
+def refused(capsys, arguments, *words):
+    """Exit code 2, one line that says every word, and nothing else."""
+    assert main(list(map(str, arguments))) == 2
+    out, err = capsys.readouterr()
+    assert len(err.strip().split("\n")) == 1, err
+    for word in words:
+        assert word in err, (word, err)
+    assert "Traceback" not in out + err
+
+
+def made(capsys, *arguments):
+    """The folders that the command printed, read."""
+    assert main(list(map(str, arguments))) == 0
+    return {Path(path).name: read_session(path) for path in capsys.readouterr().out.splitlines()}
+
+
+def test_xsens_counts_come_back(tmp_path, capsys):
+    t_s, accel, gyro = write_xsens(tmp_path)
+    session = made(capsys, "xsens", tmp_path)["xsens"]
+    (log,) = session.logs
+    np.testing.assert_array_equal(log.samples.t_ns, np.rint(t_s * 1e9))
+    np.testing.assert_array_equal(np.rint(log.samples.accel * ACCEL_PER_MPS2) + 32768, accel)
+    np.testing.assert_array_equal(np.rint(log.samples.gyro * GYRO_PER_RPS) + 32768, gyro)
+    np.testing.assert_array_equal(session.config.accelerometer.matrix, BY_IMU_TK.matrix)
+    assert session.folder == tmp_path / "sessions" / "xsens"
+
+
+def test_the_folder_may_be_a_clone_of_the_authors(tmp_path, capsys):
+    write_xsens(tmp_path / "bin" / "test_data")
+    assert set(made(capsys, "xsens", tmp_path, "--out", tmp_path / "out")) == {"xsens"}
+
+
+def test_xsens_refuses(tmp_path, capsys):
+    refused(capsys, ["xsens", tmp_path / "nowhere"], "not found")
+    refused(capsys, ["xsens", tmp_path], "xsens_acc.mat", "download")
+    write_xsens(tmp_path)
+    gyro = tmp_path / "xsens_gyro.mat"
+    lines = gyro.read_text().splitlines(keepends=True)
+    gyro.unlink()
+    refused(capsys, ["xsens", tmp_path], "xsens_gyro.mat", "cannot be read")
+    gyro.write_text("".join(lines[:-1]))
+    refused(capsys, ["xsens", tmp_path], "29 times", "30")
+    spoilt = {"  0.1  1  2\n": "line 5", "  0.1  1  2  nan\n": "line 5", "  9.0e-2  1.5  2  3\n": "1.5", "  9.0e-2 70000 2 3\n": "70000"}
+    for line, said in spoilt.items():
+        gyro.write_text("".join([*lines[:4], line, *lines[5:]]))
+        refused(capsys, ["xsens", tmp_path], "xsens_gyro.mat", said)
+    gyro.write_text("".join([*lines[:4], lines[3], *lines[5:]]))
+    refused(capsys, ["xsens", tmp_path], "sample 5")
+    gyro.write_bytes(b"\xff\xfe\x00\x01")
+    refused(capsys, ["xsens", tmp_path], "not UTF-8")
+
+
+def test_mikov_numbers_stay_as_they_are_written(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    accel, gyro = np.round(rng.normal(0, 5, (2, 50, 3)), 5)
+    for name in ("imu0.log", "imu4.log"):
+        (tmp_path / name).write_text(mikov_text(accel, gyro))
+    sessions = made(capsys, "mikov", tmp_path)
+    assert sorted(sessions) == ["imu0", "imu4"]
+    samples = sessions["imu4"].logs[0].samples
+    np.testing.assert_array_equal(samples.accel, accel)
+    np.testing.assert_array_equal(samples.gyro, gyro)
+    np.testing.assert_array_equal(samples.t_ns, 10_000_000 * np.arange(50))
+    assert sessions["imu4"].config.sensor.serial == "mikov-4"
+    with gzip.open(tmp_path / "sessions" / "imu0" / "log0001.csv.gz", "rt") as file:
+        assert file.readlines()[1] == "0.00," + ",".join(f"{value:.5f}" for value in (*gyro[0], *accel[0])) + "\n"
+
+
+@pytest.mark.parametrize("line", ["1 2 3 4 5\n", "1 2 3 4 5 6 7\n", "1 2 3 4 5 six\n", "1 2 3 4 5 inf\n", "1,2,3,4,5,6\n"])
+def test_mikov_refuses_another_line(tmp_path, capsys, line):
+    (tmp_path / "imu0.log").write_text("1 2 3 4 5 6\n" + line)
+    refused(capsys, ["mikov", tmp_path], "imu0.log line 2", "6 numbers")
+
+
+def test_mikov_refuses_an_empty_file(tmp_path, capsys):
+    (tmp_path / "imu0.log").write_text("")
+    refused(capsys, ["mikov", tmp_path], "imu0.log", "0 lines")
+
+
+def test_mimu_frames_come_back_bit_for_bit(tmp_path, capsys):
+    ticks, registers = mimu_data()
+    path = write_mimu(tmp_path, mimu_frames(ticks, registers), number=3)
+    again, same, cut = read_frames(path)
+    np.testing.assert_array_equal(again, ticks - ticks[0])
+    np.testing.assert_array_equal(same, registers)
+    assert (same.dtype, again.dtype, cut) == (np.int16, np.int64, 0)
+    sessions = made(capsys, "mimu", tmp_path)
+    assert sorted(sessions) == [f"e3u{unit}" for unit in range(8)]
+    for unit in range(8):
+        samples = sessions[f"e3u{unit}"].logs[0].samples
+        np.testing.assert_array_equal(np.rint(samples.gyro / DEG * 16.4), registers[:, unit, 3:])
+        np.testing.assert_array_equal(np.rint(samples.accel / G * 2048), registers[:, unit, :3])
+        np.testing.assert_array_equal(samples.t_ns, np.rint((ticks - ticks[0]) / 0.064))
+    assert sessions["e3u7"].config.site.latitude_deg == 59.35
+
+
+def test_mimu_decoded_before_gives_the_same_folders(tmp_path, capsys):
+    ticks, registers = mimu_data()
+    write_mimu(tmp_path / "a", mimu_frames(ticks, registers))
+    (tmp_path / "b").mkdir()
+    np.savez(tmp_path / "b" / "exp_1.npz", ticks_64mhz=ticks - ticks[0], registers=registers)
+    from_frames, decoded = (made(capsys, "mimu", tmp_path / name) for name in "ab")
+    assert list(from_frames) == list(decoded)
+    for name, session in from_frames.items():
+        for what in ("t_ns", "gyro", "accel"):
+            np.testing.assert_array_equal(getattr(session.logs[0].samples, what), getattr(decoded[name].logs[0].samples, what))
+
+
+def test_mimu_last_frame_may_be_cut_off(tmp_path):
+    ticks, registers = mimu_data()
+    frames = mimu_frames(ticks, registers)
+    path = write_mimu(tmp_path, frames[:-1], tail=frames[-1][:83])
+    again, _, cut = read_frames(path)
+    assert (len(again), cut) == (len(ticks) - 1, 83)
+
+
+def short(frames):
+    frames[7] = frames[7][:50]
+    return "frame 7 at byte 746"
+
+
+def flipped(frames):
+    frames[7] = frames[7][:20] + bytes([frames[7][20] ^ 1]) + frames[7][21:]
+    return "frame 7 at byte 746"
+
+
+def first_flipped(frames):
+    frames[0] = frames[0][:-1] + bytes([frames[0][-1] ^ 1])
+    return "no whole frame"
+
+
+def lost(frames):
+    del frames[9:11]
+    return "2 frames are missing before frame 9"
+
+
+def nothing(frames):
+    del frames[:]
+    return "no whole frame"
+
+
+def rubbish_after(frames):
+    frames.append(b"rubbish")
+    return "last 7 bytes"
+
+
+@pytest.mark.parametrize("spoil", [short, flipped, first_flipped, lost, nothing, rubbish_after], ids=lambda spoil: spoil.__name__)
+def test_mimu_refuses_damaged_frames(tmp_path, capsys, spoil):
+    frames = mimu_frames(*mimu_data())
+    said = spoil(frames)
+    write_mimu(tmp_path, frames)
+    refused(capsys, ["mimu", tmp_path], "data.bin", said)
+    assert not (tmp_path / "sessions").exists()
+
+
+def pickled():
+    file = io.BytesIO()
+    np.savez(file, ticks_64mhz=np.array([{}], dtype=object), registers=np.zeros((1, 8, 6), np.int16))
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", pickled()], ids=["empty", "broken", "pickled"])
+def test_mimu_refuses_a_broken_archive(tmp_path, capsys, content):
+    (tmp_path / "exp_1.npz").write_bytes(content)
+    refused(capsys, ["mimu", tmp_path], "exp_1.npz")
+
+
+def test_mimu_refuses_other_arrays_and_other_names(tmp_path, capsys):
+    refused(capsys, ["mimu", tmp_path], "exp_*/data.bin")
+    np.savez(tmp_path / "exp_1.npz", ticks_64mhz=np.arange(5), registers=np.zeros((5, 8, 6)))
+    refused(capsys, ["mimu", tmp_path], "int16")
+    (tmp_path / "exp_1.npz").rename(tmp_path / "exp_one.npz")
+    refused(capsys, ["mimu", tmp_path], "exp_one.npz", "number")
+
+
+def test_euroc_as_its_authors_publish_it(tmp_path, capsys):
+    t_ns, gyro, accel, truth_ns, q_wxyz = write_euroc(tmp_path / "V1_01_easy")
+    session = made(capsys, "euroc", tmp_path)["V1_01"]
+    samples, (truth,) = session.logs[0].samples, session.truths
+    np.testing.assert_array_equal(samples.t_ns, t_ns)
+    np.testing.assert_array_equal(samples.gyro, gyro)
+    np.testing.assert_array_equal(samples.accel, accel)
+    np.testing.assert_array_equal(truth.t_ns, truth_ns)
+    np.testing.assert_allclose(truth.q_nb, to_down(q_wxyz), rtol=0, atol=1e-15)
+
+
+def test_euroc_from_archives_is_the_same(tmp_path, capsys):
+    t_ns, gyro, accel, truth_ns, q_wxyz = write_euroc(tmp_path / "V1_01_easy")
+    (tmp_path / "npz").mkdir()
+    np.savez(tmp_path / "npz" / "euroc_V1_01_easy.npz", t_ns=t_ns, gyro=gyro, acc=accel, gt_t_ns=truth_ns, gt_q_wxyz=q_wxyz)
+    made(capsys, "euroc", tmp_path / "V1_01_easy", "--out", tmp_path / "a")
+    made(capsys, "euroc", tmp_path / "npz", "--out", tmp_path / "b")
+    for name in ("session.toml", "log_V1_01.csv", "truth_V1_01.csv"):
+        assert (tmp_path / "a" / "V1_01" / name).read_bytes() == (tmp_path / "b" / "V1_01" / name).read_bytes()
+
+
+def test_euroc_refuses(tmp_path, capsys):
+    refused(capsys, ["euroc", tmp_path], "mav0/imu0/data.csv")
+    write_euroc(tmp_path / "V1_01_easy")
+    imu = tmp_path / "V1_01_easy" / "mav0" / "imu0" / "data.csv"
+    whole = imu.read_text()
+    lines = whole.splitlines()
+    imu.write_text("\n".join([*lines[:3], "1.40363657975856E+018,1,2,3,4,5,6", *lines[4:]]))
+    refused(capsys, ["euroc", tmp_path], "data.csv", "whole ns")
+    imu.write_text("\n".join([*lines[:3], lines[3] + ",7", *lines[4:]]))
+    refused(capsys, ["euroc", tmp_path], "line 4", "7 numbers")
+    imu.write_text("\n".join([*lines[:3], lines[2], *lines[4:]]))
+    refused(capsys, ["euroc", tmp_path], "does not go on")
+    imu.write_text(whole)
+    truth = tmp_path / "V1_01_easy" / "mav0" / "state_groundtruth_estimate0" / "data.csv"
+    truth.write_text("#timestamp\n" + "\n".join(f"{t},0,0,0,2,0,0,0,0,0,0,0,0,0,0,0,0" for t in range(5)))
+    refused(capsys, ["euroc", tmp_path], "quaternion", "length 2")
+    truth.unlink()
+    refused(capsys, ["euroc", tmp_path], "state_groundtruth_estimate0", "cannot be read")
+    (tmp_path / "euroc_V2_01_easy.npz").write_bytes(b"PK\x03\x04")
+    refused(capsys, ["euroc", tmp_path], "euroc_V2_01_easy.npz")
+
+
+def test_a_folder_with_another_log_is_left_alone(tmp_path, capsys):
+    write_xsens(tmp_path)
+    other = tmp_path / "sessions" / "xsens" / "log0002.csv"
+    other.parent.mkdir(parents=True)
+    other.write_text("t_s\n")
+    refused(capsys, ["xsens", tmp_path], "log0002.csv", "--out")
+
+
+def test_another_name_is_no_set(tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["xsense", str(tmp_path)])
+    assert stop.value.code == 2
+    assert "mikov" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_the_decoded_recordings_become_folders_to_the_register(shared, tmp_path, number):
+    """What lies beside the checkout was decoded from the same files: it gives 8 folders that hold its registers."""
+    source = shared / "mimu" / f"exp_{number}.npz"
+    if not source.exists():
+        pytest.skip(f"no recordings: {source} is not there")
+    shutil.copyfile(source, tmp_path / source.name)
+    assert main(["mimu", str(tmp_path)]) == 0
+    with np.load(source, allow_pickle=False) as file:
+        registers = file["registers"]
+    samples = read_session(tmp_path / "sessions" / f"e{number}u5").logs[0].samples
+    np.testing.assert_array_equal(np.rint(samples.gyro / DEG * 16.4), registers[:, 5, 3:])
+    np.testing.assert_array_equal(np.rint(samples.accel / G * 2048), registers[:, 5, :3])
+
+
+def test_the_xsens_folder_beside_the_checkout_names_the_same_sensor_and_accelerometer(shared, tmp_path, capsys):
+    if not (shared / "xsens" / "session.toml").exists():
+        pytest.skip("no recordings: ../shared/xsens is not there")
+    write_xsens(tmp_path)
+    mine, theirs = made(capsys, "xsens", tmp_path)["xsens"].config, read_session(shared / "xsens").config
+    assert (mine.sensor, mine.site, mine.protocol) == (theirs.sensor, theirs.site, theirs.protocol)
+    np.testing.assert_array_equal(mine.accelerometer.matrix, theirs.accelerometer.matrix)
+    np.testing.assert_array_equal(mine.accelerometer.bias_mps2, theirs.accelerometer.bias_mps2)

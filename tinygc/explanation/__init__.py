@@ -1,6 +1,6 @@
 """Why the recording differs from the simulation (docs/explain.md): detect, locate, name, refuse, refit, prove.
 
-From below: twin, naming and mends; verdict; truth and pictures; ``save.py`` writes what they found.
+From below: twin; noise; naming; mends; verdict; truth and pictures; ``save.py`` writes what they found.
 
 May import: session, attitude, effects, models, closure, problem.
 """

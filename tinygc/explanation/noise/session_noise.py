@@ -69,9 +69,9 @@ class SessionNoise:
         return replace(self, s=found.s, sigma=found.sigma, value=found.value)
 
 
-def first_noise(twin: Twin, whiten: Whitener) -> SessionNoise:
-    """What is known before anything is fitted: the bias instability alone."""
-    missed = undersampling(twin)
+def first_noise(twin: Twin, whiten: Whitener, missed: Undersampling | None = None) -> SessionNoise:
+    """What is known before anything is fitted: the bias instability alone.  missed: where it is known better than from this twin."""
+    missed = missed or undersampling(twin)
     components = tuple(components_of(twin, whiten.sizes, missed))
     s = np.array([c.usual if c.name == WANDER and c.prior is not None else 0.0 for c in components])
     return SessionNoise(components, _blocks(twin, whiten), missed, s, np.zeros(len(s)))

@@ -26,7 +26,7 @@ PRECALIBRATION_MPS2 = 0.1 * MG
 class Whitener:
     """Cholesky factor of the covariance of ``Channels.stacked()``; sizes of the three channels.
 
-    white (n, n): white noise and the pre-calibration's allowance alone; more (n, n): what comes on top of it.
+    covariance (n, n); white (n, n): white noise and the pre-calibration's allowance alone; more (n, n): what comes on top of it.
     """
 
     def __init__(self, twin: Twin, more: np.ndarray | None = None):
@@ -39,7 +39,7 @@ class Whitener:
         self._set(self.white if more is None else self.white + more)
 
     def _set(self, covariance: np.ndarray) -> None:
-        self._covariance = covariance
+        self.covariance = covariance
         self._factor = np.linalg.cholesky(covariance)
         #: (n, m) whitened: directions along which the covariance allows more than most recordings need
         self.allowances = self(self._allowances)
@@ -69,19 +69,19 @@ class Whitener:
 
     @cached_property
     def _own_factors(self) -> dict[str, np.ndarray]:
-        return {name: np.linalg.cholesky(self._covariance[part, part]) for name, part in self.parts.items()}
+        return {name: np.linalg.cholesky(self.covariance[part, part]) for name, part in self.parts.items()}
 
     def only(self, rows: np.ndarray) -> Whitener:
         """A whitener of some of the rows (n,) bool alone: the others, correlated with them, are not looked at."""
         part = copy(self)
         part._rows = rows
-        part._factor = np.linalg.cholesky(self._covariance[np.ix_(rows, rows)])
+        part._factor = np.linalg.cholesky(self.covariance[np.ix_(rows, rows)])
         return part
 
     @property
     def sigma(self) -> np.ndarray:
         """(n,) standard deviation of each row before whitening."""
-        return np.sqrt(np.diag(self._covariance))
+        return np.sqrt(np.diag(self.covariance))
 
 
 def _covariance(twin: Twin) -> np.ndarray:

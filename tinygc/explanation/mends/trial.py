@@ -1,0 +1,186 @@
+"""Every proposed event on trial: is it borne out by the closure of the very segment in which it lives?
+
+A false reading was not turned, a real knock was; a loss hides a turn, a jerk does not.  The gravity at a segment's end says which, by the
+physics that the segments without any event ask for, with the noise as it is.  Where many events of one kind are borne out, one that
+closure cannot decide is likelier to be one of them: the share of true events is estimated with them (a mixture's EM).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tinygc import closure
+from tinygc.explanation.mends import interpolation
+from tinygc.explanation.mends.events import FALSE, LOST, Crossing, Event, crossing
+from tinygc.explanation.naming.evidence import PRIOR_ODDS, SCALES, Hypothesis
+from tinygc.explanation.noise.session_noise import first_noise
+from tinygc.explanation.noise.undersampling import undersampling
+from tinygc.explanation.twin.refit import design
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import Whitener
+from tinygc.problem.problem import Problem
+
+LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
+#: log of the likelihood ratio of a row that no sensor gives: it needs no closure
+CERTAIN = 20.0
+#: passes over the events: their share settles in a few
+PASSES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """Of one id: events with the probability (E,) that each is what it looks like; probability that there are any; length of a loss, or
+    0; before and after, rms rad of tilt of the segments in which they live; log_ratio: logarithm of the likelihood ratio of all."""
+
+    id: str
+    events: list[Event]
+    chance: np.ndarray
+    probability: float
+    length: int
+    before_rad: float
+    after_rad: float
+    log_ratio: float
+
+    @property
+    def accepted(self) -> list[Event]:
+        """The events that are likelier than not, if there are any of this kind at all."""
+        return [event for event, chance in zip(self.events, self.chance, strict=True) if chance > 0.5] if self.probability > 0.5 else []
+
+
+class Trial:
+    """Segments as they close with any of the events mended.
+
+    problem: as it was recorded; hypothesis: the physics, of a twin that has seen no event; quiet: the same problem with all false readings
+    bridged, whose turns say what their undersampling is.
+    """
+
+    def __init__(self, problem: Problem, hypothesis: Hypothesis, quiet: Problem):
+        self.twin = twin = Twin(problem)
+        self.state = hypothesis.fit.state
+        self.rates = twin.rates(self.state)
+        whiten = Whitener(twin)
+        noise = first_noise(twin, whiten, undersampling(Twin(quiet)) if len(quiet.used) == len(problem.used) else None)
+        noise = replace(noise, s=np.array([hypothesis.noise.size(c.name) for c in noise.components]))
+        whiten = whiten.with_more(noise.covariance)
+        columns = whiten.back(design(twin, whiten, self.state, self.rates)[0])[whiten.parts["closure"]]
+        known = columns @ hypothesis.fit.covariance @ columns.T
+        d, count = twin.batch.angles, len(twin.segments)
+        full = (whiten.covariance[whiten.parts["closure"], whiten.parts["closure"]] + known).reshape(count, d, count, d)
+        self.covariance = full[np.arange(count), :, np.arange(count)]
+        self._batch = twin.batch_at(self.state)
+
+    def segment_of(self, event: Event) -> int | None:
+        """Number among the used segments of the one that an event is in; None in a rest or a rejected turn."""
+        for i, segment in enumerate(self.twin.segments):
+            if segment.log == event.log and segment.start + interpolation.SIDE <= event.row < segment.stop - interpolation.SIDE:
+                return i
+        return None
+
+    def angles(self, i: int, mended: list[Event], cross: Callable[[Event], Crossing], length: int) -> np.ndarray:
+        """(d,) rad that segment i misses with these of its events mended."""
+        segment, batch, full = self.twin.segments[i], self._batch, self.rates[self.twin.segments[i].log]
+        count = segment.stop - segment.start
+        rate, dt, earth = full[segment.start : segment.stop].copy(), batch.dt[i, : count - 1], batch.earth[i, :count]
+        for event in (e for e in mended if e.id == FALSE):
+            between = interpolation.across(full, event.row - 1, event.row + event.samples, event.samples, cross(event).order)
+            rate[event.row - segment.start :][: event.samples] = between[: max(segment.stop - event.row, 0)]
+        for event in sorted((e for e in mended if e.id == LOST), key=lambda e: -e.row):
+            at = event.row - segment.start + 1
+            between = interpolation.across(rate, at - 1, at, length, cross(event).order)
+            rate, earth = np.insert(rate, at, between, axis=0), np.insert(earth, at, np.repeat(earth[at : at + 1], length, axis=0), axis=0)
+            dt = np.insert(dt, at, np.full(length, np.median(dt)))
+        one = replace(batch.pick(slice(i, i + 1)), rate=rate[None], dt=dt[None], earth=earth[None])
+        return closure.error_angles(closure.segment_residuals(one, one.rate))[0]
+
+    def log_likelihood(self, i: int, mended: list[Event], cross: Callable[[Event], Crossing], length: int) -> float:
+        """Of segment i's closure with these of its events mended, and what their gaps may hide allowed for."""
+        angles = self.angles(i, mended, cross, length)
+        C = self.covariance[i] + sum(cross(event).missed_rad ** 2 for event in mended) * np.eye(len(angles))
+        return float(-(angles @ np.linalg.solve(C, angles)) / 2 - np.linalg.slogdet(C)[1] / 2)
+
+    def lost_each_time(self, losses: list[Event]) -> int:
+        """Samples that are missing after each of the events, the same count for all: the one that closes most of them best; 0 for none.
+
+        For this search a loss is one long step.
+        """
+        inside: dict[int, list[int]] = {}
+        for event in losses:
+            if (i := self.segment_of(event)) is not None:
+                inside.setdefault(i, []).append(event.row - self.twin.segments[i].start)
+        if not inside:
+            return 0
+        numbers = np.array(sorted(inside))
+        part = replace(self._batch.pick(numbers), rate=self.twin.padded(self.rates)[numbers])
+        inverse = np.linalg.inv(self.covariance[numbers])
+        period_s = float(np.median([movement.dt_s for movement in self.twin.movements]))
+
+        def cost(count: int) -> float:
+            dt = part.dt.copy()
+            for row, i in zip(dt, numbers, strict=True):
+                row[inside[int(i)]] += count * period_s
+            angles = closure.error_angles(closure.segment_residuals(replace(part, dt=dt), part.rate))
+            chi = np.einsum("si,sij,sj->s", angles, inverse, angles)
+            # Of each segment, that it has lost samples or has not: one that has not must not decide for the others.
+            return float(-2 * np.sum(np.logaddexp(-chi / 2, -self._without / 2)))
+
+        self._without = np.zeros(len(numbers))
+        self._without = np.einsum(
+            "si,sij,sj->s", *(lambda a: (a, inverse, a))(closure.error_angles(closure.segment_residuals(part, part.rate)))
+        )
+        return lowest(cost, round(LONGEST_LOSS_S / period_s))
+
+    def judge(self, name: str, events: list[Event], others: list[Event]) -> Verdict:
+        """Events of one id, with ``others``, of another id, mended already."""
+        length = self.lost_each_time(events) if name == LOST else 0
+        where = [self.segment_of(event) for event in events]
+        crossings = {
+            (log, count): crossing(self.twin.problem.logs[log].samples, [e.row for e in events if e.log == log], count)
+            for log, count in {(e.log, e.samples or max(length, 1)) for e in [*events, *others]}
+        }
+
+        def cross(event: Event) -> Crossing:
+            return crossings[event.log, event.samples or max(length, 1)]
+
+        chance = np.array([1.0 if event.accel else 0.5 for event in events])
+        share, ratios = 0.5, np.zeros(len(events))
+        for _ in range(PASSES if name == FALSE or length else 0):
+            for j, (event, i) in enumerate(zip(events, where, strict=True)):
+                ratios[j] = CERTAIN if event.accel else 0.0
+                if i is None:
+                    continue
+                beside = [e for e in others if self.segment_of(e) == i]
+                beside += [e for k, e in enumerate(events) if where[k] == i and k != j and chance[k] > 0.5]
+                with_it, without = (self.log_likelihood(i, mended, cross, length) for mended in ([*beside, event], beside))
+                ratios[j] += with_it - without
+            before = chance
+            chance = 1 / (1 + np.exp(-np.clip(ratios + np.log(share / (1 - share)), -50, 50)))
+            share = float((chance.sum() + 0.5) / (len(chance) + 1))
+            if ((before > 0.5) == (chance > 0.5)).all():
+                break
+        accepted = [event for event, p in zip(events, chance, strict=True) if p > 0.5] if name == FALSE or length else []
+        touched = sorted({i for i in where if i is not None})
+        here = {i: [e for e in accepted if self.segment_of(e) == i] for i in touched}
+        likelihood = [
+            [self.log_likelihood(i, mended, cross, length) for i in touched for mended in (here[i] if yes else [],)] for yes in (1, 0)
+        ]
+        log_ratio = float(sum(likelihood[0]) - sum(likelihood[1])) + CERTAIN * sum(e.accel for e in accepted)
+        rms = [
+            np.sqrt(np.mean([np.sum(self.angles(i, here[i] if yes else [], cross, length)[:2] ** 2) for i in touched] or [0.0]))
+            for yes in (0, 1)
+        ]
+        probability = 1 / (1 + np.exp(-np.clip(log_ratio - np.log(SCALES / PRIOR_ODDS), -700, 700))) if accepted else 0.0
+        if not accepted:
+            chance = np.minimum(chance, 0.5) * 0
+        return Verdict(name, events, chance, float(probability), length, float(rms[0]), float(rms[1]), log_ratio)
+
+
+def lowest(cost: Callable[[int], float], most: int) -> int:
+    """The count of 0 … most with the lowest cost, a valley: coarse steps first, then all between."""
+    step = max(1, most // 16)
+    costs = {count: cost(count) for count in range(0, most + 1, step)}
+    best = min(costs, key=costs.__getitem__)
+    costs |= {count: cost(count) for count in range(max(best - step + 1, 0), min(best + step, most + 1)) if count not in costs}
+    return min(costs, key=costs.__getitem__)

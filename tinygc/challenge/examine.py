@@ -12,7 +12,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from session.common.errors import DataError, FormatError
-from tinygc.challenge.conceal import Case, conceal, draw_cases, options_chosen
+from tinygc.challenge.cases import Case, draw_cases
+from tinygc.challenge.conceal import conceal, options_chosen
 from tinygc.challenge.examination import Examination
 from tinygc.challenge.score import score
 from tinygc.challenge.seal import Seal, seal
@@ -63,7 +64,15 @@ def _write(folder: Path, cases: list[Case], progress: Callable[[str, int, int], 
         progress("hiding", done, len(cases))
         simulation, config, effects = conceal(case)
         write_files(simulation, folder / SESSIONS / case.name, config)
-        truth[case.name] = {"effects": effects, "strength": case.strength, "options": options_chosen(case.options)}
+        truth[case.name] = {
+            "effects": effects,
+            "strength": case.strength,
+            "strengths": dict(zip(case.ids, case.strengths, strict=True)),
+            "odr_hz": case.options.odr_hz,
+            "bias_instability_dph": case.options.bias_instability_dph,
+            "told": case.told,
+            "options": options_chosen(case.options),
+        }
     return seal(truth, folder / SEALED)
 
 
@@ -96,7 +105,7 @@ def to_json(result: Examination) -> dict:
                 "truth": result.truth[each.name],
                 "verdict": result.said[each.name]["verdict"],
                 "named": {effect["id"]: effect["equivalent"] for effect in result.said[each.name]["effects"]},
-                "score": vars(each),
+                "score": vars(each) | {"kind": each.kind, "statements": [vars(one) for one in each.statements]},
             }
             for each in result.scores
         },

@@ -66,7 +66,7 @@ class Score:
 
 
 def score(name: str, truth: dict, said: dict) -> Score:
-    """Compare ``truth`` (effects: id -> parameters, strength, what ``Score`` repeats of the session) with ``said`` (``tinygc-explain/1``)."""
+    """Compare ``truth`` (effects: id -> parameters, strength, what ``Score`` has of the session) with ``said`` (``tinygc-explain/1``)."""
     hidden, claims = truth["effects"], {effect["id"]: effect for effect in said["effects"]}
     stands_for = {claim: {claim, *effect["equivalent"]} for claim, effect in claims.items()}
     named = {each for each in hidden if not each.startswith(OUTSIDE)}

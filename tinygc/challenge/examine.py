@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from session.common.errors import DataError, FormatError
+from session.files.writing import naming
 from tinygc.challenge.cases import Case, draw_cases
 from tinygc.challenge.conceal import conceal, options_chosen
 from tinygc.challenge.examination import Examination
@@ -38,9 +39,7 @@ def examine(
 
     segments: of every session, instead of drawn; announce: shown the SHA-256 before anything is explained.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise FormatError(f"{folder}: not empty; give a new folder")
-    (folder / SESSIONS).mkdir(parents=True)
+    new_folder(folder)
     cases = draw_cases(count, seed, segments)
     closed = _write(folder, cases, progress)
     announce(f"truth sealed, SHA-256 {closed.sha256}")
@@ -55,6 +54,14 @@ def examine(
     (folder / "said.json").write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
     scores = [score(name, truth[name], said[name]) for name in truth]
     return Examination(seed, closed.sha256, scores, truth, said)
+
+
+def new_folder(folder: Path) -> None:
+    """Make the folder of an examination.  FormatError where something lies in it."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise FormatError(f"{folder}: not empty; give a new folder")
+    with naming(folder):
+        (folder / SESSIONS).mkdir(parents=True)
 
 
 def _write(folder: Path, cases: list[Case], progress: Callable[[str, int, int], None]) -> Seal:

@@ -20,7 +20,7 @@ def power_tables(result: OwnExamination) -> Group:
         sizes = "  ".join(f"{one.size:.2g} {FOUND if one.found else NOT_FOUND}" for one in each.tried)
         ratio = "" if each.ratio is None else f"{each.ratio:.2g}"
         wrong = ", ".join(sorted({name for one in each.tried for name in one.wrong}))
-        table.add_row(each.id, each.unit, _number(each.seen_from), _number(each.told_from), ratio, sizes, wrong)
+        table.add_row(each.id, each.unit, _number(each.seen_from), _told(each), ratio, sizes, wrong)
     return Group(table, Text(""), Text("\n".join(sentences(result))))
 
 
@@ -41,6 +41,12 @@ def sentences(result: OwnExamination) -> list[str]:
     if blind := _blind(found):
         lines.append(f"not told at any size that was tried: {', '.join(blind)}")
     return lines
+
+
+def _told(power: Power) -> str:
+    """The size; at most that, where no smaller one was tried."""
+    at_most = "≤ " if power.told_from == power.tried[0].size else ""
+    return at_most + _number(power.told_from)
 
 
 def _blind(found: list[Power]) -> list[str]:

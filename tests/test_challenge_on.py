@@ -175,8 +175,10 @@ def test_what_the_untouched_recording_has_is_neither_right_nor_wrong():
     drift, telegraph = powers(trials, answers, untouched)
     assert (drift.tried[0].found, drift.tried[0].wrong) == (True, ("gyro.bias_step",))
     assert (telegraph.tried[0].found, telegraph.tried[0].wrong) == (False, ())
-    answers["case002"] = said("gyro.g_sensitivity", findings=("unknown.oscillation",))
-    assert powers(trials, answers, untouched)[1].tried[0].found
+    assert not drift.tried[0].lost
+    answers["case002"] = said(findings=("unknown.oscillation",))
+    (seen,) = powers(trials, answers, untouched)[1].tried
+    assert (seen.found, seen.lost) == (True, ("gyro.g_sensitivity",))
 
 
 # From end to end

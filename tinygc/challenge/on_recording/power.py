@@ -16,12 +16,14 @@ AGREES = 2.0
 
 @dataclass(frozen=True)
 class Tried:
-    """One size: whether the effect was found (named, or among the equivalents of a name; what has no name: seen), and wrong names."""
+    """One size: whether the effect was found (named, or among the equivalents of a name; what has no name: seen); ids that were named,
+    those of them that are wrong, and the untouched recording's own that are gone."""
 
     size: float
     found: bool
     named: tuple[str, ...]
     wrong: tuple[str, ...]
+    lost: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,19 +62,20 @@ def powers(trials: list[Trial], said: dict[str, dict], untouched: dict) -> list[
     own = own_names(untouched)
     groups: dict[tuple[str, str, float | None], list[Tried]] = {}
     for trial in sorted(trials, key=lambda trial: trial.size):
-        groups.setdefault((trial.id, trial.unit, trial.seen_from), []).append(_tried(trial, said[trial.name], own, untouched["verdict"]))
+        groups.setdefault((trial.id, trial.unit, trial.seen_from), []).append(_tried(trial, said[trial.name], own, untouched))
     ordered = sorted(groups.items(), key=lambda group: (group[0][0] in OUTSIDERS, group[0][1] == STRONG, group[0][0]))
     return [Power(name, unit, seen_from, tuple(tried)) for (name, unit, seen_from), tried in ordered]
 
 
-def _tried(trial: Trial, said: dict, own: set[str], verdict: str) -> Tried:
+def _tried(trial: Trial, said: dict, own: set[str], untouched: dict) -> Tried:
     result = score(trial.name, {"effects": {trial.id: {}}, "strength": trial.size}, said)
     wrong = tuple(name for name in result.wrong if name not in own and not name.startswith(NAMELESS))
     found = bool(result.found)
     if trial.id in OUTSIDERS:
         nameless = {name for name in own_names(said) if name.startswith(NAMELESS)}
-        found = bool(nameless - own) or (verdict == "no_mismatch" and result.alarmed and said["verdict"] != "refused")
-    return Tried(trial.size, found, result.claimed, wrong)
+        found = bool(nameless - own) or (untouched["verdict"] == "no_mismatch" and result.alarmed and said["verdict"] != "refused")
+    lost = tuple(claim["id"] for claim in untouched["effects"] if claim["id"] not in own_names(said))
+    return Tried(trial.size, found, result.claimed, wrong, lost)
 
 
 def agreement(found: list[Power]) -> dict:

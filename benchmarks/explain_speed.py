@@ -90,7 +90,7 @@ def growth(title: str, sizes: list[float], results: list[dict]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--segments", type=int, nargs="*", default=[20, 40, 80, 160, 320, 640])
-    parser.add_argument("--odr", type=float, nargs="*", default=sorted(GYRO_LPF2_HZ)[:4])
+    parser.add_argument("--odr", type=float, nargs="*", default=sorted(GYRO_LPF2_HZ)[1:5])
     parser.add_argument("--null", action="store_true", help="hide nothing")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args()

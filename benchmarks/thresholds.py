@@ -109,12 +109,12 @@ def hidden_in(stage: str) -> list:
     """What is looked at: challenge cases, or kinds of a wrong truth with their seeds."""
     if stage == "truth":
         return [(kind, seed) for kind in TRUTH_KINDS for seed in (1, 2)]
-    from tinygc.challenge.conceal import Case
+    from tinygc.challenge.cases import Case
     from tinygc.simulation.options import SimulationOptions
 
     def case(ids: tuple[str, ...], strength: float | None, seed: int) -> Case:
         options = SimulationOptions(closure_s=0.0, segments=24, seed=seed, odr_hz=104.0, warm_up_c=6.0 if "thermal" in str(ids) else 2.0)
-        return Case(f"case{seed:03d}", ids, strength, options, seed)
+        return Case(f"case{seed:03d}", ids, () if strength is None else (strength,) * len(ids), options, seed)
 
     nothing = [case((), None, seed) for seed in range(8 if stage == "mends" else 4)]
     if stage == "mends":

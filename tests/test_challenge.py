@@ -9,9 +9,11 @@ import pytest
 from session.common.errors import DataError, FormatError
 from session.common.units import DEG
 from tinygc.challenge import examine as examination
-from tinygc.challenge.conceal import MAKERS, NEEDS, STRENGTHS, Case, conceal, draw_cases
+from tinygc.challenge.cases import ALIKE, LEAST_HZ, NEEDS, STRENGTHS, TOLD, Case, draw_cases
+from tinygc.challenge.conceal import MAKERS, conceal
 from tinygc.challenge.concealment import Scene
 from tinygc.challenge.outsiders import OUTSIDERS
+from tinygc.challenge.reliability import calibration_error, reliability
 from tinygc.challenge.score import parameter_errors, score
 from tinygc.challenge.seal import seal
 from tinygc.challenge.table import challenge_tables, markdown, totals
@@ -103,14 +105,43 @@ def test_a_full_folder_is_not_touched(tmp_path):
 # What is drawn
 
 
+def kind_of(case):
+    outside = sum(name in OUTSIDERS for name in case.ids)
+    return "beside" if outside and len(case.ids) > 1 else "outside" if outside else len(case.ids)
+
+
 def test_shares_of_what_is_hidden():
-    cases = draw_cases(120, 1)
-    kinds = [len(case.ids) for case in cases]
-    outside = sum(case.ids[0] in OUTSIDERS for case in cases if case.ids)
-    assert (kinds.count(0), kinds.count(2), outside) == (24, 20, 16)
+    cases = draw_cases(200, 1)
+    kinds = [kind_of(case) for case in cases]
+    assert [kinds.count(kind) for kind in (0, 1, 2, 3, 4, "outside", "beside")] == [40, 70, 20, 20, 14, 16, 20]
     assert {name for case in cases for name in case.ids} == set(MAKERS)
-    strengths = [case.strength for case in cases if case.ids and case.ids != ("earth.rotation",)]
-    assert all(abs(strengths.count(each) / len(strengths) - 1 / 4) < 0.05 for each in STRENGTHS)
+    alone = [case.strength for case in cases if kind_of(case) in (1, 2, "outside") and case.ids != ("earth.rotation",)]
+    assert all(abs(alone.count(each) / len(alone) - 1 / 4) < 0.05 for each in STRENGTHS)
+    assert all(abs(sum(case.told == told for case in cases) / 200 - 1 / 3) < 0.01 for told in TOLD)
+    assert {case.options.odr_hz for case in cases} == {62.5, 104, 208, 416, 833}
+    assert 0 <= min(case.options.bias_instability_dph for case in cases) < 1
+    assert 9 < max(case.options.bias_instability_dph for case in cases) <= 10
+    assert [len(draw_cases(count, 0)) for count in (1, 2, 3, 7, 40)] == [1, 2, 3, 7, 40]
+
+
+def test_several_at_once_can_be_told_apart():
+    several = [case for case in draw_cases(400, 2) if kind_of(case) in (3, 4, "beside")]
+    for case in several:
+        assert max(case.strengths) == 1.0
+        assert min(case.strengths) >= 0.2
+        assert len(set(case.ids)) == len(case.ids) == len(case.strengths)
+        assert all(len(group & set(case.ids)) <= 1 for group in ALIKE)
+        assert kind_of(case) != "beside" or 2 <= len(case.ids) <= 3
+    assert all(case.options.odr_hz >= LEAST_HZ.get(name, 0) for case in draw_cases(400, 2) for name in case.ids)
+
+
+@pytest.mark.parametrize("told", TOLD)
+def test_what_is_told_of_the_bias_instability(told):
+    options = SimulationOptions(segments=3, closure_s=0.0, bias_instability_dph=7.25)
+    _, config, _ = conceal(Case("case", (), (), options, 4, told))
+    assert ('model = "ASM330LHH"' in config) == (told == "model")
+    assert ("gyro_bias_instability_dph = 7.25" in config) == (told == "stated")
+    assert ("instability" in config) == (told == "stated")
 
 
 def test_the_effects_that_are_asked_for_are_in_the_catalogue_and_no_outsider_is():
@@ -128,7 +159,7 @@ def test_what_is_hidden_is_in_the_recording_and_fades_with_its_strength(name):
     clean = simulate_session(options).log
     sizes = []
     for strength in (1.0, 0.2):
-        simulation, config, truth = conceal(Case("case", (name,), strength, options, 4))
+        simulation, config, truth = conceal(Case("case", (name,), (strength,), options, 4))
         assert set(truth) == {name}
         json.dumps(truth)
         log = simulation.log
@@ -198,6 +229,42 @@ def test_scores():
     asked = ("hidden", "named_exactly", "named_with_equivalents", "wrongly_named", "missed", "false_alarms")
     assert [counts[name] for name in asked] == [4, 1, 2, 1, 2, 1]
     assert [counts[f"outsiders{name}"] for name in ("", "_wrongly_named", "_undecided")] == [2, 1, 1]
+
+
+def test_beside_an_outsider_the_catalogue_s_names_are_asked_for_and_shapes_without_a_name_are_never_wrong():
+    truth = {"effects": STEP | {"outside.telegraph": {}}, "strength": 0.5}
+    right = score("a", truth, said(claim("gyro.bias_step"), claim("unknown.curve_over_time")))
+    assert (right.kind, right.exact, right.covered) == ("beside", True, True)
+    wrong = score("a", truth, said(claim("gyro.bias_step"), claim("gyro.bias_drift")))
+    assert (wrong.exact, wrong.covered, wrong.wrong) == (False, False, ("gyro.bias_drift",))
+    missed = score("a", truth, said(claim("unknown.curve_over_time")))
+    assert (missed.covered, missed.wrong, missed.missed) == (False, (), ("gyro.bias_step",))
+    (counts,) = totals([right, wrong, missed])["kinds"]
+    assert [counts[name] for name in ("kind", "named_with_equivalents", "wrongly_named", "missed")] == ["beside", 1, 1, 1]
+
+
+def test_stated_probabilities_are_held_against_how_often_they_were_right():
+    truth = {"effects": STEP, "strength": 0.5}
+    sure = said(claim("gyro.bias_step") | {"probability": 0.8}) | {"considered": [{"id": "gyro.bias_drift", "probability": 0.2}]}
+    unsure = said(claim("gyro.bias_drift") | {"probability": 0.8}, claim("unknown.shape") | {"probability": 0.9})
+    silent = said(claim("gyro.bias_drift"))
+    scores = [score("a", truth, each) for each in (sure, sure, sure, unsure, silent)]
+    stated = [one for each in scores for one in each.statements]
+    assert len(stated) == 7
+    (bin,) = (each for each in reliability(stated) if each.low == 0.7)
+    assert (bin.number, bin.share_right, bin.mean_stated) == (4, 0.75, pytest.approx(0.8))
+    assert calibration_error(stated) == pytest.approx((4 * 0.05 + 3 * 0.2) / 7)
+    assert totals(scores)["ece_claimed"] == pytest.approx(0.05)
+    assert totals(scores[-1:])["ece"] is None
+    certain = [score("a", truth, said(claim("gyro.bias_step") | {"probability": 1.0}))]
+    assert totals(certain)["reliability"][-1]["number"] == 1
+
+
+def test_alarms_by_data_rate_and_bias_instability():
+    truth = {"effects": {}, "strength": None, "odr_hz": 62.5, "bias_instability_dph": 10.0, "told": "model"}
+    rows = totals([score("a", truth, said(claim("gyro.bias_step"))), score("a", truth, said(verdict="no_mismatch"))])["splits"]
+    assert [row["group"] for row in rows] == ["5 to 10 deg/h", "62.5 Hz", "model"]
+    assert all((row["sessions"], row["nulls"], row["false_alarms"]) == (2, 2, 1) for row in rows)
 
 
 def test_parameter_errors_are_in_the_reported_sigmas():

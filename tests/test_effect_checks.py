@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from session.common.errors import CalibrationError
-from tinygc.challenge.conceal import Case, conceal
+from tinygc.challenge.cases import Case
+from tinygc.challenge.conceal import conceal
 from tinygc.deploy.calibration import Calibration
 from tinygc.effect_checks import live
 from tinygc.effects import Cost, EffectError, Parameter, StageC, catalogue, diagonal
@@ -35,7 +36,7 @@ def test_the_effects_that_are_fitted_pass(name):
 @pytest.mark.parametrize("name", REGISTER)
 def test_the_effects_that_are_found_before_any_fit_pass(name, tmp_path):
     """Concealed by the challenge's own code, which no effect has a part in."""
-    case = Case("case", (name,), 1.0, SimulationOptions(segments=24, closure_s=0.0, seed=11, odr_hz=104.0), 5)
+    case = Case("case", (name,), (1.0,), SimulationOptions(segments=24, closure_s=0.0, seed=11, odr_hz=104.0), 5)
     simulation, config, _ = conceal(case)
     write_files(simulation, tmp_path, config)
     report = check(catalogue()[name], explanation=explain_session(tmp_path))

@@ -211,7 +211,7 @@ def test_same_seed_same_bytes_and_purposes_have_their_own_stream(tmp_path):
     assert (first / "log0001.csv.gz").read_bytes() != (other / "log0001.csv.gz").read_bytes()
 
 
-@pytest.mark.parametrize("odr_hz", [104, 208, 833])
+@pytest.mark.parametrize("odr_hz", [62.5, 104, 208, 833])
 def test_folder_reads_like_a_recorded_one(tmp_path, odr_hz):
     options = SimulationOptions(segments=12, closure_s=30, seed=10, odr_hz=odr_hz, with_heading=True)
     session = read_session(write_session(options, tmp_path / "s"))
@@ -262,7 +262,7 @@ def test_nothing_but_a_simulation_is_replaced(tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"odr_hz": 300}, "--odr-hz is 300, expected one of 104, 208"),
+        ({"odr_hz": 300}, "--odr-hz is 300, expected one of 62.5, 104, 208"),
         ({"segments": 0}, "--segments"),
         ({"closure_s": 3}, "--closure is 3"),
         ({"gyro_fs_dps": 300}, "no ASM330LHH full scale"),

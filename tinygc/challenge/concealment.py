@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
-from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import Distort, Disturb, Recording
 from tinygc.simulation.table_movement import Plan
 
@@ -29,14 +29,46 @@ class Concealment:
     without_latitude: bool = False
 
 
+class Place(Protocol):
+    """What a concealment may ask of sensor and site: of a simulated session its options, of a recording what it shows."""
+
+    @property
+    def gyro_fs_dps(self) -> float:
+        """Full scale, dps."""
+
+    @property
+    def temperature_start_c(self) -> float:
+        """At the first sample, degC."""
+
+    @property
+    def warm_up_c(self) -> float:
+        """How far it goes from there, degC."""
+
+    @property
+    def latitude_deg(self) -> float:
+        """North positive."""
+
+
+class Course(Protocol):
+    """What a concealment may ask of the movement."""
+
+    @property
+    def turns(self) -> tuple[tuple[float, float], ...]:
+        """(start, stop) of each, s of the session."""
+
+    @property
+    def log_s(self) -> float:
+        """How long the session is, s."""
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a concealment is drawn for: rng; strength, a factor of the strong size; options and plan of the session."""
+    """What a concealment is drawn for: rng; strength, a factor of the strong size; the session's sensor and site, and its movement."""
 
     rng: np.random.Generator
     strength: float
-    options: SimulationOptions
-    plan: Plan
+    options: Place
+    plan: Course
 
     def signed(self, size: float, shape: tuple[int, ...] = (3,)) -> np.ndarray:
         """Values of either sign, 0.5 to 1.5 times strength times size."""

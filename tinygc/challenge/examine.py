@@ -12,7 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from session.common.errors import DataError, FormatError
-from tinygc.challenge.conceal import Case, conceal, draw_cases, options_chosen
+from session.files.writing import naming
+from tinygc.challenge.cases import Case, draw_cases
+from tinygc.challenge.conceal import conceal, options_chosen
 from tinygc.challenge.examination import Examination
 from tinygc.challenge.score import score
 from tinygc.challenge.seal import Seal, seal
@@ -37,9 +39,7 @@ def examine(
 
     segments: of every session, instead of drawn; announce: shown the SHA-256 before anything is explained.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise FormatError(f"{folder}: not empty; give a new folder")
-    (folder / SESSIONS).mkdir(parents=True)
+    new_folder(folder)
     cases = draw_cases(count, seed, segments)
     closed = _write(folder, cases, progress)
     announce(f"truth sealed, SHA-256 {closed.sha256}")
@@ -56,6 +56,14 @@ def examine(
     return Examination(seed, closed.sha256, scores, truth, said)
 
 
+def new_folder(folder: Path) -> None:
+    """Make the folder of an examination.  FormatError where something lies in it."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise FormatError(f"{folder}: not empty; give a new folder")
+    with naming(folder):
+        (folder / SESSIONS).mkdir(parents=True)
+
+
 def _write(folder: Path, cases: list[Case], progress: Callable[[str, int, int], None]) -> Seal:
     """The session folders, and the truth beside them, sealed."""
     truth = {}
@@ -63,7 +71,15 @@ def _write(folder: Path, cases: list[Case], progress: Callable[[str, int, int], 
         progress("hiding", done, len(cases))
         simulation, config, effects = conceal(case)
         write_files(simulation, folder / SESSIONS / case.name, config)
-        truth[case.name] = {"effects": effects, "strength": case.strength, "options": options_chosen(case.options)}
+        truth[case.name] = {
+            "effects": effects,
+            "strength": case.strength,
+            "strengths": dict(zip(case.ids, case.strengths, strict=True)),
+            "odr_hz": case.options.odr_hz,
+            "bias_instability_dph": case.options.bias_instability_dph,
+            "told": case.told,
+            "options": options_chosen(case.options),
+        }
     return seal(truth, folder / SEALED)
 
 
@@ -96,7 +112,7 @@ def to_json(result: Examination) -> dict:
                 "truth": result.truth[each.name],
                 "verdict": result.said[each.name]["verdict"],
                 "named": {effect["id"]: effect["equivalent"] for effect in result.said[each.name]["effects"]},
-                "score": vars(each),
+                "score": vars(each) | {"kind": each.kind, "statements": [vars(one) for one in each.statements]},
             }
             for each in result.scores
         },

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tinygc.challenge.reliability import Statement, statements
+
 #: a moment, a row or a still counts as found within this of the true one
 NEAR = {"at_s": 0.5, "at": 4, "stills": 0}
 #: of the moments must be found, and as few may be invented
@@ -13,6 +15,7 @@ FOUND = 0.8
 OUTSIDE = "outside."
 #: what `explain` calls a finding
 NAMELESS = "unknown."
+KINDS = ("nothing", "one", "two", "three", "four", "outside", "beside")
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,8 @@ class Score:
     exact: named exactly; found: hidden ones that are named, or in the equivalents of one that is; wrong: named ones that are not hidden
     and have no hidden equivalent (for what is in no catalogue: no shape without a name); sigmas: errors of the parameters in their
     reported std; right: whether each is within 3 of them or 10 % of the truth; removed: share of the excess misfit that the refit took
-    up, or None.
+    up, or None; statements: names with a stated probability.  strength: of the weakest that is hidden; odr_hz, instability_dph, told: the
+    session's data rate, its gyro's bias instability and what session.toml told of it, None where the truth does not say.
     """
 
     name: str
@@ -37,13 +41,18 @@ class Score:
     sigmas: tuple[float, ...]
     right: tuple[bool, ...]
     removed: float | None
+    statements: tuple[Statement, ...] = ()
+    odr_hz: float | None = None
+    instability_dph: float | None = None
+    told: str | None = None
 
     @property
     def kind(self) -> str:
-        """``nothing``, ``one``, ``two`` or ``outside``."""
-        if any(name.startswith(OUTSIDE) for name in self.truth):
-            return "outside"
-        return ("nothing", "one", "two")[len(self.truth)]
+        """One of ``KINDS``: how many effects of the catalogue are hidden, ``outside`` for one of no catalogue, ``beside`` for both."""
+        outside = sum(name.startswith(OUTSIDE) for name in self.truth)
+        if outside:
+            return "outside" if outside == len(self.truth) else "beside"
+        return KINDS[len(self.truth)]
 
     @property
     def covered(self) -> bool:
@@ -57,9 +66,10 @@ class Score:
 
 
 def score(name: str, truth: dict, said: dict) -> Score:
-    """Compare ``truth`` (effects: id -> parameters, strength) with ``said`` (``tinygc-explain/1``)."""
+    """Compare ``truth`` (effects: id -> parameters, strength, what ``Score`` has of the session) with ``said`` (``tinygc-explain/1``)."""
     hidden, claims = truth["effects"], {effect["id"]: effect for effect in said["effects"]}
     stands_for = {claim: {claim, *effect["equivalent"]} for claim, effect in claims.items()}
+    named = {each for each in hidden if not each.startswith(OUTSIDE)}
     found = tuple(each for each in hidden if any(each in ids for ids in stands_for.values()))
     sigmas, right = [], []
     for each in hidden.keys() & claims.keys():
@@ -72,13 +82,17 @@ def score(name: str, truth: dict, said: dict) -> Score:
         strength=truth["strength"],
         verdict=said["verdict"],
         claimed=tuple(claims),
-        exact=set(hidden) == set(claims),
+        exact=set(hidden) == set(claims) or (0 < len(named) < len(hidden) and named == {c for c in claims if not c.startswith(NAMELESS)}),
         found=found,
         wrong=tuple(claim for claim, ids in stands_for.items() if not _contains(ids, hidden)),
         missed=tuple(each for each in hidden if each not in found and not each.startswith(OUTSIDE)),
         sigmas=tuple(sigmas),
         right=tuple(right),
         removed=said["fit"]["excess_removed"] if claims and "fit" in said else None,
+        statements=statements(said, hidden),
+        odr_hz=truth.get("odr_hz"),
+        instability_dph=truth.get("bias_instability_dph"),
+        told=truth.get("told"),
     )
 
 

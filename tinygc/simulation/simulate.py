@@ -102,7 +102,7 @@ def _record(
         force = _checked("disturb", disturb(t_fine, force), force.shape)
 
     gyro_noise, accel_noise = options.gyro_noise_dps_rthz * DEG, options.accel_noise_ug_rthz * 1e-6 * G
-    gyro_hz, accel_hz = GYRO_LPF2_HZ[int(options.odr_hz)], sensor.ACCEL_BANDWIDTH_ODR * odr_hz
+    gyro_hz, accel_hz = GYRO_LPF2_HZ[options.odr_hz], sensor.ACCEL_BANDWIDTH_ODR * odr_hz
     gyro = sensor.low_pass(unit.measured_rate(rate), gyro_hz, gyro_noise, odr_hz, factor, gyro_rng)[run_up:]
     accel = sensor.low_pass(unit.measured_force(force), accel_hz, accel_noise, odr_hz, factor, accel_rng)[run_up:]
     gyro += bias_instability(options.bias_instability_dph * DEG_PER_HOUR, odr_hz, count, flicker_rng)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from tinygc.cli.arguments import count
 from tinygc.cli.commands._results import output, write_json
@@ -12,29 +13,55 @@ SUMMARY = "examine explain on simulated sessions that hide something, blind"
 USES_EFFECTS = True
 
 
+#: sessions that are simulated, unless --cases says otherwise
+CASES = 40
+
+
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("--cases", type=count(1), default=40, metavar="N", help="sessions (%(default)s)")
+    command.add_argument(
+        "--on", type=Path, metavar="DIR", help="conceal effects in this recording, and say from what size on it tells each"
+    )
+    command.add_argument("--cases", type=count(1), metavar="N", help=f"sessions ({CASES}; with --on as many as it takes)")
     command.add_argument("--out", type=Path, metavar="DIR", help="new folder for the truth and what was said (a temporary one)")
     command.add_argument("--keep", action="store_true", help="keep the sessions, too")
 
 
 def run(args: argparse.Namespace) -> int:
-    """The tool's own blind examination."""
+    """The tool's own blind examination, on simulated sessions or on a recording."""
+    import shutil
     import tempfile
 
-    from tinygc.challenge.examine import examine, to_json, without_sessions
-    from tinygc.challenge.table import challenge_tables
-    from tinygc.cli.console import progress_bar
+    from tinygc.challenge.examine import without_sessions
 
     folder = args.out or Path(tempfile.mkdtemp(prefix="tinygc-challenge-"))
-    with progress_bar(args.quiet) as progress:
-        announce = lambda text: output(args).print(text, soft_wrap=True)  # noqa: E731
-        result = examine(folder, args.cases, args.seed, announce=announce, progress=progress)
-    output(args).print(challenge_tables(result))
+    try:
+        tables, table = _examined(args, folder)
+    except BaseException:
+        if args.out is None:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    output(args).print(tables)
     if not args.keep:
         without_sessions(folder, everything=args.out is None)
     if args.keep or args.out:
         output(args).print(f"written: {folder}", soft_wrap=True)
-    write_json(args.json, to_json(result))
+    write_json(args.json, table)
     return 0
+
+
+def _examined(args: argparse.Namespace, folder: Path) -> tuple[Any, dict]:
+    """What is printed, and the JSON."""
+    from tinygc.challenge import examine
+    from tinygc.challenge.on_recording import examine as on_recording
+    from tinygc.challenge.on_recording.power_table import power_tables
+    from tinygc.challenge.table import challenge_tables
+    from tinygc.cli.console import progress_bar
+
+    announce = lambda text: output(args).print(text, soft_wrap=True)  # noqa: E731
+    with progress_bar(args.quiet) as progress:
+        if args.on is not None:
+            told = on_recording.examine_recording(args.on, folder, args.cases, args.seed, announce=announce, progress=progress)
+            return power_tables(told), on_recording.to_json(told)
+        result = examine.examine(folder, args.cases or CASES, args.seed, announce=announce, progress=progress)
+        return challenge_tables(result), examine.to_json(result)

@@ -1,0 +1,235 @@
+"""Effects concealed in a recording of one's own: only what they change is added, blind, and counted by size."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from formats_page import strangers
+
+import calibrate
+from session.common.errors import FormatError
+from session.common.units import DEG
+from session.log.folder import read_session
+from tinygc.challenge.cases import STRENGTHS
+from tinygc.challenge.examine import OPENED, SEALED, SESSIONS
+from tinygc.challenge.on_recording import examine as examination
+from tinygc.challenge.on_recording.files import write_spoilt
+from tinygc.challenge.on_recording.inject import FAULTS, inject, rate_changes, requantised
+from tinygc.challenge.on_recording.power import Power, Tried, agreement, powers
+from tinygc.challenge.on_recording.power_table import power_tables, sentences
+from tinygc.challenge.on_recording.recording import recording_of, steps_of
+from tinygc.challenge.on_recording.trials import MULTIPLES, STRONG, Trial, draw_trials
+from tinygc.challenge.outsiders import OUTSIDERS
+from tinygc.effects import catalogue
+from tinygc.effects.movement import Movement
+
+SIZES = {"gyro.g_sensitivity": 0.05, "gyro.bias_step": 0.2, "gyro.bandwidth": 0.01, "gyro.thermal_bias": 0.1, "outside.telegraph": 1.0}
+
+
+@pytest.fixture(scope="module")
+def folder(simulated):
+    return simulated(segments=14, closure_s=0.0, seed=6)
+
+
+@pytest.fixture(scope="module")
+def recording(folder):
+    return recording_of(folder)
+
+
+@pytest.fixture(scope="module")
+def in_si(recording, tmp_path_factory):
+    """The same recording, its log in rad/s and m/s^2."""
+    folder = tmp_path_factory.mktemp("si") / "session"
+    samples = recording.session.logs[0].samples
+    folder.mkdir()
+    shutil.copyfile(recording.session.folder / "session.toml", folder / "session.toml")
+    table = np.column_stack([samples.t_s, samples.gyro, samples.accel])
+    head = "t_s,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"
+    np.savetxt(folder / "log0001.csv", table, fmt=["%.9f"] + ["%.7f"] * 6, delimiter=",", header=head, comments="")
+    return recording_of(folder)
+
+
+def trial(name, size, seed=3):
+    return Trial("case001", name, size, "", None, seed)
+
+
+@pytest.mark.parametrize("name", sorted(SIZES))
+@pytest.mark.parametrize("units", ["recording", "in_si"])
+def test_what_is_added_is_the_effect_seen_through_the_calibration_within_one_step(name, units, request, tmp_path):
+    recording = request.getfixturevalue(units)
+    if units == "in_si" and name == "gyro.thermal_bias":
+        pytest.skip("that log has no temperature")
+    old = recording.session.logs[0].samples
+    spoilt = inject(recording, trial(name, SIZES[name]))
+    write_spoilt(recording.session, spoilt.logs, tmp_path / "spoilt")
+    new = read_session(tmp_path / "spoilt").logs[0].samples
+    (movement,) = recording.movements
+    if name in OUTSIDERS:
+        (change,), _ = rate_changes(recording, trial(name, SIZES[name]), np.random.default_rng(3))
+    else:
+        effect = catalogue()[name]
+        effect = effect.at(spoilt.truth["at_s"]) if effect.scan else effect
+        theta = np.ravel(spoilt.truth[effect.parameter.name]) * effect.parameter.si
+        assert np.linalg.norm(theta) == pytest.approx(SIZES[name] * effect.parameter.si)
+        change = (effect.distort(movement, theta) - movement.rate) @ np.linalg.inv(recording.problem.first.E).T
+    step = steps_of(recording.session, 0).gyro
+    assert step == pytest.approx(17.5e-3 * DEG, rel=1e-3)
+    assert np.abs(new.gyro - old.gyro - change).max() <= step * 1.001
+    assert abs(np.mean(new.gyro - old.gyro - change)) < 0.02 * step, "rounding must not add a bias"
+    assert np.abs(change).max() > step
+    np.testing.assert_array_equal(new.t_ns, old.t_ns)
+    np.testing.assert_allclose(new.accel, old.accel, rtol=1e-8)
+    if old.temp_c is not None:
+        np.testing.assert_allclose(new.temp_c, old.temp_c, atol=1e-9)
+
+
+def test_less_than_a_step_is_not_lost():
+    rng, old = np.random.default_rng(1), np.zeros((20000, 3))
+    new = requantised(old, np.full_like(old, 0.2), 1.0, rng)
+    assert set(np.unique(new)) == {0.0, 1.0}
+    assert new.mean() == pytest.approx(0.2, abs=0.01)
+
+
+@pytest.mark.parametrize("name", sorted(FAULTS))
+def test_faults_of_the_registers_grow_with_their_strength(recording, name):
+    old = recording.session.logs[0].samples
+    changed = []
+    for strength in (1.0, 0.2):
+        (new,) = inject(recording, trial(name, strength)).logs
+        rows = min(len(old), len(new))
+        assert len(old) - len(new) == {"timing.dropped_samples": 12 * round(9 * strength)}.get(name, 0)
+        np.testing.assert_array_equal(new.t_ns, old.t_ns[:rows])
+        changed.append(np.abs(new.gyro[:rows] - old.gyro[:rows]).sum())
+    assert changed[0] > changed[1] > 0
+
+
+def test_a_bias_of_the_accelerometer_is_one_of_the_calibrated_force(recording):
+    spoilt = inject(recording, trial("reference.accelerometer", 5.0))
+    session = recording.session
+    difference = session.config.accelerometer.correct(spoilt.logs[0].accel) - session.calibrated(session.logs[0]).accel
+    np.testing.assert_allclose(difference.mean(axis=0) / 9.80665e-3, spoilt.truth["bias_mg"], atol=0.01)
+
+
+# What is drawn
+
+
+def test_every_effect_before_any_at_another_size():
+    seen_from = {"gyro.g_sensitivity": 0.01, "gyro.bias_drift": 0.02}
+    every = draw_trials(seen_from, (), True, None, 1)
+    names = {each.id for each in every}
+    assert names >= set(OUTSIDERS)
+    assert {each.id for each in draw_trials(seen_from, (), True, len(names), 2)} == names
+    sizes = sorted(each.size for each in every if each.id == "gyro.bias_drift")
+    assert sizes == pytest.approx(sorted(0.02 * multiple for multiple in MULTIPLES))
+    assert {each.size for each in every if each.id == "data.glitches"} == set(STRENGTHS)
+    assert {each.unit for each in every if each.id in OUTSIDERS} == {STRONG}
+    assert len({each.name for each in every}) == len({each.seed for each in every}) == len(every)
+    assert draw_trials(seen_from, (), True, None, 1) == every
+
+
+def test_neither_what_it_has_already_nor_what_it_cannot_have_is_concealed():
+    every = {each.id for each in draw_trials({}, {"gyro.g_sensitivity"}, False, None, 1)}
+    assert not every & {"gyro.g_sensitivity", "gyro.thermal_bias", "outside.temperature_curve", "earth.rotation", "reference.not_still"}
+
+
+def test_an_effect_of_another_s_folder_is_concealed(monkeypatch, recording):
+    effect = replace(catalogue()["gyro.g2_sensitivity"], id="mine.g2")
+    both = {**catalogue(), "mine.g2": effect}
+    for module in ("trials", "inject"):
+        monkeypatch.setattr(f"tinygc.challenge.on_recording.{module}.catalogue", lambda: both)
+    assert "mine.g2" in {each.id for each in draw_trials({}, (), True, None, 1)}
+    (change,), truth = rate_changes(recording, trial("mine.g2", 0.1), np.random.default_rng(0))
+    assert isinstance(recording.movements[0], Movement)
+    assert list(truth) == ["dps_per_g2"]
+    assert np.abs(change).max() > 0.01 * DEG
+
+
+# How it is counted
+
+
+def said(*names, verdict="explained", findings=()):
+    claims = [{"id": name, "equivalent": [], "parameters": {}, "std": {}} for name in names]
+    return {"verdict": verdict, "effects": claims, "findings": [{"id": name, "equivalent": []} for name in findings]}
+
+
+def test_told_from_is_the_size_from_which_on_all_are_found():
+    def power(*found):
+        return Power("a", "dps", 1.0, tuple(Tried(float(2**i), each, (), ()) for i, each in enumerate(found)))
+
+    assert power(False, True, True).told_from == 2
+    assert power(True, False, True).told_from == 4
+    assert power(True, True, False).told_from is None
+    kept = agreement([power(False, True, True), power(True, False, True), power(False, False, False)])
+    assert kept == {"promised": 3, "told": 2, "within_factor_2": 1, "median_ratio": 3.0}
+
+
+def test_what_the_untouched_recording_has_is_neither_right_nor_wrong():
+    untouched = said("gyro.g_sensitivity", verdict="partly_explained", findings=("unknown.curve_over_time",))
+    trials = [Trial("case001", "gyro.bias_drift", 0.1, "dps", 0.1, 0), Trial("case002", "outside.telegraph", 1.0, STRONG, None, 0)]
+    answers = {
+        "case001": said("gyro.g_sensitivity", "gyro.bias_drift", "gyro.bias_step"),
+        "case002": said("gyro.g_sensitivity", verdict="partly_explained", findings=("unknown.curve_over_time",)),
+    }
+    drift, telegraph = powers(trials, answers, untouched)
+    assert (drift.tried[0].found, drift.tried[0].wrong) == (True, ("gyro.bias_step",))
+    assert (telegraph.tried[0].found, telegraph.tried[0].wrong) == (False, ())
+    assert not drift.tried[0].lost
+    answers["case002"] = said(findings=("unknown.oscillation",))
+    (seen,) = powers(trials, answers, untouched)[1].tried
+    assert (seen.found, seen.lost) == (True, ("gyro.g_sensitivity",))
+
+
+# From end to end
+
+
+@pytest.mark.slow
+def test_a_quick_run_names_what_it_concealed_and_the_folder_is_blind(folder, tmp_path, monkeypatch):
+    wanted = ("gyro.g_sensitivity", "gyro.scale_asymmetry", "data.glitches")
+    draw = examination.draw_trials
+
+    def few(*args):
+        return [each for each in draw(*args) if each.id in wanted and (each.size in (1.0, 0.5) or each.seen_from == each.size / 8)]
+
+    monkeypatch.setattr(examination, "draw_trials", few)
+    announced = []
+
+    def announce(text):
+        announced.append((text, {path.name for path in tmp_path.rglob("*")}))
+
+    result = examination.examine_recording(folder, tmp_path / "out", None, 5, announce=announce)
+    ((text, present),) = announced
+    assert result.sha256 in text
+    assert SEALED in present
+    assert not present & {OPENED, "said.json", "truth.json"}
+    for session in (tmp_path / "out" / SESSIONS).iterdir():
+        assert {path.name for path in session.iterdir()} == {"session.toml", "log0001.csv.gz"}
+    assert {each.id for each in result.powers} == set(wanted)
+    for each in result.powers:
+        assert each.tried[-1].found, each
+        assert not any(one.wrong for one in each.tried)
+    table = json.loads(json.dumps(examination.to_json(result)))
+    assert not strangers(table)
+    assert power_tables(result).renderables
+    assert len(sentences(result)) >= 3
+
+
+def test_refusals_are_one_line(tmp_path, capsys, folder):
+    assert calibrate.main(["challenge", "--on", str(tmp_path), "--quiet"]) == 2
+    assert "session.toml: not found" in capsys.readouterr().err
+    full = tmp_path / "full"
+    full.mkdir()
+    (full / "mine").write_text("")
+    with pytest.raises(FormatError, match="not empty"):
+        examination.examine_recording(folder, full, 1, 0)
+    beside_truth = tmp_path / "truth"
+    shutil.copytree(folder, beside_truth)
+    toml = beside_truth / "session.toml"
+    toml.write_text(toml.read_text().replace('"gravity"', '"truth"'))
+    (beside_truth / "truth0001.csv").write_text("t_s,qw,qx,qy,qz\n" + "".join(f"{0.5 * i},1,0,0,0\n" for i in range(1, 100)))
+    assert calibrate.main(["challenge", "--on", str(beside_truth), "--quiet"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "truth" in error
+    assert "not supported" in error

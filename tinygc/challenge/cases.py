@@ -1,0 +1,149 @@
+"""Draw what each session hides, how much of it, and in what recording; nothing is simulated yet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tinygc.challenge.other_effects import OTHER_EFFECTS
+from tinygc.challenge.outsiders import OUTSIDERS
+from tinygc.challenge.rate_effects import RATE_EFFECTS
+from tinygc.simulation.options import SimulationOptions
+
+STRENGTHS = (1.0, 0.5, 0.2, 0.05)
+#: shares of what is hidden: so many effects of the catalogue; one that no catalogue has, alone or beside one or two of the catalogue
+SHARES = {"nothing": 0.20, "one": 0.35, "two": 0.10, "three": 0.10, "four": 0.07, "outside": 0.08, "beside": 0.10}
+HOW_MANY = {"two": 2, "three": 3, "four": 4}
+#: of three and more, one is strong, and the others are of these, weighted: the weakest of STRENGTHS is below what three others leave
+OTHERS, OTHERS_WEIGHT = (1.0, 0.5, 0.2), (0.3, 0.4, 0.3)
+#: what a session must have for an effect to show at all
+NEEDS = {
+    "gyro.thermal_bias": {"warm_up_c": 10.0},
+    "gyro.thermal_scale": {"warm_up_c": 10.0},
+    "outside.temperature_curve": {"warm_up_c": 10.0},
+    "earth.rotation": {"latitude_deg": 60.0, "segments": 80},
+}
+#: not two of these at once: what they share is a delay of all axes, and nobody could say which has it
+DELAYS = {"gyro.angular_acceleration", "gyro.bandwidth", "timing.axis_skew", "timing.gyro_accel_offset"}
+#: nor of these: in a log of minutes a warm-up is nearly a straight line, a jump nearly a swing, one bend nearly the other
+ALIKE = (
+    DELAYS,
+    {"gyro.bias_drift", "gyro.thermal_bias", "outside.temperature_curve"},
+    {"gyro.bias_drift", "gyro.bias_step", "outside.oscillation", "outside.telegraph"},
+    {"gyro.scale_nonlinearity", "outside.root_scale"},
+    {"gyro.scale_asymmetry", "outside.root_scale"},
+    {"data.glitches", "timing.dropped_samples"},
+)
+#: what may be hidden beside others: all that bend the rate, the reference, and one fault of the registers
+TOGETHER = (*RATE_EFFECTS, "reference.accelerometer", "data.glitches", "timing.dropped_samples")
+#: nominal data rate, Hz -> share of the sessions
+RATES = {62.5: 0.15, 104.0: 0.25, 208.0: 0.40, 416.0: 0.13, 833.0: 0.07}
+#: Hz, without which an effect cannot show: vibration must pass the accelerometer's filter, and a burst must be shorter than a turn's bend
+LEAST_HZ = {
+    **dict.fromkeys(DELAYS, 104.0),
+    "gyro.vibration_rectification": 208.0,
+    "data.glitches": 104.0,
+    "timing.dropped_samples": 104.0,
+}
+MOST_INSTABILITY_DPH = 10.0
+#: what session.toml says of the bias instability: the drawn value; a model, whose typical value is another; or nothing
+TOLD = ("stated", "model", "nothing")
+SEGMENTS, SEGMENTS_OF_MANY = (30, 51), (40, 61)
+
+
+@dataclass(frozen=True)
+class Case:
+    """What one session hides: ids, the strength of each, the session's options, a seed for the rest, and what is told of its bias
+    instability, one of ``TOLD``."""
+
+    name: str
+    ids: tuple[str, ...]
+    strengths: tuple[float, ...]
+    options: SimulationOptions
+    seed: int
+    told: str = "model"
+
+    @property
+    def strength(self) -> float | None:
+        """Of the weakest effect; None where nothing is hidden."""
+        return min(self.strengths, default=None)
+
+
+def draw_cases(count: int, seed: int, segments: int | None = None) -> list[Case]:
+    """``count`` cases in random order; effects and strengths take turns, so that few cases show as much as they can."""
+    rng = np.random.default_rng(seed)
+    number = _shared_out(count)
+    alone: list[tuple[str, ...]] = [(name,) for name in _taking_turns([*RATE_EFFECTS, *OTHER_EFFECTS], number["one"], rng)]
+    alone += [(name,) for name in _taking_turns(list(OUTSIDERS), number["outside"], rng)]
+    alone += [_together((), 2, RATE_EFFECTS, rng) for _ in range(number["two"])]
+    # Side by side, each effect goes through all strengths before it repeats one, and so do all together.
+    alone.sort(key=lambda ids: (len(ids), ids))
+    turns = [STRENGTHS[i] for i in rng.permutation(len(STRENGTHS))]
+    hidden: list[tuple[tuple[str, ...], tuple[float, ...]]] = [((), ())] * number["nothing"]
+    for i, ids in enumerate(alone):
+        hidden.append((ids, (1.0 if ids == ("earth.rotation",) else turns[i % len(turns)],) * len(ids)))
+    for kind in ("three", "four"):
+        for _ in range(number[kind]):
+            ids = _together((), HOW_MANY[kind], TOGETHER, rng)
+            hidden.append((ids, _one_strong(len(ids), rng)))
+    for outsider in _taking_turns(list(OUTSIDERS), number["beside"], rng):
+        ids = _together((outsider,), int(rng.integers(2, 4)), TOGETHER, rng)
+        hidden.append((ids, _one_strong(len(ids), rng)))
+    told = [TOLD[i] for i in rng.permutation(np.arange(len(hidden)) % len(TOLD))]
+    order = rng.permutation(len(hidden))
+    return [_case(place, *hidden[int(i)], told[int(i)], rng, segments) for place, i in enumerate(order)]
+
+
+def _shared_out(count: int) -> dict[str, int]:
+    """Sessions of each kind, ``count`` in all, by largest remainders."""
+    number = {kind: int(share * count + 1e-9) for kind, share in SHARES.items()}
+    by_remainder = sorted(SHARES, key=lambda kind: number[kind] - SHARES[kind] * count)
+    for kind in by_remainder[: count - sum(number.values())]:
+        number[kind] += 1
+    return number
+
+
+def _taking_turns(items: list[str], count: int, rng: np.random.Generator) -> list[str]:
+    rounds = -(-count // len(items))
+    return [items[i] for _ in range(rounds) for i in rng.permutation(len(items))][:count]
+
+
+def _together(first: tuple[str, ...], count: int, among: Any, rng: np.random.Generator) -> tuple[str, ...]:
+    """``count`` ids that can be told apart: ``first``, and others of ``among``."""
+    ids = first
+    for name in rng.permutation(list(among)):
+        if len(ids) < count and not any(str(name) in group and group & set(ids) for group in ALIKE):
+            ids = (*ids, str(name))
+    return ids
+
+
+def _one_strong(count: int, rng: np.random.Generator) -> tuple[float, ...]:
+    strengths = rng.choice(OTHERS, count, p=OTHERS_WEIGHT)
+    strengths[rng.integers(count)] = 1.0
+    return tuple(map(float, strengths))
+
+
+def _case(
+    place: int, ids: tuple[str, ...], strengths: tuple[float, ...], told: str, rng: np.random.Generator, segments: int | None
+) -> Case:
+    needs = {name: value for effect in ids for name, value in NEEDS.get(effect, {}).items()}
+    drawn: dict[str, Any] = {
+        "segments": int(rng.integers(*(SEGMENTS if len(ids) < 3 else SEGMENTS_OF_MANY))),
+        "seed": int(rng.integers(2**31)),
+        "vigour": float(rng.uniform(0.8, 1.2)),
+        "gyro_noise_dps_rthz": float(rng.uniform(0.004, 0.007)),
+        "warm_up_c": float(rng.uniform(0.5, 5)),
+        "bias_instability_dph": round(float(rng.uniform(0, MOST_INSTABILITY_DPH)), 2),
+        "odr_hz": _data_rate(ids, rng),
+    }
+    chosen = drawn | needs | ({} if segments is None else {"segments": segments})
+    options = SimulationOptions(closure_s=0.0, **chosen)
+    return Case(f"case{place + 1:03d}", ids, strengths, options, int(rng.integers(2**31)), told)
+
+
+def _data_rate(ids: tuple[str, ...], rng: np.random.Generator) -> float:
+    least = max((LEAST_HZ.get(name, 0.0) for name in ids), default=0.0)
+    enough = {hz: share for hz, share in RATES.items() if hz >= least}
+    return float(rng.choice(list(enough), p=np.array(list(enough.values())) / sum(enough.values())))

@@ -61,7 +61,9 @@ def _closure(e: Explanation, axes: Axes) -> None:
         axes.semilogy(numbers, closure, "o-", mfc=face, color=colour, lw=0.7, label=f"{name}, {tilt_rms(angles) / DEG:.4f}° rms")
     axes.axhline(e.proof.floor_rms / DEG, color=FLOOR, ls="--", label=f"floor, {e.proof.floor_rms / DEG:.4f}°")
     axes.set(xlabel="segment", ylabel="closure (°)", title="Closure of segments that the fit never saw")
-    axes.legend()
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** 0.2)  # room for the legend, which would lie on the points
+    axes.legend(loc="upper center", ncols=3, fontsize=8)
 
 
 def _stills_in_time(e: Explanation, axes: Axes) -> None:

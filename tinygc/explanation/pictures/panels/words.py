@@ -1,0 +1,53 @@
+"""Words that panels share: a parameter with its sigma, in a unit that reads well; the legend that says them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tinygc.explanation.pictures.turn_values import entry_value
+from tinygc.explanation.verdict.claims import Claim
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: characters that a panel is wide at the legend's size
+WIDE = 96
+#: share of a panel's height that the legend's title, and each of its lines, takes
+LINE = 0.06
+#: unit of a parameter -> how many of another it is, which reads better beside a curve
+READS: dict[str, tuple[float, str]] = {
+    "s": (1e3, "ms"),
+    "fraction": (1e2, "%"),
+    "fraction of full scale": (1e2, "% of full scale"),
+    "1/°C": (1e6, "ppm/°C"),
+}
+
+
+def told_value(claim: Claim, entry: int) -> str:
+    """``-4.21 ± 0.05 ms``: to the sigma's first digits; empty where the claim tells other numbers."""
+    value, sigma = entry_value(claim, entry)
+    if not np.isfinite(value):
+        return ""
+    unit = claim.effect.parameter.unit
+    times, words = READS.get(unit, (1.0, unit))
+    return f"{plain(times * value, times * sigma)} {words}".strip()
+
+
+def plain(value: float, sigma: float) -> str:
+    """A number and its sigma with as many decimals as the sigma has worth telling."""
+    if not (np.isfinite(sigma) and sigma > 0):
+        return f"{value:.3g}".replace("-", "−")
+    decimals = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 9))
+    return f"{value:.{decimals}f} ± {sigma:.{decimals}f}".replace("-", "−")
+
+
+def legend(axes: Axes, title: str | None = None) -> None:
+    """Above the data, which is moved down to make room: in as many columns as there is room for."""
+    _, labels = axes.get_legend_handles_labels()
+    columns = int(np.clip(WIDE // (max(map(len, labels)) + 6), 1, len(labels)))
+    lines = -(-len(labels) // columns) + (title is not None)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, low + (high - low) / (1 - LINE * lines - 0.03))
+    axes.legend(loc="upper center", ncols=columns, fontsize=8, title=title, title_fontsize=8, columnspacing=1.2, borderaxespad=0.3)

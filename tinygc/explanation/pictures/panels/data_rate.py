@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: on either side of the data, a factor
 ROOM = 1.35
+#: below the lowest of them, a factor: the legend's
+ROOM_BELOW = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,7 @@ def draw(axes: Axes, data: DataRates) -> None:
     axes.loglog(rates[:1], closure[:1], "s", color=AFTER, ms=8, label=f"closure as recorded: {closure[0]:.3g}°")
     at = np.array([rates[-1] / ROOM, rates[0] * ROOM])
     line = data.predicted_deg * (at / rates[0]) ** data.exponent
-    axes.loglog(at, line, color=BEFORE, lw=1.5, label=f"motion between samples: closure ~ rate^{data.exponent:.1f}".replace("-", "−"))
+    axes.loglog(at, line, color=BEFORE, lw=1.5, label=f"motion between samples: closure ~ rate$^{{{data.exponent:.1f}}}$")
     axes.loglog(
         rates[:1], [data.predicted_deg], "D", mfc="none", color=BEFORE, ms=9, label=f"of it at {rates[0]:.4g} Hz: {data.predicted_deg:.3g}°"
     )
@@ -49,13 +51,13 @@ def draw(axes: Axes, data: DataRates) -> None:
         axes.annotate(words, (rate, angle), xytext=(7, 7), textcoords="offset points", fontsize=8)
     lowest = min([closure.min(), data.predicted_deg, *([data.floor_deg] if data.floor_deg else [])])
     axes.set_xlim(rates[-1] / ROOM, rates[0] * ROOM * 1.3)
-    axes.set_ylim(lowest / 1.6, max(closure.max(), line.max()) * 1.5)
-    axes.set_xticks(rates, [f"{rate:.4g}" for rate in rates])
+    axes.set_ylim(lowest / ROOM_BELOW, max(closure.max(), line.max()) * 1.5)
+    axes.set_xticks(rates, [f"{rate:.3g}" for rate in rates])
     axes.minorticks_off()
     axes.set(
         xlabel="samples taken a second (Hz)",
         ylabel="rms closure of the turns (°)",
-        title="The fewer samples, the worse they close: the motion is too fast for the data rate",
+        title="Fewer samples close worse: the motion is too fast for them",
     )
     axes.legend(fontsize=8, loc="lower left")
 

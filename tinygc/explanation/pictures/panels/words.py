@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 WIDE = 96
 #: share of a panel's height that the legend's title, and each of its lines, takes
 LINE = 0.06
+#: for which there is always room, so that panels before and after have one scale
+LINES = 3
 #: unit of a parameter -> how many of another it is, which reads better beside a curve
 READS: dict[str, tuple[float, str]] = {
     "s": (1e3, "ms"),
@@ -47,7 +49,7 @@ def legend(axes: Axes, title: str | None = None) -> None:
     """Above the data, which is moved down to make room: in as many columns as there is room for."""
     _, labels = axes.get_legend_handles_labels()
     columns = int(np.clip(WIDE // (max(map(len, labels)) + 6), 1, len(labels)))
-    lines = -(-len(labels) // columns) + (title is not None)
+    lines = max(-(-len(labels) // columns) + (title is not None), LINES)
     low, high = axes.get_ylim()
     axes.set_ylim(low, low + (high - low) / (1 - LINE * lines - 0.03))
     axes.legend(loc="upper center", ncols=columns, fontsize=8, title=title, title_fontsize=8, columnspacing=1.2, borderaxespad=0.3)

@@ -9,8 +9,8 @@ import numpy as np
 from session.common.units import DEG
 from tinygc.explanation.pictures.channel_values import closure_by_segment, theta, variable_for
 from tinygc.explanation.pictures.panels.palette import AFTER, AXES, BEFORE, FLOOR
-from tinygc.explanation.pictures.panels.words import legend, told_value
-from tinygc.explanation.pictures.turn_values import entry_name, per_parameter, strongest
+from tinygc.explanation.pictures.panels.words import entry_name, legend, told_value
+from tinygc.explanation.pictures.turn_values import per_parameter, strongest
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 

@@ -1,4 +1,4 @@
-"""Words that panels share: a parameter with its sigma, in a unit that reads well; the legend that says them."""
+"""Words that panels share: a parameter's name, its value with its sigma in a unit that reads well; the legend that says them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tinygc.explanation.pictures.turn_values import entry_value
+from tinygc.effects import Effect
 from tinygc.explanation.verdict.claims import Claim
 
 if TYPE_CHECKING:
@@ -27,9 +27,26 @@ READS: dict[str, tuple[float, str]] = {
 }
 
 
+def entry_name(effect: Effect, entry: int) -> str:
+    """``x``; ``x from y`` of a matrix; the parameter's name and a number of anything else."""
+    shape = effect.parameter.shape
+    if shape == (3,):
+        return "xyz"[entry]
+    if shape == (3, 3):
+        return f"{'xyz'[entry // 3]} from {'xyz'[entry % 3]}"
+    return f"{effect.parameter.name} {entry + 1}" if effect.parameter.size > 1 else effect.parameter.name
+
+
+def _value(claim: Claim, entry: int) -> tuple[float, float]:
+    """A parameter and its sigma in the unit of its effect; not a number where the page tells something else instead."""
+    name = claim.effect.parameter.name
+    values, sigmas = (np.ravel(told.get(name, np.nan)) for told in (claim.parameters, claim.std))
+    return (float(values[entry]), float(sigmas[entry])) if entry < len(values) and entry < len(sigmas) else (np.nan, np.nan)
+
+
 def told_value(claim: Claim, entry: int) -> str:
     """``-4.21 ± 0.05 ms``: to the sigma's first digits; empty where the claim tells other numbers."""
-    value, sigma = entry_value(claim, entry)
+    value, sigma = _value(claim, entry)
     if not np.isfinite(value):
         return ""
     unit = claim.effect.parameter.unit

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from tinygc.explanation.pictures.panels import data_rate, draw_claim, in_stills,
 from tinygc.explanation.pictures.panels.words import plain, told_value
 from tinygc.explanation.pictures.turn_values import per_parameter, per_turn, strongest
 from tinygc.explanation.twin.variable import Variable
+from tinygc.report.html.sections.explanation import section
 
 FS = 500.0  #: dps
 FIRST_C = 25.0
@@ -222,3 +224,16 @@ def test_a_number_is_told_with_the_decimals_that_its_sigma_is_worth(known):
     assert plain(0.0, 0.0) == "0"
     _, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
     assert told_value(claim, 0).endswith("% of full scale")
+
+
+@pytest.mark.parametrize(
+    ("picture", "words"), [(None, "The scale error of each turn along its rate"), (TURNS, "What each turn misses against what")]
+)
+def test_the_report_draws_the_same_law(known, picture, words):
+    e, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
+    if picture:
+        e = replace(e, claimed=[replace(claim, effect=replace(claim.effect, picture=picture))])
+    found = section(SimpleNamespace(explanation=e))
+    assert words in found.html
+    assert "nan" not in found.html.lower().replace("nano", "")
+    assert "The line is the law" in found.html

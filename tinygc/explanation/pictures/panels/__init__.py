@@ -45,8 +45,8 @@ PAIRS: dict[str, tuple[Panel, Panel]] = {
     named.GRAVITY_LENGTH: (gravity_length.over_attitude, gravity_length.against_explained),
     named.WORLD: (earth.in_the_table, in_stills.against_explained),
     named.EARTH: (partial(earth.in_the_table, as_the_earths=True), in_stills.against_explained),
-    named.SCALE_LAW: (partial(law_of_turns.before, kind=law_of_turns.SCALE), partial(law_of_turns.after, kind=law_of_turns.SCALE)),
-    named.ENERGY_LAW: (partial(law_of_turns.before, kind=law_of_turns.OFFSET), partial(law_of_turns.after, kind=law_of_turns.OFFSET)),
+    named.SCALE_LAW: (law_of_turns.before, law_of_turns.after),
+    named.ENERGY_LAW: (law_of_turns.before, law_of_turns.after),
     named.LAG_LAW: (in_turns.lag_before, in_turns.lag_after),
     named.DATA_RATE: (data_rate.over_rate, in_turns.along),
 }

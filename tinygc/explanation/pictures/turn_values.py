@@ -51,11 +51,11 @@ def turn_columns(e: Explanation, claim: Claim) -> np.ndarray:
 
 
 def turn_sigma(e: Explanation, claim: Claim) -> np.ndarray:
-    """(S, d) rad: noise of each angle of closure, widened as the claims' own sigmas are, by what is left with the claim in it."""
+    """(S, d) rad: the floor of each angle of closure, widened as the claims' own sigmas are, by what is left with the claim in it."""
     fit = e.naming.fit
     r = fit.r if claim in e.claimed else fit.r + _taken_off(e, claim)[1]
     widen = max(1.0, float(r @ r) / max(len(r) - fit.J.shape[1], 1))
-    return e.whiten.sigma[e.whiten.parts["closure"]].reshape(len(e.twin.segments), -1) * np.sqrt(widen)
+    return e.twin.problem.floor.sigma * np.sqrt(widen)
 
 
 def left_by_turn(e: Explanation, claim: Claim) -> np.ndarray:

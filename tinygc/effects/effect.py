@@ -19,7 +19,7 @@ from tinygc.effects.gauge import Gauge
 from tinygc.effects.movement import Movement
 from tinygc.effects.occurrence import Occurrence
 from tinygc.effects.parameter import Derived, Parameter, Scan
-from tinygc.effects.picture import PAIRS, STILLS, TURNS, OwnPicture
+from tinygc.effects.picture import OF_TURNS, PAIRS, STILLS, TURNS, OwnPicture
 from tinygc.effects.reach import INPUT_REACH, INPUTS, NOWHERE, Reach
 
 KINDS = ("rate", "force", "earth", "register", "truth")
@@ -161,8 +161,9 @@ class Effect:
 
     @property
     def pair(self) -> str | OwnPicture:
-        """Its picture: the one declared, or what suits where it is seen."""
-        return self.picture or (STILLS if "still" in self.seen_in else TURNS)
+        """Its picture: the one declared, or what suits where it is seen; a still knows nothing of what only turns have."""
+        turning = self.regime is not None and self.regime[0] in OF_TURNS
+        return self.picture or (STILLS if "still" in self.seen_in and not turning else TURNS)
 
 
 def _some_of(names: object, known: Container[str]) -> bool:

@@ -13,7 +13,15 @@ STILLS, TURNS = "stills", "turns"
 CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES = "clipped turn", "false readings", "lost samples"
 CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH = "creeping stills", "clocks", "gravity's length"
 WORLD, EARTH = "a rate fixed in the world", "the Earth's rate"
-PAIRS = (STILLS, TURNS, CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES, CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH, WORLD, EARTH)
+#: laws that turns show, of an effect with one parameter for each axis: a scale error along the regime, a lag (of a matrix, too), a zero
+#: along the regime; and what a log loses that is sampled too slowly
+SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE = "scale law", "lag law", "energy law", "data rate"
+PAIRS = (
+    *(STILLS, TURNS, CLIPPED_TURN, FALSE_READINGS, LOST_SAMPLES, CREEPING_STILLS, CLOCKS, GRAVITY_LENGTH, WORLD, EARTH),
+    *(SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE),
+)
+#: regimes that only turns have
+OF_TURNS = ("rate", "angular acceleration", "vibration")
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """The output follows angular acceleration, cross-axis too (IEEE 528: sensitivity to angular acceleration)."""
 
 from tinygc.effects import AHEAD, NEIGHBOURS, CommonDelay, Effect, Parameter, full, largest
+from tinygc.effects.picture import LAG_LAW
 
 EFFECT = Effect(
     id="gyro.angular_acceleration",
@@ -15,6 +16,7 @@ EFFECT = Effect(
     splits="turn about one axis at a time, with sharp starts and stops",
     reach=NEIGHBOURS,
     regime=("angular acceleration", "rad/s²"),
+    picture=LAG_LAW,
     gauge=CommonDelay((0, 4, 8), late=-1.0),  # the diagonal is a common delay plus differences
     device=AHEAD,
 )

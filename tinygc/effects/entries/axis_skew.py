@@ -4,6 +4,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tinygc.effects import AHEAD, Convention, Effect, Movement, Parameter, Reach, axis_of, diagonal, largest
+from tinygc.effects.picture import LAG_LAW
 
 #: a cubic spline forgets a sample by a factor of 3.7 with each one between
 SPLINE_SAMPLES = 48
@@ -31,6 +32,7 @@ EFFECT = Effect(
     splits="shake the table about each axis at several speeds: a delay keeps the shape of fast movements, a lag rounds it off",
     reach=lambda theta: Reach.around(samples=SPLINE_SAMPLES, seconds=float(np.abs(theta).max())),
     regime=("angular acceleration", "rad/s²"),
+    picture=LAG_LAW,
     gauge=Convention(
         settle=lambda theta: theta - theta.min(),  # counted from the earliest axis
         slope=lambda theta: np.eye(3) - np.eye(3)[int(np.argmin(theta))],

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from tinygc.effects import AHEAD, NEIGHBOURS, CommonDelay, Effect, Movement, Parameter, axis_of, diagonal, largest
+from tinygc.effects.picture import LAG_LAW
 
 
 def _correct(measured: np.ndarray, movement: Movement, theta: np.ndarray) -> np.ndarray:
@@ -43,6 +44,7 @@ EFFECT = Effect(
     # The way back looks at both neighbours; the way there remembers, which nobody undoes live.
     reach=NEIGHBOURS,
     regime=("angular acceleration", "rad/s²"),
+    picture=LAG_LAW,
     gauge=CommonDelay((0, 1, 2), never_negative=True),
     device=AHEAD,
 )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
+from tinygc.effects.picture import SCALE_LAW
 
 EFFECT = Effect(
     id="gyro.scale_asymmetry",
@@ -16,6 +17,7 @@ EFFECT = Effect(
     ),
     splits="record the same turn both ways about each axis, slow and fast",
     regime=("rate", "dps"),
+    picture=SCALE_LAW,
     device=PerAxisC(
         name="SCALE_ASYMMETRY",
         says="r -= k |r| (gyro.scale_asymmetry)",

@@ -1,6 +1,7 @@
 """The scale factor changes with the rate: a cubic, odd term (IEEE 528: scale factor nonlinearity)."""
 
 from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
+from tinygc.effects.picture import SCALE_LAW
 
 EFFECT = Effect(
     id="gyro.scale_nonlinearity",
@@ -15,6 +16,7 @@ EFFECT = Effect(
     ),
     splits="record slow and fast turns about each axis, both ways",
     regime=("rate", "dps"),
+    picture=SCALE_LAW,
     device=PerAxisC(
         name="SCALE_NONLINEARITY",
         says="r -= k r^3 (gyro.scale_nonlinearity)",

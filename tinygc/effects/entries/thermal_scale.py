@@ -3,6 +3,7 @@
 import numpy as np
 
 from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
+from tinygc.effects.picture import SCALE_LAW
 
 EFFECT = Effect(
     id="gyro.thermal_scale",
@@ -16,6 +17,7 @@ EFFECT = Effect(
     ),
     splits="let the sensor cool while you turn it: temperature then falls while time goes on",
     regime=("temperature", "°C"),
+    picture=SCALE_LAW,
     inputs=("temperature",),
     device=PerAxisC(
         name="THERMAL_SCALE",

@@ -2,6 +2,7 @@
 
 from session.common.units import DEG
 from tinygc.effects import AHEAD, Effect, Parameter, axis_of, diagonal, largest
+from tinygc.effects.picture import ENERGY_LAW
 
 EFFECT = Effect(
     id="gyro.vibration_rectification",
@@ -16,6 +17,7 @@ EFFECT = Effect(
     splits="repeat the same turns with and without the vibration",
     inputs=("vibration",),
     regime=("vibration", "g²"),
+    picture=ENERGY_LAW,
     device=AHEAD,
     known_to=0.1,  # the accelerometer's low-pass hides a part of the energy that is not known, and a hand's own movement adds one
 )

@@ -40,9 +40,10 @@ def lengths_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
     return before, after
 
 
-def added_in_stills(e: Explanation, claim: Claim) -> np.ndarray:
-    """(Q, 3) dps that an effect adds to each still's mean rate."""
-    twin, values = e.twin, theta(e, claim)
+def added_in_stills(e: Explanation, claim: Claim, values: np.ndarray | None = None) -> np.ndarray:
+    """(Q, 3) dps that an effect adds to each still's mean rate; values (P,) SI in place of its parameters, to see a part of it."""
+    twin = e.twin
+    values = theta(e, claim) if values is None else values
     if claim.effect.kind == "earth":
         return np.einsum("qji,j->qi", rotation.matrix(twin.q_tb), values) / DEG
     by_log = [claim.effect.columns(m.with_rate(rate)) @ values for m, rate in zip(twin.movements, e.naming.fit.rates, strict=True)]

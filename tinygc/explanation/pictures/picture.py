@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.common.units import DEG, MG
+from tinygc.effects.picture import TURNS
 from tinygc.explanation.pictures.canvas import canvas, save
 from tinygc.explanation.pictures.channel_values import lengths_per_still, rates_per_still
 from tinygc.explanation.pictures.panels import draw_claim
@@ -45,7 +46,7 @@ def figure_of(e: Explanation) -> Figure:
         _stills_in_time(e, grid[0, 0])
         _lengths_in_time(e, grid[0, 1])
     _closure(e, grid[-1, 0])
-    if any(claim.effect.kind in ("rate", "earth") and "still" in claim.effect.seen_in for claim in shown):
+    if any(claim.effect.kind in ("rate", "earth") and "still" in claim.effect.seen_in and claim.effect.pair != TURNS for claim in shown):
         _stills_in_time(e, grid[-1, 1])
     else:
         _channels(e, grid[-1, 1])
@@ -61,7 +62,9 @@ def _closure(e: Explanation, axes: Axes) -> None:
         axes.semilogy(numbers, closure, "o-", mfc=face, color=colour, lw=0.7, label=f"{name}, {tilt_rms(angles) / DEG:.4f}° rms")
     axes.axhline(e.proof.floor_rms / DEG, color=FLOOR, ls="--", label=f"floor, {e.proof.floor_rms / DEG:.4f}°")
     axes.set(xlabel="segment", ylabel="closure (°)", title="Closure of segments that the fit never saw")
-    axes.legend()
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high * (high / low) ** 0.2)  # room for the legend, which would lie on the points
+    axes.legend(loc="upper center", ncols=3, fontsize=8)
 
 
 def _stills_in_time(e: Explanation, axes: Axes) -> None:

@@ -16,11 +16,13 @@ from tinygc.explanation.pictures.panels import (
     clipped_turn,
     clock_offset,
     creeping_stills,
+    data_rate,
     earth,
     false_reading,
     gravity_length,
     in_stills,
     in_turns,
+    law_of_turns,
     lost_samples,
 )
 from tinygc.explanation.verdict.claims import Claim
@@ -34,7 +36,7 @@ Panel = Callable[..., None]
 
 PAIRS: dict[str, tuple[Panel, Panel]] = {
     named.STILLS: (in_stills.along, in_stills.against_explained),
-    named.TURNS: (in_turns.along, in_turns.against_explained),
+    named.TURNS: (in_turns.before, in_turns.after),
     named.CLIPPED_TURN: (clipped_turn.one_turn, clipped_turn.closure_over_peak),
     named.FALSE_READINGS: (false_reading.one_reading, false_reading.all_readings),
     named.LOST_SAMPLES: (lost_samples.one_loss, lost_samples.closure_over_losses),
@@ -43,6 +45,10 @@ PAIRS: dict[str, tuple[Panel, Panel]] = {
     named.GRAVITY_LENGTH: (gravity_length.over_attitude, gravity_length.against_explained),
     named.WORLD: (earth.in_the_table, in_stills.against_explained),
     named.EARTH: (partial(earth.in_the_table, as_the_earths=True), in_stills.against_explained),
+    named.SCALE_LAW: (law_of_turns.before, law_of_turns.after),
+    named.ENERGY_LAW: (law_of_turns.before, law_of_turns.after),
+    named.LAG_LAW: (in_turns.lag_before, in_turns.lag_after),
+    named.DATA_RATE: (data_rate.over_rate, in_turns.along),
 }
 
 

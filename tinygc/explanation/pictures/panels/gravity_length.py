@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.common.units import MG
-from tinygc.explanation.pictures.channel_values import lengths_per_still, theta, variable_for
-from tinygc.explanation.pictures.panels.palette import AFTER, BEFORE, FLOOR
+from tinygc.explanation.pictures.channel_values import lengths_per_still, theta
+from tinygc.explanation.pictures.panels.palette import AFTER, AXES, FLOOR
+from tinygc.explanation.pictures.panels.words import legend, told_value
+from tinygc.explanation.twin.variable import Variable
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 
@@ -17,18 +19,27 @@ if TYPE_CHECKING:
 
 
 def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Gravity has one length, whatever the attitude."""
-    variable, (before, after) = variable_for(e, claim), lengths_per_still(e)
-    x = variable.of_stills(e.twin)
-    axes.plot(x, before / MG, "o", color=BEFORE, label=f"before, {np.std(before) / MG:.2f} mg rms")
-    axes.plot(x, after / MG, "o", mfc="none", color=AFTER, label=f"after, {np.std(after) / MG:.2f} mg")
+    """Gravity has one length, whatever the attitude: a bias makes it longer one way up, and shorter the other.
+
+    Of each axis, with what the bias of the others does taken off; filled before, rings after, and the line of the bias.
+    """
+    _, after = lengths_per_still(e)
+    down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
+    for number, (axis, colour) in enumerate(AXES.items()):
+        bias = theta(e, claim)[number]
+        x = Variable("attitude", number).of_stills(e.twin)
+        axes.plot(x, (after + down[:, number] * bias) / MG, "o", color=colour, ms=4)
+        axes.plot(x, after / MG, "o", mfc="none", color=colour, ms=4)
+        ends = np.array([x.min(), x.max()])
+        axes.plot(ends, -ends * bias / MG, "-", color=colour, lw=1.5, label=f"{axis}: {told_value(claim, number)}")
+    axes.plot([], [], "o", mfc="none", color="black", label="after")
     axes.axhline(0, color=FLOOR, lw=0.8)
     axes.set(
-        xlabel=f"{variable.words} ({variable.units})",
+        xlabel="gravity along the same axis (g)",
         ylabel="length of gravity beyond one value (mg)",
         title="Where it lives: gravity's length changes with attitude",
     )
-    axes.legend()
+    legend(axes, claim.effect.equation)
 
 
 def against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG
+from tinygc.effects.picture import ENERGY_LAW, LAG_LAW, SCALE_LAW, TURNS
+from tinygc.explanation.pictures.axis_laws import AxisLaws, axis_laws
 from tinygc.explanation.pictures.channel_values import (
     added_in_stills,
     left_in_stills,
@@ -13,6 +15,7 @@ from tinygc.explanation.pictures.channel_values import (
     told,
     variable_for,
 )
+from tinygc.explanation.pictures.turn_values import per_parameter, strongest
 from tinygc.explanation.verdict.explain import Claim, Explanation
 from tinygc.explanation.verdict.next_step import what_next
 from tinygc.explanation.verdict.pages import parameter_lines, seconds_words, variable_words
@@ -23,6 +26,8 @@ from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, code, escape, figure, key, paragraph, table
 from tinygc.report.html.numbers import degrees, fixed, probability, significant, tilt_rms
 
+#: pictures of what turns show
+OF_TURNS = (TURNS, SCALE_LAW, LAG_LAW, ENERGY_LAW)
 AXIS_KEYS = [key(axis, axis) for axis in "xyz"]
 
 
@@ -86,11 +91,15 @@ def _channels(e: Explanation) -> str:
 def _pictures(e: Explanation) -> str:
     claim = told(e)
     html = ""
-    if claim is not None and "still" not in claim.effect.seen_in:
+    turning = claim is not None and claim.effect.pair in OF_TURNS
+    if claim is not None and turning:
+        laws = axis_laws(e, claim)
+        says = f"what {escape(claim.effect.id)} makes it miss" if laws is None else f"its {laws.follows}"
+        asked = "what each turn misses, parameter by parameter, against" if laws is None else f"the {laws.words} of each turn against"
         html += figure(
-            lambda width: _closure_along(e, claim, width),
-            "Where it lives: held-out closure of each segment.",
-            _before_after_keys(claim in e.claimed),
+            lambda width: _law(e, claim, laws, width),
+            f"Where it lives: {asked} {says}, all else of the fit taken off. The line is the law.",
+            AXIS_KEYS if laws is not None or claim.effect.parameter.size == 3 else [],
         )
     else:
         html += figure(
@@ -100,7 +109,7 @@ def _pictures(e: Explanation) -> str:
             else "The mean rate in each still, less what the model predicts.",
             AXIS_KEYS,
         )
-    if claim is not None and "still" in claim.effect.seen_in and claim in e.claimed:
+    if claim is not None and not turning and "still" in claim.effect.seen_in and claim in e.claimed:
         html += figure(
             lambda width: _said_against_recorded(e, claim, width),
             f"Recorded in each still against what {escape(claim.effect.id)} says.",
@@ -143,23 +152,26 @@ def _stills_along(e: Explanation, claim: Claim | None, width: int) -> str:
     return chart.svg()
 
 
-def _closure_along(e: Explanation, claim: Claim, width: int) -> str:
-    variable = variable_for(e, claim)
-    x = variable.of_segments(e.twin)
-    at = {number: angles for number, angles in zip(e.proof.before_numbers, e.proof.before, strict=True)}
-    before = np.array([np.linalg.norm(at[s.number][:2]) if s.number in at else np.nan for s in e.twin.segments]) / DEG
-    after = np.linalg.norm(e.proof.after[:, :2], axis=1) / DEG
-    y = log_axis([*before, *after, e.proof.floor_rms / DEG], "closure, degrees")
-    chart = Chart(
-        width,
-        260,
-        linear_axis(x, f"greatest {variable.words} in the segment, {variable.units}"),
-        y,
-        f"Closure of each segment along {variable.words}",
-    )
-    chart.across(e.proof.floor_rms / DEG, "floor")
-    chart.dots(x, before, "before")
-    return (chart.dots(x, after, "after") if claim in e.claimed else chart).svg()
+def _law(e: Explanation, claim: Claim, laws: AxisLaws | None, width: int) -> str:
+    """Each turn's share and the curve; or what each turn misses, on a line of slope one where the effect is the cause."""
+    if laws is None:
+        own = claim.effect.parameter.size == 3
+        parts = [("xyz"[entry if own else number], per_parameter(e, claim, entry)) for number, entry in enumerate(strongest(e, claim))]
+        span = linear_axis(np.concatenate([of.law for _, of in parts] + [of.before for _, of in parts]) / DEG)
+        x, y = (Axis(span.lo, span.hi, label) for label in (f"{claim.effect.id} says, degrees", "missed in the turn, degrees"))
+        chart = Chart(width, 300, x, y, f"What each turn misses against what {claim.effect.id} says")
+        chart.line([span.lo, span.hi], [span.lo, span.hi], "floor", "dash")
+        for colour, of in parts:
+            chart.dots(of.law / DEG, of.before / DEG, colour)
+        return chart.svg()
+    x, y = linear_axis(laws.reached, laws.x_label), linear_axis(laws.asked, f"{laws.words}, {laws.unit}", zero=True)
+    chart = Chart(width, 270, x, y, f"The {laws.words} of each turn along its {laws.follows}")
+    chart.across(0, "floor", style="axis")
+    for axis, of, (at, values) in zip("xyz", laws.turns, laws.curves, strict=True):
+        chart.line(at, values, axis)
+        chart.bars(of.x, of.before - of.sigma, of.before + of.sigma, axis)
+        chart.dots(of.x, of.before, axis)
+    return chart.svg()
 
 
 def _said_against_recorded(e: Explanation, claim: Claim, width: int) -> str:

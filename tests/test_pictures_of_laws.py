@@ -1,0 +1,239 @@
+"""Pictures that show the cause: what each turn asks for by itself lies on the law that was put in, and what is left lies about zero."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from known_effects import movement
+from matplotlib.figure import Figure
+
+from session.common.units import DEG
+from tinygc.effect_checks.sessions import explanation_of, fitted, inject
+from tinygc.effects import Effect, Parameter, catalogue, diagonal, load_folder
+from tinygc.effects.picture import DATA_RATE, ENERGY_LAW, LAG_LAW, PAIRS, SCALE_LAW, STILLS, TURNS
+from tinygc.explanation.pictures import panels
+from tinygc.explanation.pictures.channel_values import variable_for
+from tinygc.explanation.pictures.law_curve import at_constant
+from tinygc.explanation.pictures.panels import data_rate, draw_claim, in_stills, in_turns
+from tinygc.explanation.pictures.panels.words import plain, told_value
+from tinygc.explanation.pictures.turn_values import per_parameter, per_turn, strongest
+from tinygc.explanation.twin.variable import Variable
+from tinygc.report.html.sections.explanation import section
+
+FS = 500.0  #: dps
+FIRST_C = 25.0
+FOREIGN = Path(__file__).parent / "foreign_effects"
+#: effect -> its size, what it makes of the scale (fraction) at x by the standard's formula, with the parameter k of the axis
+SCALES = {
+    "gyro.scale_nonlinearity": (0.03, lambda k, x: k * (x / FS) ** 2),
+    "gyro.scale_asymmetry": (0.003, lambda k, x: k * np.sign(x)),
+    "gyro.thermal_scale": (8e-4, lambda k, x: k * (x - FIRST_C)),
+}
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    """``known(effect, size)``: an explanation of a session with the effect in it, its only claim, and the true theta (P,)."""
+
+    @cache
+    def make(effect: Effect, size: float):
+        injected = inject(effect, tmp_path_factory.mktemp("law") / "session", size, seed=4)
+        e = explanation_of(fitted(effect, injected))
+        return e, e.claimed[0], injected.theta
+
+    return lambda effect, size: make(catalogue()[effect] if isinstance(effect, str) else effect, size)
+
+
+def slope(of) -> tuple[float, float]:
+    """Of the straight line through zero, and its sigma."""
+    weight = 1 / of.sigma**2
+    power = np.sum(weight * of.x**2)
+    return np.sum(weight * of.x * of.before) / power, 1 / np.sqrt(power)
+
+
+def rms(values) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.mark.parametrize("name", ["gyro.scale_nonlinearity", *(pytest.param(name, marks=pytest.mark.slow) for name in list(SCALES)[1:])])
+def test_the_scale_error_of_each_turn_is_on_the_law_that_was_put_in(known, name):
+    size, law = SCALES[name]
+    e, claim, truth = known(name, size)
+    for axis in range(3):
+        of = per_turn(e, claim, "scale", axis, variable_for(e, claim))
+        assert len(of.x) >= 6
+        off = (of.before - law(truth[axis], of.x)) / of.sigma
+        # The fit's own error moves all turns of an axis alike.  A law that is a tenth larger is too far off, on one axis at least.
+        assert rms(off) < 2.0
+        assert 0.6 < rms(of.after / of.sigma) < 1.4  # the bars are the noise
+        assert rms(of.before / of.sigma) > 10
+
+
+def test_what_turns_left_out_are_does_not_depend_on_what_they_ask_for(known):
+    e, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
+    naming = replace(e.naming, fit=replace(e.naming.fit, state=replace(e.naming.fit.state, horizontal=np.array([1e-3, -1e-3]))))
+    other = replace(e, naming=naming)
+    variable = variable_for(e, claim)
+    here, there = (per_turn(which, claim, "scale", 0, variable) for which in (e, other))
+    np.testing.assert_allclose(here.x, there.x, rtol=1e-3)
+    assert np.abs(here.before - there.before).max() > here.sigma.max()
+
+
+@pytest.mark.slow
+def test_the_zero_of_each_turn_follows_vibration(known):
+    """The low-pass of the accelerometer hides a part of the energy: to a fifth."""
+    e, claim, truth = known("gyro.vibration_rectification", 1.5 * DEG)
+    for axis in range(3):
+        of = per_turn(e, claim, "offset", axis, variable_for(e, claim))
+        found, sigma = slope(of)
+        assert found == pytest.approx(truth[axis], abs=0.2 * abs(truth[axis]) + 3 * sigma)
+        assert (of.x >= 0).all()
+        assert rms(of.after / of.sigma) < 0.5 * rms(of.before / of.sigma)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["timing.axis_skew", "gyro.bandwidth"])
+def test_the_slope_of_a_lag_is_the_lag(known, name):
+    """Of differences between axes: what they share, closure hardly sees."""
+    e, claim, truth = known(name, 0.01)
+    truth = np.maximum(truth, 0) if name == "gyro.bandwidth" else truth
+    found = np.array([slope(per_parameter(e, claim, axis))[0] for axis in range(3)])
+    assert found - found.mean() == pytest.approx(truth - truth.mean(), abs=3e-4)
+    axes = Figure().subplots()
+    in_turns.lag_before(e, claim, axes)
+    lines = [line.get_xydata() for line in axes.lines if "slope" in str(line.get_label())]
+    assert len(lines) == 3
+    drawn = [(line[1, 1] - line[0, 1]) / (line[1, 0] - line[0, 0]) for line in lines]  # degrees for those that 1 ms makes
+    assert drawn == pytest.approx(1e3 * found, abs=0.5)
+
+
+def test_any_effect_in_turns_is_on_the_line_of_slope_one(known):
+    e, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
+    for entry in strongest(e, claim):
+        of = per_parameter(e, claim, entry)
+        one = replace(of, x=of.law)
+        found, sigma = slope(one)
+        assert found == pytest.approx(1.0, abs=4 * sigma + 0.02)
+        assert rms(of.after / of.sigma) < 1.7
+    panels = Figure().subplots(1, 2)
+    in_turns.before(e, claim, panels[0])
+    in_turns.after(e, claim, panels[1])
+    (law,) = [line.get_xydata() for line in panels[0].lines if str(line.get_label()).startswith("slope 1")]
+    assert law[:, 0] == pytest.approx(law[:, 1])
+    assert panels[0].get_ylim() == pytest.approx(panels[1].get_ylim(), rel=0.1)
+
+
+def test_a_foreign_effect_without_a_picture_has_one(known):
+    (effect,) = [effect for effect in load_folder(FOREIGN) if effect.id == "gyro.rate_memory"]
+    assert effect.picture is None
+    assert effect.pair == TURNS  # a still has no rate to remember
+    e, claim, _ = known(effect, effect.parameter.plausible / 4)
+    panels = Figure().subplots(1, 2)
+    draw_claim(e, claim, *panels)
+    assert all(panel.has_data() and panel.get_xlabel() and panel.get_ylabel() for panel in panels)
+    assert "slope 1" in " ".join(text.get_text() for text in panels[0].get_legend().get_texts())
+
+
+@pytest.mark.slow
+def test_a_curve_in_the_stills_is_the_law(known):
+    e, claim, truth = known("gyro.g2_sensitivity", 0.1 * DEG)
+    axes = Figure().subplots()
+    in_stills.along(e, claim, axes)
+    curves = [line.get_xydata() for line in axes.lines if len(line.get_xydata()) == in_stills.GRID]
+    assert len(curves) == 3
+    for curve, k in zip(curves, truth / DEG, strict=True):
+        assert curve[:, 1] == pytest.approx(1e3 * k * curve[:, 0] ** 2, abs=8)
+
+
+def test_a_law_that_jumps_shows_nothing_of_turns_both_ways(known):
+    """Each turn that is drawn lies where the law has a value; half a turn back has none."""
+    e, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
+    asymmetric = replace(claim, effect=catalogue()["gyro.scale_asymmetry"], parameters={"half_difference": [0.01, 0.01, 0.01]})
+    of = per_turn(e, asymmetric, "scale", 0, Variable("rate"))
+    assert 0 < len(of.x) < len(e.twin.segments)
+    assert of.law == pytest.approx(0.01 * np.sign(of.x), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "variable", "at", "one"),
+    [
+        ("gyro.scale_nonlinearity", Variable("rate"), 250.0, 0.25),
+        ("gyro.scale_asymmetry", Variable("rate"), -30.0, -1.0),
+        ("gyro.thermal_scale", Variable("temperature"), FIRST_C + 3, 3.0),
+        ("gyro.vibration_rectification", Variable("vibration"), 0.2, 0.2),
+        ("gyro.thermal_bias", Variable("temperature"), FIRST_C + 3, 3.0),
+        ("gyro.g2_sensitivity", Variable("attitude", 1), -0.5, 0.25),
+        ("gyro.bias_drift", Variable("time"), 30.0, 0.5),
+    ],
+)
+def test_a_law_at_a_constant_movement_is_its_equation(name, variable, at, one):
+    like = replace(movement(), first_temp_c=FIRST_C, fs_rps=FS * DEG, duration_s=60.0)
+    share = name in SCALES
+    small = np.array([0.0, 1e-3, 0.0])
+    found = at_constant(catalogue()[name], small, like, variable, 1, np.array([at]), per_rate=share)
+    assert found == pytest.approx([1e-3 * one], rel=1e-9)
+
+
+def test_the_closure_over_the_data_rate_leads_to_the_native_one():
+    """Made-up: motion that closes by 0.4° at 100 Hz, and by the square of the interval."""
+    rates = 100.0 / np.arange(1, 5)
+    data = data_rate.DataRates(rates, 0.4 * (rates / 100) ** -2.0, -2.0, 0.4, floor_deg=0.02)
+    axes = Figure().subplots()
+    data_rate.draw(axes, data)
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    (line,) = [each.get_xydata() for each in axes.lines if "motion" in str(each.get_label())]
+    (thinned,) = [each.get_xydata() for each in axes.lines if "left out" in str(each.get_label())]
+    assert sorted(thinned[:, 0]) == pytest.approx(sorted(rates[1:]))
+    on = np.exp(np.interp(np.log(thinned[:, 0]), np.log(line[:, 0]), np.log(line[:, 1])))
+    assert on == pytest.approx(thinned[:, 1])
+    assert np.exp(np.interp(np.log(100.0), np.log(line[:, 0]), np.log(line[:, 1]))) == pytest.approx(0.4)
+    assert [text.get_text() for text in axes.texts] == ["every sample", "every 2nd sample", "every 3rd sample", "every 4th sample"]
+
+
+def test_every_name_of_a_pair_has_panels():
+    assert set(PAIRS) == set(panels.PAIRS)
+    assert {SCALE_LAW, LAG_LAW, ENERGY_LAW, DATA_RATE} <= set(PAIRS)
+
+
+def test_every_effect_of_turns_alone_draws_its_law():
+    of_turns = {name: effect.pair for name, effect in catalogue().items() if effect.kind == "rate" and "still" not in effect.seen_in}
+    assert set(of_turns.values()) <= {SCALE_LAW, LAG_LAW, ENERGY_LAW}
+
+
+def test_an_effect_that_stills_show_is_drawn_there_unless_it_follows_what_only_turns_have():
+    effect = Effect(
+        id="gyro.something",
+        equation="ω += k",
+        parameter=Parameter("dps", (3,), "dps", DEG),
+        seen_in=("still", "turn"),
+        columns=lambda movement: diagonal(movement.temp_c),
+        says=lambda theta: "",
+        splits="",
+        regime=("temperature", "°C"),
+    )
+    assert effect.pair == STILLS
+    assert replace(effect, regime=("rate", "dps")).pair == TURNS
+
+
+def test_a_number_is_told_with_the_decimals_that_its_sigma_is_worth(known):
+    assert plain(-0.0142542, 0.0006) == "−0.01425 ± 0.00060"
+    assert plain(21.8194, 0.28) == "21.82 ± 0.28"
+    assert plain(0.0, 0.0) == "0"
+    _, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
+    assert told_value(claim, 0).endswith("% of full scale")
+
+
+@pytest.mark.parametrize(
+    ("picture", "words"), [(None, "The scale error of each turn along its rate"), (TURNS, "What each turn misses against what")]
+)
+def test_the_report_draws_the_same_law(known, picture, words):
+    e, claim, _ = known("gyro.scale_nonlinearity", SCALES["gyro.scale_nonlinearity"][0])
+    if picture:
+        e = replace(e, claimed=[replace(claim, effect=replace(claim.effect, picture=picture))])
+    found = section(SimpleNamespace(explanation=e))
+    assert words in found.html
+    assert "nan" not in found.html.lower().replace("nano", "")
+    assert "The line is the law" in found.html

@@ -117,7 +117,7 @@ def bias_step(scene: Scene) -> Concealment:
     )
 
 
-def vibration_rectification(scene: Scene) -> Concealment:
+def vibration_rectification(scene: Scene, band_hz: tuple[float, float] = VIBRATION_HZ) -> Concealment:
     """Half of the turns are vibrated; the accelerometer feels the vibration, and the bias follows its mean square."""
     k, seed = scene.signed(RECTIFICATION), int(scene.rng.integers(2**32))
     turns = [turn for turn in scene.plan.turns if scene.rng.uniform() < VIBRATED_TURNS] or list(scene.plan.turns[:1])
@@ -134,7 +134,7 @@ def vibration_rectification(scene: Scene) -> Concealment:
     def shaken(t: np.ndarray, force: np.ndarray) -> np.ndarray:
         fine_hz = 1 / (t[1] - t[0])
         noise = np.random.default_rng(seed).standard_normal(force.shape)
-        noise = sosfiltfilt(butter(2, VIBRATION_HZ, "bandpass", fs=fine_hz, output="sos"), noise, axis=0)
+        noise = sosfiltfilt(butter(2, band_hz, "bandpass", fs=fine_hz, output="sos"), noise, axis=0)
         return force + G * envelope(t)[:, None] * noise / noise.std(axis=0)
 
     return Concealment(

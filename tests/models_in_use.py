@@ -16,7 +16,7 @@ SAMPLES = Table().tumble(3, rest_s=1.5).samples(odr_hz=RATE_HZ)
 RNG = np.random.default_rng(5)
 LINEAR = LinearModel(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), 0.01 * RNG.normal(size=3))
 NET = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + 0.01 * RNG.normal(size=27))
-KNOWN = Conditions(duration_s=SAMPLES.duration_s, fs_rps=500 * DEG, first_temp_c=25.0)
+KNOWN = Conditions(duration_s=SAMPLES.duration_s + 20, fs_rps=500 * DEG, first_temp_c=25.0)
 
 
 def smoothing(rng=RNG) -> Denoiser:
@@ -39,5 +39,5 @@ MODELS = {
     "conditions": ConditionsModel(ConditionsNet(NET, np.full((3, 4), 1e-3), np.full((3, 4), 1e-4), ("temperature", "force")), KNOWN),
     "denoised": DenoisedNet(NET, smoothing(), RATE_HZ),
     "physics": physics(*MANY),
-    "net behind physics": CarriedNet(physics("gyro.g_sensitivity", "gyro.bias_drift"), NET),
+    "net behind physics": CarriedNet(physics("gyro.g_sensitivity", "gyro.scale_asymmetry"), NET),
 }

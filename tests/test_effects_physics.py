@@ -9,6 +9,7 @@ from scipy.signal import lsim
 
 from session.common.units import DEG
 from tinygc.effects import catalogue
+from tinygc.effects.conditions import vibration
 
 
 def test_every_rate_effect_of_theirs_is_in_these_tests():
@@ -219,3 +220,12 @@ def test_what_is_no_rate_effect_adds_nothing_to_the_rate(name):
     columns = effect.columns(moved)
     assert columns.shape == (*moved.rate.shape, effect.parameter.size)
     assert not columns.any()
+
+
+@pytest.mark.parametrize("dt_s", [1 / 208, 1 / 416])
+@pytest.mark.parametrize(("f_hz", "share"), [(2.0, 0.0), (20.0, 1.0), (25.0, 0.95), (30.0, 0.92), (45.0, 0.98), (70.0, 1.0), (90.0, 1.0)])
+def test_vibration_is_seen_with_its_energy_and_a_hand_is_not(f_hz, share, dt_s):
+    """One pass of the mean would turn 30 Hz upside down, and see half as much again."""
+    t = np.arange(0, 10, dt_s)
+    seen = vibration(np.outer(np.sin(2 * np.pi * f_hz * t), [0.3, 0.4, 0.5]), dt_s)[200:-200].mean()
+    assert seen / (np.mean([0.09, 0.16, 0.25]) / 2) == pytest.approx(share, abs=0.06)

@@ -140,6 +140,11 @@ def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strang
         if "temp" in calibration.needs:
             with pytest.raises(CalibrationError, match="the model needs temp"):
                 calibration.live()(samples.gyro[0])
+        if effect.of_one_session:  # and no longer of any use, 25 s after the shock
+            with pytest.raises(CalibrationError, match=f"{name} follows the time of a past session: no live use"):
+                calibration.live()
+            calibration = tinygc.load(folder / "fit" / "model_physics_at_end.json", rate_hz)
+            model = calibration.model
         live = calibration.live()
         one_by_one = [live(*sample) for sample in zip(samples.gyro[:800], samples.accel, samples.temp_c, strict=False)]
         np.testing.assert_allclose(one_by_one, model.calibrate(samples.between(0, 800), live=True), atol=1e-6)
@@ -151,7 +156,13 @@ def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strang
         assert "THERMAL_CURVATURE[3] =" in (tmp_path / "c" / "tinygc_model.c").read_text()
     else:
         assert (code, err.count("\n")) == (2, 1)
-        assert f"{name} cannot be exported to C: {effect.device.why}; json carries it" in err
+        why = (
+            "follows the time of its own session"
+            if effect.of_one_session
+            else f"cannot be exported to C: {effect.device.why}; json carries"
+        )
+        assert name in err
+        assert why in err
     assert run("export", folder, "--to", "ros", "--model", "physics", "--effects", FOREIGN, "--out", tmp_path / "ros")[0] == 2
 
 

@@ -6,10 +6,11 @@ Strong sizes are those of a poor sensor or a careless set-up; each parameter is 
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import bilinear, butter, lfilter, sosfiltfilt
+from scipy.signal import bilinear, butter, lfilter, sosfiltfilt, sosfreqz
 
 from session.common.units import DEG, G
 from tinygc.challenge.concealment import Concealment, Maker, Scene
+from tinygc.simulation.sensor import ACCEL_BANDWIDTH_ODR, oversampling
 from tinygc.simulation.simulate import Distort
 
 # Strong sizes, SI
@@ -117,8 +118,11 @@ def bias_step(scene: Scene) -> Concealment:
     )
 
 
-def vibration_rectification(scene: Scene) -> Concealment:
-    """Half of the turns are vibrated; the accelerometer feels the vibration, and the bias follows its mean square."""
+def vibration_rectification(scene: Scene, band_hz: tuple[float, float] = VIBRATION_HZ) -> Concealment:
+    """Half of the turns are vibrated; the accelerometer feels the vibration, and the bias follows its mean square.
+
+    The truth is per g² that the accelerometer passes: what its low-pass hides nobody sees.
+    """
     k, seed = scene.signed(RECTIFICATION), int(scene.rng.integers(2**32))
     turns = [turn for turn in scene.plan.turns if scene.rng.uniform() < VIBRATED_TURNS] or list(scene.plan.turns[:1])
 
@@ -134,15 +138,24 @@ def vibration_rectification(scene: Scene) -> Concealment:
     def shaken(t: np.ndarray, force: np.ndarray) -> np.ndarray:
         fine_hz = 1 / (t[1] - t[0])
         noise = np.random.default_rng(seed).standard_normal(force.shape)
-        noise = sosfiltfilt(butter(2, VIBRATION_HZ, "bandpass", fs=fine_hz, output="sos"), noise, axis=0)
+        noise = sosfiltfilt(butter(2, band_hz, "bandpass", fs=fine_hz, output="sos"), noise, axis=0)
         return force + G * envelope(t)[:, None] * noise / noise.std(axis=0)
 
     return Concealment(
         "gyro.vibration_rectification",
-        {"dps_per_g2": (k / DEG).tolist()},
+        {"dps_per_g2": (k / _passed(band_hz, scene.options.odr_hz) / DEG).tolist()},
         distort=lambda t, rate, force, temp: rate + np.outer(envelope(t) ** 2, k),
         disturb=shaken,
     )
+
+
+def _passed(band_hz: tuple[float, float], odr_hz: float) -> float:
+    """Share of the vibration's mean square behind the accelerometer's low-pass; vibration that is filtered to a band twice."""
+    fine_hz = oversampling(odr_hz) * odr_hz
+    f_hz, band = sosfreqz(butter(2, band_hz, "bandpass", fs=fine_hz, output="sos"), 8192, fs=fine_hz)
+    _, passes = sosfreqz(butter(2, ACCEL_BANDWIDTH_ODR * odr_hz, fs=fine_hz, output="sos"), f_hz, fs=fine_hz)
+    power = np.abs(band) ** 4
+    return float(np.sum(power * np.abs(passes) ** 2) / np.sum(power))
 
 
 def bandwidth(scene: Scene) -> Concealment:

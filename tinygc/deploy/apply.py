@@ -26,6 +26,7 @@ from session.files.results import read_json, whole
 from session.log.config import Accelerometer, read_config
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream
+from tinygc.deploy.session_time import began_in_session
 from tinygc.models.model import Model
 
 #: what is written: below the noise of any MEMS sensor by three orders
@@ -61,7 +62,8 @@ def apply_model(
     file, in this order.  ``out`` appears only when it is whole.  ``-`` is standard input
     or output.  Raises FormatError, DataError, CalibrationError.
     """
-    model = models.load(model_path)
+    model, table = models.load_with_table(model_path)
+    began_s = None if model.session_s is None else began_in_session(model, table, model_path, log)
     reader = Reader(log, answers)
     if reader.layout.gyro is None:
         raise FormatError(f"{log.name} holds no gyroscope")
@@ -86,7 +88,7 @@ def apply_model(
     _refuse_missing(calibration, reader)
     if "acc" in calibration.needs and known.accelerometer is None:
         notes.append("no session.toml beside the log: the accelerometer is taken as it is, without pre-calibration")
-    count = _write(out, log, source, pieces, calibration.stream(), unit, progress)
+    count = _write(out, log, source, pieces, calibration.stream(began_s), unit, progress)
     notes += reader.notes
     return Applied(out, count, _kind(model), model.delay_s, tuple(notes))
 

@@ -41,9 +41,12 @@ class Calibration:
         undone = f", undoes {', '.join(self.effects)}" if self.effects else ""
         return f"<Calibration {self.model.kind}, {self.model.parameters} parameters{undone}>"
 
-    def __call__(self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
+    def __call__(
+        self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None, *, began_s: float | None = None
+    ) -> np.ndarray:
         """Calibrated rates (N, 3) rad/s of a log by itself: raw (N, 3) rad/s, acc (N, 3) m/s^2, temp (N,) degC.
 
+        began_s: s of the model's own session at which the rows begin; only a model that follows that session's time asks for it.
         Nothing is remembered: the same arrays give the same answer.  A single sample (3,) is given to ``live()``.  Raises
         CalibrationError where the model needs what is not given, and for other shapes.
         """
@@ -53,7 +56,7 @@ class Calibration:
         if rates.ndim != 2 or rates.shape[-1] != 3:
             raise CalibrationError(f"raw has shape {rates.shape}, expected (N, 3), rad/s")
         refuse_gaps("raw", rates)
-        stream = self.stream()
+        stream = self.stream(began_s)
         return np.concatenate([stream.push(rates, acc, temp), stream.flush()])
 
     @property
@@ -66,12 +69,18 @@ class Calibration:
         """Ids of the effects that are undone from what comes after a sample, so that there is no live stream."""
         return self._needs.looks_ahead
 
-    def stream(self) -> Stream:
-        """A log by itself, piece by piece.  Raises CalibrationError where the model needs a rate and has none."""
-        return Stream(self.model, self._needs, self.rate_hz)
+    def at_end(self) -> Calibration:
+        """The same for logs of any time: what follows the session's time stands still as it was at the session's end."""
+        return self if self.model.session_s is None else Calibration(self.model.at_end(), self.rate_hz)
+
+    def stream(self, began_s: float | None = None) -> Stream:
+        """A log by itself, piece by piece; began_s as of a call.  Raises CalibrationError where the model needs a rate and has none, or
+        follows its session's time and is not told when the log began."""
+        return Stream(self.model, self._needs, self.rate_hz, began_s)
 
     def live(self) -> Live:
-        """One sample after another.  Raises CalibrationError where the model looks at what comes after, or needs a rate and has none."""
+        """One sample after another.  Raises CalibrationError where the model looks at what comes after, follows the time of its session,
+        or needs a rate and has none."""
         return Live(self.model, self._needs, self.rate_hz)
 
     def to_json(self) -> dict:

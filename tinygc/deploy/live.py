@@ -15,7 +15,9 @@ class Live:
     """One live stream: ``omega = live(raw, acc, temp)`` for each sample as it comes; a stream after a pause is a new object."""
 
     def __init__(self, model: Model, needs: Needs, rate_hz: float | None):
-        """Raises CalibrationError where the model looks at what comes after a sample, or needs a rate and has none."""
+        """Raises CalibrationError where the model looks at what comes after a sample, follows its session's time, or lacks a rate."""
+        if bygone := needs.of_one_session:
+            raise CalibrationError(f"{', '.join(bygone)} follows the time of a past session: no live use; take at_end() of the model")
         self._stream = Stream(model, needs, rate_hz, live=True)
 
     def __call__(self, raw: ArrayLike, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:

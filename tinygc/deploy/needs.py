@@ -29,6 +29,11 @@ class Needs:
         """Ids of the effects that are undone from what comes after a sample, and so not while only the past is known."""
         return tuple(sorted(claim.effect.id for claim in self._claims if claim.effect.looks(claim.theta).is_ahead))
 
+    @property
+    def of_one_session(self) -> tuple[str, ...]:
+        """Ids of the effects that follow the time of the model's own session."""
+        return tuple(sorted(claim.effect.id for claim in self._claims if claim.effect.of_one_session))
+
     def around(self, rate_hz: float | None, live: bool) -> tuple[int, int]:
         """How many samples before and after one its rate depends on."""
         reach = sum((claim.effect.looks(claim.theta) for claim in self._claims), NOWHERE)

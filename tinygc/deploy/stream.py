@@ -16,8 +16,11 @@ from tinygc.models.model import Model
 class Stream:
     """One log, piece by piece, in constant memory: ``push`` gives what is certain by now, ``flush`` the rest."""
 
-    def __init__(self, model: Model, needs: Needs, rate_hz: float | None, live: bool = False):
-        """Raises CalibrationError where the model needs a rate and has none, or looks ahead and is to go live."""
+    def __init__(self, model: Model, needs: Needs, rate_hz: float | None, began_s: float | None = None, live: bool = False):
+        """began_s: s of the model's session when the log began, which only a model that follows its time asks for.
+
+        Raises CalibrationError where the model needs a rate and has none, or that moment, or looks ahead and is to go live.
+        """
         self._model, self._needs, self._rate_hz = model, needs, rate_hz
         self._whole = not model.rates_only  # physics: it looks at time, force, temperature
         self._live = live
@@ -26,6 +29,12 @@ class Stream:
         self._behind, self._ahead = needs.around(rate_hz, live)
         if "rate_hz" in needs.told and rate_hz is None:
             raise CalibrationError(f"{', '.join(needs.effects)}: time matters to this model; load it with rate_hz=")
+        if (bygone := needs.of_one_session) and began_s is None:
+            raise CalibrationError(
+                f"{', '.join(bygone)} follows the time of the model's own session, {model.session_s:.1f} s: give began_s= for rows of it; "
+                "for any other log take at_end() of the model"
+            )
+        self._began_s = began_s or 0.0
         self._denoiser = model.denoiser if isinstance(model, DenoisedNet) else None
         self._tail: np.ndarray | None = None  # what the denoiser remembers: calibrated rates
         self._held = _Rows.none()
@@ -62,7 +71,7 @@ class Stream:
         if stop <= self._before:
             return np.zeros((0, 3))
         rate_hz = self._rate_hz or 1.0
-        omega = self._held.calibrated(self._model, rate_hz, self._first / rate_hz, self._live)[self._before : stop]
+        omega = self._held.calibrated(self._model, rate_hz, self._began_s + self._first / rate_hz, self._live)[self._before : stop]
         drop = max(stop - self._behind, 0)
         self._held, self._before, self._first = self._held.since(drop), stop - drop, self._first + drop
         return omega

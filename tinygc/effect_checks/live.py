@@ -26,17 +26,20 @@ def live(trial: Trial) -> str:
     if trial.effect.kind != "rate":
         raise NotChecked(f"of kind {trial.effect.kind}: no model undoes it")
     samples, calibration = log(RATE_HZ), Calibration(trial.model(), RATE_HZ)
-    whole = calibration(samples.gyro, samples.accel, samples.temp_c)
+    began_s = 0.0 if trial.effect.of_one_session else None
+    whole = calibration(samples.gyro, samples.accel, samples.temp_c, began_s=began_s)
     if not np.isfinite(whole).all():
         raise Wrong("the rate is not finite")
-    stream, pieces = calibration.stream(), []
+    stream, pieces = calibration.stream(began_s), []
     for start in range(0, len(samples), PIECE):
         part = samples.between(start, start + PIECE)
         pieces.append(stream.push(part.gyro, part.accel, part.temp_c))
     _same(np.concatenate([*pieces, stream.flush()]), whole, "in pieces")
     _looks_no_farther(trial, samples)
     if calibration.looks_ahead:
-        return f"refused live, since it looks ahead: {_refusal(calibration, trial.effect.id)}"
+        return f"refused live, since it looks ahead: {_refusal(calibration, trial.effect.id, 'looks ahead')}"
+    if trial.effect.of_one_session:
+        return f"refused live, since it follows its session's time: {_refusal(calibration, trial.effect.id, 'follows its session')}"
     assert samples.temp_c is not None  # as ``log`` makes them
     try:
         one_at_a_time = calibration.live()
@@ -47,7 +50,7 @@ def live(trial: Trial) -> str:
     return "sample by sample, in pieces and whole agree"
 
 
-def _refusal(calibration: Calibration, name: str) -> str:
+def _refusal(calibration: Calibration, name: str, why: str) -> str:
     """The one line that refuses to go live, before any sample, and names the effect."""
     try:
         calibration.live()
@@ -56,7 +59,7 @@ def _refusal(calibration: Calibration, name: str) -> str:
         if name not in says or "\n" in says:
             raise Wrong(f"the refusal to go live is not one line that names {name}: {' '.join(says.split())}") from None
         return says
-    raise Wrong("it looks ahead, and yet goes live")
+    raise Wrong(f"it {why}, and yet goes live")
 
 
 def _same(one: np.ndarray, whole: np.ndarray, how: str) -> None:

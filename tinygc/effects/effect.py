@@ -147,6 +147,11 @@ class Effect:
         """Whether the sampling rate matters to it."""
         return bool(self.reach) or "time" in self.inputs or any(name in INPUT_REACH for name in self.inputs)
 
+    @property
+    def of_one_session(self) -> bool:
+        """Whether it follows the time of the session that it was fitted to, and so says nothing of any other."""
+        return "time" in self.inputs
+
     def at(self, value: float) -> Effect:
         """The effect with its scanned shape at a value, SI."""
         assert self.scan is not None  # who has a value for it has seen it

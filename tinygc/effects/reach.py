@@ -61,5 +61,5 @@ class Reach:
 NOWHERE = Reach()
 #: a derivative by central differences
 NEIGHBOURS = Reach.around(samples=1)
-#: of an input itself: vibration is taken from the force by two centred means (``conditions``), half of 0.05 s and of 0.25 s
-INPUT_REACH = {"vibration": Reach.around(samples=4, seconds=0.15)}
+#: of an input itself: vibration is taken from the force by three centred means (``conditions``), twice half of 0.05 s and half of 0.25 s
+INPUT_REACH = {"vibration": Reach.around(samples=5, seconds=0.175)}

@@ -13,6 +13,10 @@ from tinygc import models
 from tinygc.fitting import saved_fit
 from tinygc.fitting.fit_json import to_json
 from tinygc.fitting.result import FitResult
+from tinygc.problem.problem import Problem
+
+#: ends the name of a model for any time, as of its session's end, beside one that follows the session's time
+AT_END = "_at_end"
 
 
 def save_models(result: FitResult, folder: Path | None = None) -> Path:
@@ -22,8 +26,11 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
     """
     folder = folder or result.session.own_folder("fit")
     with result_folder(folder):
-        for name, table in model_tables(result).items():
+        tables = model_tables(result)
+        for name, table in tables.items():
             write_whole(folder / f"model_{name}.json", table)
+            if name + AT_END not in tables:  # of a fit before this one, whose physics followed time
+                (folder / f"model_{name}{AT_END}.json").unlink(missing_ok=True)
         made = saved_fit.made_from(result.options, input_hashes(result.session), result.methods)
         write_whole(folder / "fit.json", to_json(result))
         write_whole(folder / saved_fit.NAME, made)
@@ -31,7 +38,10 @@ def save_models(result: FitResult, folder: Path | None = None) -> Path:
 
 
 def model_tables(result: FitResult) -> dict[str, dict]:
-    """Each method's model as ``tinygc-model/1``, with what it was made from and how well it is known."""
+    """Each method's model as ``tinygc-model/1``, with what it was made from and how well it is known.
+
+    Where one follows its session's time, there is a second for any time, NAME_at_end, as of the session's end.
+    """
     made_from = {"session": result.session.name, "sha256": input_hashes(result.session), "version": VERSION}
     tables = {}
     for name, fit in result.methods.items():
@@ -39,11 +49,22 @@ def model_tables(result: FitResult) -> dict[str, dict]:
         if fit is result.linear:
             more["covariance"] = result.covariance.tolist()
             more["unobserved"] = fit.notes.get("unobserved", [])
+        ended: dict[str, Any] = {"method": name + AT_END, **made_from}
         if name == "physics" and result.physics is not None:
-            from tinygc.fitting.physics.covariance import covariance_table, rate_covariance
+            from tinygc.fitting.physics.covariance import covariance_at_end, covariance_table, rate_covariance
 
-            more |= covariance_table(result.physics.model.claims, rate_covariance(result.physics.fit))
+            covariance = rate_covariance(result.physics.fit)
+            more |= covariance_table(result.physics.model.claims, covariance)
+            ended |= covariance_at_end(result.physics.model, covariance)
         if result.bias_sigma_rps is not None:
             more["bias_sigma_rps"] = result.bias_sigma_rps.tolist()
+        if fit.model.session_s is not None and result.physics is not None:
+            more["began_s"] = _began_s(result.physics.problem)
+            tables[name + AT_END] = models.to_dict(fit.model.at_end(), **ended)
         tables[name] = models.to_dict(fit.model, **more)
     return tables
+
+
+def _began_s(problem: Problem) -> dict[str, float]:
+    """Of each log, s of the session at which it begins."""
+    return {log.path.name: float(moment) for log, moment in zip(problem.session.logs, problem.began_s[:-1], strict=True)}

@@ -80,6 +80,10 @@ class CalibrationNet(BaseModel):
         """b2 greater by ``change`` (3,) rad/s."""
         return replace(self, b2=self.b2 + change)
 
+    def with_input_moved(self, change: np.ndarray) -> CalibrationNet:
+        """The net that gives for a rate what this one gives for the rate and ``change`` (3,) rad/s more."""
+        return replace(self, b1=self.b1 + self.W1 @ change, b2=self.b2 + change)
+
     @property
     def vector(self) -> Any:
         """(27,)."""

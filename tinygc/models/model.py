@@ -21,7 +21,7 @@ class Model(Protocol):
     may be called on rates (..., 3) of NumPy or torch; rates_only: whether it needs nothing beside rates (a denoiser remembers some of
     them, and is called on (..., N, 3) in the order of time); parameters: how many numbers were fitted; undone: the effects that it takes
     off; conditions: names of what it is told beside the rate; made_for_hz: the sampling rate that it was made for, None for any; delay_s:
-    by which its answers come late.
+    by which its answers come late; session_s: seconds of its session, where it holds for that session's time alone, None for any time.
     """
 
     kind: ClassVar[str]
@@ -51,8 +51,15 @@ class Model(Protocol):
     def delay_s(self) -> float:
         """Seconds by which an answer comes late."""
 
+    @property
+    def session_s(self) -> float | None:
+        """Seconds of the session whose time alone it holds for; None for any time."""
+
+    def at_end(self) -> Model:
+        """The same for any time, as it stood at its session's end."""
+
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
-        """True rates (N, 3) rad/s of one log, each at its own sample."""
+        """True rates (N, 3) rad/s of one log, each at its own sample; CalibrationError for other times than it holds for."""
 
     def undelayed(self, rate: Any) -> Any:
         """Its answer (N, 3) rad/s to measured rates (N, 3), each at the sample that it belongs to."""
@@ -90,6 +97,15 @@ class BaseModel:
     def delay_s(self) -> float:
         """Seconds by which an answer comes late."""
         return 0.0
+
+    @property
+    def session_s(self) -> float | None:
+        """Seconds of the session whose time alone the model holds for; None for any time."""
+        return None
+
+    def at_end(self) -> Model:
+        """The same for any time, as it stood at its session's end."""
+        return self  # type: ignore[return-value]
 
     def __call__(self, rate: Any) -> Any:
         """Calibrated rate (..., 3) rad/s from the measured one; only of a kind that is pointwise or has a memory of rates alone."""

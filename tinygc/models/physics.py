@@ -7,11 +7,17 @@ from typing import ClassVar
 
 import numpy as np
 
+from session.common.errors import CalibrationError
 from session.log.samples import Samples
-from tinygc.effects import AppliedEffect, Conditions, movement_of
+from tinygc.effects import AppliedEffect, Conditions, Effect, Movement, movement_of
 from tinygc.models.calibration_net import CalibrationNet
-from tinygc.models.linear import PARAMETERS, LinearModel
+from tinygc.models.linear import BIAS, PARAMETERS, LinearModel
 from tinygc.models.model import BaseModel
+
+#: of the session's length: what a log's own data rate, and samples that were put back, may make of its end
+PAST_END = 0.01
+#: rad/s: an effect that follows the rate by less does not follow it
+RATES_ALIKE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +42,60 @@ class PhysicsModel(BaseModel):
         """The claims."""
         return self.claims
 
+    @property
+    def session_s(self) -> float | None:
+        """The session's length where an effect follows its time (a drift, a step); None otherwise."""
+        return self.known.duration_s if any(claim.effect.of_one_session for claim in self.claims) else None
+
+    def at_end(self) -> PhysicsModel | LinearModel:
+        """The same for any time: what follows the session's time stands still at its end, as a part of B.
+
+        What cannot stand still, since it follows the rate or anything else as well, is left in the rates.  Beside effects that follow the
+        rate it is exact but for the product of the two.
+        """
+        if self.session_s is None:
+            return self
+        lasting = tuple(claim for claim in self.claims if not claim.effect.of_one_session)
+        linear = self.linear.with_bias_moved(-self.bygone)
+        return PhysicsModel(linear, lasting, self.known) if lasting else linear
+
+    def at_end_slope(self) -> np.ndarray:
+        """(12 + P', 12 + P): how the parameters of ``at_end`` follow this model's, in the order of its covariance."""
+        size = self.parameters
+        slope, kept, at = np.eye(size), list(range(PARAMETERS)), PARAMETERS
+        for claim in self.claims:
+            here = slice(at, at + len(claim.theta))
+            if claim.effect.of_one_session:
+                slope[BIAS, here] = -_columns_at_end(claim.effect, self.known)
+            else:
+                kept += range(here.start, here.stop)
+            at = here.stop
+        return slope[kept]
+
+    @property
+    def bygone(self) -> np.ndarray:
+        """(3,) rad/s that the effects of the session's time add at its end."""
+        ended = (_columns_at_end(claim.effect, self.known) @ claim.theta for claim in self.claims if claim.effect.of_one_session)
+        return sum(ended, np.zeros(3))
+
+    def _refuse_other_times(self, samples: Samples, began_s: float) -> None:
+        if self.session_s is None or not len(samples):
+            return
+        past, ended_s = PAST_END * self.session_s, began_s + samples.t_s[-1]
+        if not (began_s >= -past and ended_s <= self.session_s + past):
+            names = ", ".join(claim.effect.id for claim in self.claims if claim.effect.of_one_session)
+            raise CalibrationError(
+                f"{names} is known from 0 to {self.session_s:.1f} s of its session, and the samples lie from {began_s:.1f} to "
+                f"{ended_s:.1f} s: beyond it nothing is known of it; take the model as of the session's end (_at_end)"
+            )
+
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force; began_s of the session when it began;
-        live: only the past is known, and the temperature is taken as it comes."""
+        live: only the past is known, and the temperature is taken as it comes.
+
+        CalibrationError for samples beyond the session, where an effect follows its time.
+        """
+        self._refuse_other_times(samples, began_s)
         rate = self.linear(samples.gyro)
         movement = movement_of(samples, rate, self.known, began_s, live)
         for claim in self.claims:
@@ -48,6 +105,27 @@ class PhysicsModel(BaseModel):
     def equivalent_rate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """The rates (N, 3) that the sensor would have measured without the effects: what a network can be trained on."""
         return (self.calibrate(samples, began_s, live) - self.linear.B) @ np.linalg.inv(self.linear.E).T
+
+
+def _columns_at_end(effect: Effect, known: Conditions) -> np.ndarray:
+    """(3, P) that each parameter adds to the rate at the session's end; zeros of an effect that follows more than time."""
+    still = np.zeros((3, effect.parameter.size))
+    if effect.inputs != ("time",) or effect.reach or effect.exact_distort is not None or effect.exact_correct is not None:
+        return still
+    nothing = np.zeros((2, 3))
+    ends = Movement(
+        t_s=np.full(2, known.duration_s),
+        dt_s=1.0,
+        rate=np.array([[0.0, 0.0, 0.0], [1.0, -2.0, 3.0]]),
+        force_g=nothing,
+        temp_c=np.full(2, np.nan),
+        vibration_g2=np.zeros(2),
+        duration_s=known.duration_s,
+        fs_rps=known.fs_rps,
+        first_temp_c=known.first_temp_c,
+    )
+    at_rest, turning = effect.columns(effect.shown(ends))
+    return at_rest if np.abs(turning - at_rest).max() < RATES_ALIKE else still
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +148,20 @@ class CarriedNet(BaseModel):
     def undone(self) -> tuple[AppliedEffect, ...]:
         """The claims of the physics."""
         return self.physics.claims
+
+    @property
+    def session_s(self) -> float | None:
+        """That of the physics."""
+        return self.physics.session_s
+
+    def at_end(self) -> CarriedNet | CalibrationNet:
+        """The net behind the physics as of the session's end; the net alone where no other effect is left."""
+        if self.session_s is None:
+            return self
+        ended = self.physics.at_end()
+        # What stands still is a part of B, and B is not taken off before the net: so the net takes it off itself.
+        net = self.net.with_input_moved(-np.linalg.solve(self.physics.linear.E, self.physics.bygone))
+        return CarriedNet(ended, net) if isinstance(ended, PhysicsModel) else net
 
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force."""

@@ -48,8 +48,15 @@ class ClosureRun:
         """Roll, pitch, yaw error (3,) rad: the error rotation about the table's x, y and the vertical."""
         if model.pointwise:
             return self.errors_at(model(self.batch.rate[0]), integrator)
-        # A net with a memory begins at the log's beginning; physics may look at what lies around the run.
-        return self.errors_at(model.calibrate(self.samples, self.began_s)[self.rows], integrator)
+        return self.errors_at(self.rates(model), integrator)
+
+    def rates(self, model: Model) -> np.ndarray:
+        """Calibrated rates (N, 3) rad/s of the batch's rows by a model that needs more than them.
+
+        A net with a memory begins at the log's beginning; physics may look at what lies around the run.  The run was recorded after the
+        session: what follows the session's time has stood still since.
+        """
+        return model.at_end().calibrate(self.samples)[self.rows]
 
     def with_earth(self, more_t: np.ndarray, rate: np.ndarray) -> ClosureRun:
         """The run with a correction (3,) rad/s of the Earth's rate in table axes, at the attitudes of calibrated rates (N, 3)."""

@@ -224,6 +224,10 @@ def _physics_words(physics: PhysicsFit) -> str:
     mended = [f"mended before: {', '.join(physics.mended)}"] if physics.mended else []
     if physics.refused:
         mended.append("there is more that has no name: see calibrate.py explain" if mended else NAMELESS)
+    if physics.model.session_s is not None:
+        mended.append(
+            "that follows the session's time: in closure runs, and for other logs (_at_end), it stands still at the session's end"
+        )
     return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model with the rates of the stills")
 
 

@@ -18,6 +18,7 @@ from session.log.logfile import read_log
 from session.sensor.typical import typical_of
 from tinygc import models
 from tinygc.deploy.errors import ExportError
+from tinygc.deploy.needs import Needs
 from tinygc.fitting import bias
 from tinygc.models.model import Model
 
@@ -90,8 +91,14 @@ def read_context(folder: Path, method: str | None = None, say: Callable[[str], N
     config = read_config(folder / "session.toml")
     path = _model_path(folder, method)
     if method is None and (folder / "fit" / "model_physics.json").exists():
-        say("least squares is exported; the fit holds physics as well: --model physics")
+        ended = "_at_end" if (folder / "fit" / "model_physics_at_end.json").exists() else ""
+        say(f"least squares is exported; the fit holds physics as well: --model physics{ended}")
     model = models.load(path)
+    if bygone := Needs(model).of_one_session:
+        raise ExportError(
+            f"{path.name} undoes {', '.join(bygone)}, which follows the time of its own session and holds nowhere else; "
+            f"give --model {path.stem.removeprefix('model_')}_at_end, which fit saves beside it"
+        )
     table, fit = read_json(path), _fit_beside(path)
     sources = [path, folder / "session.toml", *log_paths(folder, "log"), *log_paths(folder, "closure")]
     hashes = {source.name: sha256_of(source) for source in sources}

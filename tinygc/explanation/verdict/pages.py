@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -12,14 +11,14 @@ from rich.text import Text
 from session.common.units import DEG, MG
 from tinygc.effects.occurrence import STILLS
 from tinygc.explanation.naming.seen_from import in_words
-from tinygc.explanation.twin.channels import own_residuals
 from tinygc.explanation.twin.variable import Variable
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.measured import measured, p_words
 from tinygc.explanation.verdict.next_step import what_next
 from tinygc.explanation.verdict.proof import tilt_rms
-from tinygc.explanation.verdict.titles import CHANNELS, VERDICTS
+from tinygc.explanation.verdict.residuals import HEADING, is_refitted, residual_table
+from tinygc.explanation.verdict.titles import VERDICTS
 from tinygc.explanation.verdict.where import where
 
 MOST_SAID = 6
@@ -44,7 +43,7 @@ def explanation_page(e: Explanation) -> Group:
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, f"   p {p_words(claim.p_value)}"))
         parts.append(Text(f"  {claim.says}; it carries {100 * (claim.share or 0):.0f} % of the misfit\n"))
     parts += [
-        Text("Recorded less predicted, in sigmas of the noise (rms; 1 is noise alone)", "italic"),
+        Text(HEADING, "italic"),
         _channels(e),
         _gravity(e),
         _stamps(e),
@@ -84,18 +83,12 @@ def _numbers(value: Any, std: Any) -> str:
 
 def _channels(e: Explanation) -> Table:
     """Predicted beside recorded: the root mean square of each channel's difference in sigmas of its noise."""
-    fits = {"before": e.naming.first, "after": e.naming.fit} if _refitted(e) else {"rms": e.naming.first}
-    looks = [own_residuals(e.twin, e.whiten, fit) for fit in fits.values()]
-    table = Table(box=None)
-    for column in ("channel", "values", *fits):
+    table, refitted = Table(box=None), is_refitted(e)
+    for column in ("channel", "values", *(("before", "after") if refitted else ("rms",))):
         table.add_column(column, justify="left" if column == "channel" else "right")
-    for name, part in e.whiten.parts.items():
-        values = part.stop - part.start
-        rms = [(np.sum(r[part] ** 2) / max(values - taken[name], 1)) ** 0.5 for r, taken in looks]
-        table.add_row(CHANNELS[name], str(values), *(f"{each:.2f}" for each in rms))
-    assert e.within is not None  # an explanation that is told is whole
-    for name in ("slope", "scatter"):  # which no effect that is fitted moves
-        table.add_row(f"{name} of the rate within each still", str(e.within.slope.size), f"{e.within.rms(name):.2f}")
+    for row in residual_table(e):
+        shown = [row.before] + [row.after] * (row.after is not None)
+        table.add_row(row.channel, str(row.values), *(f"{rms:.2f}" for rms in shown))
     return table
 
 
@@ -107,11 +100,6 @@ def _stamps(e: Explanation) -> Text:
     return Text(
         f"registers: {', '.join(found) or 'none at a limit, none false, none lost unseen'}; stamps: longest interval {longest:.2f} periods"
     )
-
-
-def _refitted(e: Explanation) -> bool:
-    """Whether the fit knows more than the linear model: what was mended in the registers was mended before either."""
-    return bool(e.naming.fit.state.claims)
 
 
 def _gravity(e: Explanation) -> Text:

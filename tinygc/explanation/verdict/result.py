@@ -13,6 +13,7 @@ from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.measured import p_entry
 from tinygc.explanation.verdict.next_step import what_next
 from tinygc.explanation.verdict.proof import tilt_rms
+from tinygc.explanation.verdict.residuals import channel_rms
 from tinygc.explanation.verdict.where import where
 
 SCHEMA = "tinygc-explain/1"
@@ -43,7 +44,10 @@ def to_json(e: Explanation) -> dict:
             "excess_removed": e.proof.removed,
             "segments_after": len(e.proof.after_numbers),
         },
-        "channels": {name: p_entry("p_before", before) | p_entry("p_after", after) for name, (before, after) in e.own_p.items()},
+        "channels": {
+            name: p_entry("p_before", before) | p_entry("p_after", after) | {"rms_sigmas": dict(zip(("before", "after"), rms, strict=True))}
+            for (name, (before, after)), rms in zip(e.own_p.items(), channel_rms(e).values(), strict=True)
+        },
         "turn_gravity": {
             "lever_m": e.gravity.lever_m.tolist(),
             "offset_s": e.gravity.offset_s,

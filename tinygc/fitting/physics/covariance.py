@@ -9,6 +9,7 @@ from tinygc.explanation.twin.layout import LINEAR, claim_slice
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import State
 from tinygc.models.linear import NAMES
+from tinygc.models.physics import PhysicsModel
 
 
 def rate_covariance(found: Refit) -> np.ndarray:
@@ -23,6 +24,12 @@ def rows_of_rates(state: State) -> np.ndarray:
     """Of ``State.vector``: the linear model, and the effects that add to the rate."""
     added = [claim_slice(state.claims, number) for number, claim in enumerate(state.claims) if claim.effect.kind == "rate"]
     return np.concatenate([np.arange(part.start, part.stop) for part in (LINEAR, *added)])
+
+
+def covariance_at_end(model: PhysicsModel, covariance: np.ndarray) -> dict:
+    """The same for the model as of the session's end, from this model's covariance (12 + P, 12 + P)."""
+    slope = model.at_end_slope()
+    return covariance_table(model.at_end().undone, slope @ covariance @ slope.T)
 
 
 def covariance_table(claims: tuple[AppliedEffect, ...], covariance: np.ndarray) -> dict:

@@ -60,7 +60,7 @@ def run_errors(run: ClosureRun, fit: MethodFit, found: PhysicsFit) -> np.ndarray
 
     Physics needs the whole log, not only the turn; and with the effects known, the stills may show the Earth's heading better.
     """
-    rate = fit.model.calibrate(run.samples, run.began_s)[run.rows]
+    rate = run.rates(fit.model)
     return run.with_earth(found.fit.state.earth_t, rate).errors_at(rate)
 
 

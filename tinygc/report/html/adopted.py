@@ -13,9 +13,10 @@ from tinygc.closure.bias_wander import wander_covariance
 from tinygc.closure.uncertainty import MISMATCH_P
 from tinygc.effects import AppliedEffect
 from tinygc.explanation.verdict.explain import Explanation
-from tinygc.fitting.physics.covariance import covariance_table, rate_covariance, rows_of_rates
+from tinygc.fitting.physics.covariance import covariance_at_end, rate_covariance, rows_of_rates
 from tinygc.fitting.physics.lost_in_runs import loss_words, lost_in
 from tinygc.fitting.result import FitResult
+from tinygc.fitting.save import AT_END
 from tinygc.models.field_parameters import Quantity, field_quantities
 from tinygc.models.linear import BIAS, PARAMETERS, LinearModel
 from tinygc.models.physics import PhysicsModel
@@ -55,6 +56,21 @@ class Adopted:
     def linear(self) -> LinearModel:
         """Its linear part."""
         return LinearModel.from_vector(self.vector[:PARAMETERS])
+
+    @property
+    def in_use(self) -> LinearModel | PhysicsModel:
+        """The model for logs of any time, as of the session's end."""
+        return self.model.at_end() if isinstance(self.model, PhysicsModel) else self.model
+
+    @property
+    def follows_session(self) -> tuple[str, ...]:
+        """Ids of its effects that follow the session's time, and stand still in ``in_use``."""
+        return tuple(claim.effect.id for claim in self.claims if claim.effect.of_one_session)
+
+    @property
+    def method(self) -> str:
+        """What ``fit`` calls ``in_use``."""
+        return self.name + AT_END if self.follows_session else self.name
 
     @property
     def times_floor(self) -> float:
@@ -116,7 +132,7 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
         return PhysicsModel(LinearModel.from_vector(trial), tuple(changed), known)
 
     def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
-        rate = model(trial).calibrate(run.samples, run.began_s)[run.rows]
+        rate = run.rates(model(trial))
         return run.with_earth(found.state.earth_t, rate).errors_at(rate)
 
     return Adopted(
@@ -167,13 +183,14 @@ def agrees(p_value: float) -> bool:
 
 
 def model_table(adopted: Adopted, fit: FitResult) -> dict:
-    """The calibration as ``tinygc-model/1``, as ``fit`` saves it."""
+    """The calibration for logs of any time as ``tinygc-model/1``, as ``fit`` saves it."""
     from session.common.version import VERSION
 
     hashes = input_hashes(fit.session)
-    more = {"method": adopted.name, "session": fit.session.name, "sha256": hashes, "version": VERSION}
+    more = {"method": adopted.method, "session": fit.session.name, "sha256": hashes, "version": VERSION}
     if adopted.name == LINEAR:
         more |= {"covariance": adopted.covariance.tolist(), "unobserved": fit.linear.notes.get("unobserved", [])}
     else:
-        more |= covariance_table(adopted.claims, adopted.covariance)
-    return models.to_dict(adopted.model, **more)
+        assert isinstance(adopted.model, PhysicsModel)  # as ``_with_physics`` makes it
+        more |= covariance_at_end(adopted.model, adopted.covariance)
+    return models.to_dict(adopted.in_use, **more)

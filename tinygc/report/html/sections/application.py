@@ -10,6 +10,7 @@ import numpy as np
 from session.common.units import DEG
 from session.sensor.registers import gyro_rps_per_lsb
 from tinygc.deploy.calibration import Calibration
+from tinygc.models.physics import PhysicsModel
 from tinygc.report.html.adopted import model_table
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, code, escape, paragraph, table
@@ -22,7 +23,9 @@ TRY_DPS = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0,
 def section(evidence: Evidence) -> Section:
     """All that a colleague needs who has nothing but this page."""
     adopted = evidence.adopted
-    E, B = adopted.linear.E, adopted.linear.B
+    model = adopted.in_use
+    linear = model.linear if isinstance(model, PhysicsModel) else model
+    E, B = linear.E, linear.B
     html = '<p class="formula"><i>ω</i> = <i>E</i> <i>m</i> + <i>B</i></p>'
     html += paragraph(
         "<strong>Direction:</strong> from what the sensor reads, <i>m</i>, to what it feels, <i>ω</i>. <strong>Units:</strong> "
@@ -31,9 +34,9 @@ def section(evidence: Evidence) -> Section:
         "makes axis <i>i</i> of <i>ω</i>. "
         f"{_measured(evidence)}"
     )
-    html += _by_this_tool(evidence)
+    html += _at_end(evidence) + _by_this_tool(evidence)
     html += f"<h3>Python</h3>{code(_python(evidence, E, B))}<h3>C</h3>{code(_c(evidence, E, B))}"
-    if adopted.claims:
+    if model.undone:
         html += "<h3>And the physics</h3>" + _effects(evidence)
     rows = []
     for m in TRY_DPS:
@@ -43,13 +46,13 @@ def section(evidence: Evidence) -> Section:
         ("m, dps", "ω x, dps", "ω y, dps", "ω z, dps"), rows, "Linear part: what an implementation must give, to its own precision."
     )
     html += paragraph(
-        f"On a still, <i>ω</i>{', the effects taken off,' if adopted.claims else ''} must be the Earth’s rotation, at most 4.2 "
+        f"On a still, <i>ω</i>{', the effects taken off,' if model.undone else ''} must be the Earth’s rotation, at most 4.2 "
         "mdps on any axis, within the noise. If it is about twice the raw bias, <i>B</i> was subtracted. "
         "The bias of a MEMS gyroscope is another one after each switch-on and at another temperature: <i>E</i> lasts; take <i>B"
         "</i> anew from a still, as minus <i>E</i> times its mean rate plus the Earth’s."
     )
     data = b64encode(json.dumps(model_table(adopted, evidence.fit), indent=1).encode()).decode()
-    name = f"model_{adopted.name}.json"
+    name = f"model_{adopted.method}.json"
     html += (
         f'<p><a class="download" download="{name}" href="data:application/json;base64,{data}">{name}</a><span class="soft">all '
         "digits, with the covariance where there is one</span></p>"
@@ -57,10 +60,21 @@ def section(evidence: Evidence) -> Section:
     return Section("apply", "Apply it", html)
 
 
+def _at_end(evidence: Evidence) -> str:
+    """What a drift or a step of that one session is, once it is over."""
+    if not (bygone := evidence.adopted.follows_session):
+        return ""
+    words = escape(", ".join(bygone))
+    return paragraph(
+        f"<strong>{words} followed the time of this session</strong>, and nobody knows how it goes on. What is given here keeps the bias "
+        "of the session’s end; among the parameters it is that of its beginning. Take the bias afresh before each use."
+    )
+
+
 def _by_this_tool(evidence: Evidence) -> str:
     """The command, and the line of Python, with just the arguments that this model asks for."""
     adopted = evidence.adopted
-    needs, name = Calibration(adopted.model, 1.0).needs, f"model_{adopted.name}.json"
+    needs, name = Calibration(adopted.in_use, 1.0).needs, f"model_{adopted.method}.json"
     load = f'"{name}", rate_hz={evidence.fit.session.config.sensor.odr_hz:g}' if "rate_hz" in needs else f'"{name}"'
     given = ", ".join(["m", *(f"{what}={what}" for what in ("acc", "temp") if what in needs)])
     said = {"acc": "<i>acc</i> in m/s², pre-calibrated", "temp": "<i>temp</i> in °C"}
@@ -114,7 +128,7 @@ def _c(evidence: Evidence, E: np.ndarray, B: np.ndarray) -> str:
 
 def _effects(evidence: Evidence) -> str:
     """The physics that comes after the linear part."""
-    claims = evidence.adopted.claims
+    claims = evidence.adopted.in_use.undone
     lines = "".join(f"<li><code>{escape(claim.effect.equation)}</code> ({escape(claim.effect.id)})</li>" for claim in claims)
     html = paragraph(
         "That was the linear part. The sensor also does what follows, in the true rate, before its linear errors; take each off "

@@ -83,7 +83,7 @@ def _rates(evidence: Evidence, run: ClosureRun) -> dict[str, np.ndarray]:
         if fit.model.rates_only:
             rates[name] = fit.model.undelayed(measured)
     if not adopted.model.rates_only:
-        rates[adopted.name] = adopted.model.calibrate(run.samples, run.began_s)[run.rows]
+        rates[adopted.name] = run.rates(adopted.model)
     else:
         rates[adopted.name] = adopted.model(measured)
     return rates

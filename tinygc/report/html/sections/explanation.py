@@ -19,7 +19,8 @@ from tinygc.explanation.pictures.turn_values import per_parameter, strongest
 from tinygc.explanation.verdict.explain import Claim, Explanation
 from tinygc.explanation.verdict.next_step import what_next
 from tinygc.explanation.verdict.pages import parameter_lines, seconds_words, variable_words
-from tinygc.explanation.verdict.titles import CHANNELS, VERDICTS
+from tinygc.explanation.verdict.residuals import HEADING, is_refitted, residual_table
+from tinygc.explanation.verdict.titles import VERDICTS
 from tinygc.explanation.verdict.where import where
 from tinygc.report.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.report.html.evidence import Evidence
@@ -79,13 +80,14 @@ def _place(e: Explanation) -> str:
 
 
 def _channels(e: Explanation) -> str:
+    """The same numbers as on the page of ``explain``."""
+    refitted = is_refitted(e)
+    header = ("channel", "values", *(("linear model", "with what is named") if refitted else ("rms",)))
     rows = []
-    for name, part in e.whiten.parts.items():
-        before, after = (float(np.sqrt(np.mean(fit.r[part] ** 2))) for fit in (e.naming.first, e.naming.fit))
-        named = (fixed(after, 2),) if e.claimed or e.findings else ()
-        rows.append((escape(CHANNELS[name]), str(part.stop - part.start), fixed(before, 2), *named))
-    header = ("Recorded less predicted, rms in sigmas", "values", "linear model", "with what is named")
-    return table(header[: len(rows[0])], rows, "Noise alone gives 1.")
+    for row in residual_table(e):
+        shown = [fixed(row.before, 2)] + ([] if row.after is None else [fixed(row.after, 2)])
+        rows.append((escape(row.channel), str(row.values), *shown, *[""] * (len(header) - 2 - len(shown))))
+    return paragraph(f"{escape(HEADING)}:") + table(header, rows)
 
 
 def _pictures(e: Explanation) -> str:

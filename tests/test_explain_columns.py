@@ -8,7 +8,7 @@ from simulated_twins import make_twin_of
 
 from session.common.units import DEG, EARTH_RATE_RPS, MG
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.explanation.naming.forward import candidates
+from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.naming.unknown import slow_candidates, unknown_candidates
 from tinygc.explanation.truth.truth_effects import wander
 from tinygc.explanation.twin.twin import State, Twin

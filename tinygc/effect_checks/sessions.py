@@ -16,7 +16,8 @@ from tinygc.effect_checks.scene import middle_value, random_theta
 from tinygc.effects import AppliedEffect, Effect, Movement
 from tinygc.effects.conditions import vibration
 from tinygc.explanation.mends.mending import mend
-from tinygc.explanation.naming.forward import NamedEffect, Naming, scanned, selection_of, sharpened
+from tinygc.explanation.naming.candidates import scanned, selection_of, sharpened
+from tinygc.explanation.naming.naming import NamedEffect, Naming
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.turn_gravity import turn_gravity
@@ -152,5 +153,5 @@ def explanation_of(found: Found) -> Explanation:
     mended = mend(problem)
     proof = prove(problem, twin, whiten, fit)
     e = Explanation(problem.session, problem, mended, twin, whiten, naming, turn_gravity(twin, fit), proof, "explained", 0.0)
-    e.claimed, e.within = named_claims(naming), within_stills(twin)
+    e.claimed, e.within = named_claims(fit, naming.named, found.first.chi_square), within_stills(twin)
     return e

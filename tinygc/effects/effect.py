@@ -22,6 +22,8 @@ from tinygc.effects.parameter import Derived, Parameter, Scan
 from tinygc.effects.picture import OF_TURNS, PAIRS, STILLS, TURNS, OwnPicture
 from tinygc.effects.reach import INPUT_REACH, INPUTS, NOWHERE, Reach
 
+#: rad/s: far below any register's step
+SETTLED_RPS = 1e-12
 KINDS = ("rate", "force", "earth", "register", "truth")
 SEEN_IN = ("still", "turn", "reference", "timing")
 #: what a format with a matrix or a slope can carry: add = K f, theta (9,) per g row by row; add = k (T - T0), theta (3,)
@@ -126,10 +128,12 @@ class Effect:
             return self.exact_correct(measured, movement, theta)
         if self.basis is not None:
             return measured - self.basis(movement) @ theta.reshape(-1, 3)
-        rate = measured
+        rate, added = measured, None
         for _ in range(PASSES):
-            now = movement.with_rate(rate)
-            rate = measured - (self._distorted(now, theta) - rate)
+            before, added = added, self._distorted(movement.with_rate(rate), theta) - rate
+            rate = measured - added
+            if before is not None and np.abs(added - before).max(initial=0.0) < SETTLED_RPS:
+                break  # what does not follow the rate is there at once
         return rate
 
     def shown(self, movement: Movement) -> Movement:

@@ -9,7 +9,6 @@ import numpy as np
 from tinygc.explanation.noise.components import STILL_RATE, TURN, WANDER, Component, components_of
 from tinygc.explanation.noise.restricted_likelihood import estimate
 from tinygc.explanation.noise.undersampling import Undersampling, undersampling
-from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
@@ -50,21 +49,20 @@ class SessionNoise:
         s, wander = found.get(WANDER, (0.0, None))
         return wander is not None and wander.prior is not None and s > wander.prior[0] * np.exp(UNUSUAL * wander.prior[1])
 
-    def estimated(self, whiten: Whitener, fit: Refit, prior: np.ndarray, go_on: bool = False) -> SessionNoise:
-        """The components re-estimated beside what ``fit`` has, whose parameters have these prior sigmas (p,).
+    def estimated(self, whiten: Whitener, r: np.ndarray, J: np.ndarray, start: np.ndarray | None = None) -> SessionNoise:
+        """The components re-estimated beside columns J (n, p), stacked, in their priors' sigmas, that leave residuals r (n,), stacked.
 
-        A name that takes over what a component stood for leaves less of it, so the search begins anew unless it is to go on.
+        A name that takes over what a component stood for leaves less of it.  start: s (K,) where the search begins.
         """
-        usual = np.array([c.usual for c in self.components])
         found = estimate(
-            whiten.back(fit.r),
-            whiten.back(fit.J) * prior,
+            r,
+            J,
             whiten.white,
             [c.V for c in self.components],
-            usual,
+            np.array([c.usual for c in self.components]),
             [c.prior for c in self.components],
             self.blocks,
-            self.s if go_on else None,
+            start,
         )
         return replace(self, s=found.s, sigma=found.sigma, value=found.value)
 

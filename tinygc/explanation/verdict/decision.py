@@ -44,12 +44,16 @@ class NamingDecision:
         return not self.naming.named and self.p_value <= FAMILY_WISE
 
 
-def decide(twin: Twin, seed: int, progress: Callable[[str], None] = lambda what: None) -> NamingDecision:
-    """Weigh the catalogue's effects against each other, against shapes without a name, and against nothing."""
+def decide(twin: Twin, seed: int, progress: Callable[[str], None] = lambda what: None, begin: tuple[Effect, ...] = ()) -> NamingDecision:
+    """Weigh the catalogue's effects against each other, against shapes without a name, and against nothing.
+
+    begin: effects that a part of the recording has asked for already, where the search may begin.
+    """
     evidence, tried = Evidence(twin), candidates(twin)
     progress("detecting")
     first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
-    best = search(evidence, tried, evidence.nothing, progress=progress)
+    start = min(evidence.nothing, evidence.of(begin, evidence.nothing), key=lambda h: h.score)
+    best = search(evidence, tried, start, progress=progress)
     progress("lookalikes")
     best = exchanged(evidence, tried, best)
     progress("beyond the catalogue")

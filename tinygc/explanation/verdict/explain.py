@@ -74,7 +74,7 @@ def explain_session(
     mended = mend(problem, lambda what: progress(what, 2, 6))
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
-    decision = decide(twin, seed, lambda what: progress(what, 4, 6))
+    decision = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference)
     whiten = decision.whiten
     naming = replace(decision.naming, fit=in_gauge(twin, whiten, decision.naming.fit))
     gravity = turn_gravity(twin, naming.fit)

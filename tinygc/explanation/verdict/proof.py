@@ -9,7 +9,7 @@ import numpy as np
 from session.detect.segments import Segment
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles
-from tinygc.explanation.twin.refit import Refit, refit
+from tinygc.explanation.twin.refit import Refit, prior_sigmas, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.problem.problem import Problem
@@ -100,12 +100,31 @@ def _by_ends(problem: Problem) -> np.ndarray:
 
 
 def _after(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
-    effects = [claim.effect for claim in fit.state.claims]
-    angles = np.zeros((len(twin.segments), twin.batch.angles))
+    """(S, d) rad of each segment, by the parameters that all rows but its fold's ask for.
+
+    Leaving rows out is the same as giving each a free number of its own: d = P_kk^-1 P_k r, with P the precision of the residuals beside
+    the columns; the parameters then move by what the rows no longer pull.  Linear around the whole fit, from which a fold is not far.
+    """
+    prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
+    J, r = fit.J * prior, fit.r
+    inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
+    own = whiten.back(J)[whiten.parts["closure"]]
+    angles = whiten.back(r)[whiten.parts["closure"]]
+    held_out = np.empty_like(angles)
+    d = twin.batch.angles
     for held in folds_of(len(twin.segments)):
-        part = refit(twin, whiten, effects, fit.state, rows=fold_rows(twin, whiten, held), max_steps=FOLD_STEPS)
-        angles[held] = twin.residuals(part.state, part.rates).closure[held]
-    return angles
+        rows = np.flatnonzero(~fold_rows(twin, whiten, held))
+        unit = np.zeros((len(r), len(rows)))
+        unit[rows, np.arange(len(rows))] = 1.0
+        free = whiten(unit)
+        across = J.T @ free
+        precision = free.T @ free - across.T @ inverse @ across
+        taken = np.linalg.solve(precision, free.T @ r - across.T @ (inverse @ (J.T @ r)))
+        # The whole fit stands where J' r is balanced by the priors, so only what the left-out rows pulled moves it.
+        step = inverse @ (across @ taken)
+        mine = (held[:, None] * d + np.arange(d)).ravel()
+        held_out[mine] = angles[mine] + own[mine] @ step
+    return held_out.reshape(-1, d)
 
 
 def folds_of(count: int, folds: int = FOLDS) -> list[np.ndarray]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from session.common.errors import FitError
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.mends.mending import mend
-from tinygc.explanation.naming.forward import candidates
+from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.twin import Twin
@@ -39,12 +39,12 @@ def fit_physics(
     """Fit with these effects, or with what `explain` would name (None).  Raises FitError for an id that cannot be fitted."""
     mended = mend(problem, progress)
     twin = Twin(mended.problem)
-    whiten = Whitener(twin)
     refused = False
     if ids is None:
-        decision = decide(mended, twin, whiten, seed, progress)
-        fit, refused = decision.naming.fit, decision.refused
+        decision = decide(twin, seed, progress, mended.reference)
+        fit, whiten, refused = decision.naming.fit, decision.whiten, decision.refused
     else:
+        whiten = Whitener(twin)
         fit = refit(twin, whiten, [_effect(twin, name) for name in ids], twin.start())
     fit = in_gauge(twin, whiten, fit)
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")

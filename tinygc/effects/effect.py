@@ -22,6 +22,8 @@ from tinygc.effects.parameter import Derived, Parameter, Scan
 from tinygc.effects.picture import OF_TURNS, PAIRS, STILLS, TURNS, OwnPicture
 from tinygc.effects.reach import INPUT_REACH, INPUTS, NOWHERE, Reach
 
+#: what the JSON says of an effect that happens to the readings
+READINGS = "readings"
 #: rad/s: far below any register's step
 SETTLED_RPS = 1e-12
 KINDS = ("rate", "force", "earth", "register", "truth")
@@ -54,6 +56,7 @@ class Effect:
     occurs: of a register effect, which parameter tells the moments.
 
     In use.  regime: variable and unit that it is drawn and located along; picture: a name of ``picture.PAIRS`` or a function;
+    of_readings: the same effect where it happens to the readings, after the linear errors: both are weighed; ``on_readings``: that form.
     device: its C, or why there is none; linear_in: "force" or "temperature" where a format's matrix or slope can carry it.
 
     Raises EffectError for a declaration that cannot be.
@@ -83,6 +86,8 @@ class Effect:
     picture: str | OwnPicture | None = None
     device: DeviceCode = NONE
     linear_in: str | None = None
+    of_readings: Effect | None = None
+    on_readings: bool = False
 
     def __post_init__(self) -> None:
         known = isinstance(self.id, str) and re.fullmatch(r"[a-z]+\.[a-z][a-z0-9_]*", self.id)
@@ -165,8 +170,14 @@ class Effect:
         return replace(made, scan=self.scan, shape={self.scan.name: float(value) / self.scan.si})
 
     def variants(self, values: np.ndarray) -> list[Effect]:
-        """One effect for each value (K,), SI, of a scanned shape; the effect itself where it has none."""
-        return [self.at(value) for value in values] if self.scan is not None else [self]
+        """One effect for each value (K,), SI, of a scanned shape; the effect itself where it has none, in both of its forms."""
+        if self.scan is not None:
+            return [self.at(value) for value in values]
+        return [self] if self.of_readings is None else [self, self.of_readings]
+
+    def moved_to_readings(self, equation: str) -> Effect:
+        """The same effect, after the linear errors instead of before them."""
+        return replace(self, equation=equation, on_readings=True, shape={**self.shape, "of": READINGS})
 
     @property
     def pair(self) -> str | OwnPicture:

@@ -26,7 +26,7 @@ MOST_TRIALS = 3
 WITHIN = 12.0
 BEAM = 2
 #: of -2 log evidence, by which linear columns may misjudge a hypothesis; how many are weighed exactly in a round
-NEAR, MOST_EXACT = 8.0, 2
+NEAR, MOST_EXACT = 8.0, 3
 #: linear columns promise an exact fit's gain to this share; rivals that are weighed in an effect's place
 LINEAR_SHARE, MOST_LOOKALIKES = 0.1, 3
 
@@ -135,12 +135,14 @@ def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effe
     part = claim_slice(best.fit.state.claims, number)
     r = best.fit.r - best.fit.J[:, part] @ best.fit.state.claims[number].theta
     fit = replace(best.fit, r=r, J=np.delete(best.fit.J, part, axis=1))
-    rest = [other for other in tried if other.id not in best.ids]
+    others = best.ids - {effect.id}
+    rest = [other for other in tried if other.id not in others and other is not effect and (other.id != effect.id or other.scan is None)]
     promise, mine = promises(evidence, whiten, fit, rest), promises(evidence, whiten, fit, [effect])[0]
     found: dict[str, Effect] = {}
     for number in np.argsort(-promise):
         if promise[number] < max(mine - WITHIN - LINEAR_SHARE * abs(mine), 0) or len(found) >= MOST_LOOKALIKES:
             break
-        if rest[number].id not in found:
-            found[rest[number].id] = sharpened(evidence.twin, whiten, fit, rest[number])
+        key = rest[number].id if rest[number].scan is not None else rest[number].equation
+        if key not in found:
+            found[key] = sharpened(evidence.twin, whiten, fit, rest[number])
     return list(found.values())

@@ -33,7 +33,8 @@ PASSES = 6
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """Of one id: events with the probability (E,) that each is what it looks like; probability that there are any; length of a loss, or
-    0; before and after, rms rad of tilt of the segments in which they live; log_ratio: logarithm of the likelihood ratio of all."""
+    0; before and tried, rms rad of tilt of the segments in which they live, as they are and
+    with all of them mended; log_ratio: logarithm of the likelihood ratio of all."""
 
     id: str
     events: list[Event]
@@ -41,7 +42,7 @@ class Verdict:
     probability: float
     length: int
     before_rad: float
-    after_rad: float
+    tried_rad: float
     log_ratio: float
 
     @property
@@ -167,14 +168,14 @@ class Trial:
             [self.log_likelihood(i, mended, cross, length) for i in touched for mended in (here[i] if yes else [],)] for yes in (1, 0)
         ]
         log_ratio = float(sum(likelihood[0]) - sum(likelihood[1])) + CERTAIN * sum(e.accel for e in accepted)
-        rms = [
-            np.sqrt(np.mean([np.sum(self.angles(i, here[i] if yes else [], cross, length)[:2] ** 2) for i in touched] or [0.0]))
-            for yes in (0, 1)
-        ]
+        all_here = {i: [e for e in events if self.segment_of(e) == i] for i in touched}
+        tried = (lambda i: [], all_here.__getitem__)
+        squares = [[float(np.sum(self.angles(i, mended(i), cross, length)[:2] ** 2)) for i in touched] for mended in tried]
+        rms = [float(np.sqrt(np.mean(each))) if each else 0.0 for each in squares]
         probability = 1 / (1 + np.exp(-np.clip(log_ratio - np.log(SCALES / PRIOR_ODDS), -700, 700))) if accepted else 0.0
         if not accepted:
             chance = np.minimum(chance, 0.5) * 0
-        return Verdict(name, events, chance, float(probability), length, float(rms[0]), float(rms[1]), log_ratio)
+        return Verdict(name, events, chance, float(probability), length, rms[0], rms[1], log_ratio)
 
 
 def lowest(cost: Callable[[int], float], most: int) -> int:

@@ -49,10 +49,37 @@ class SessionNoise:
         s, wander = found.get(WANDER, (0.0, None))
         return wander is not None and wander.prior is not None and s > wander.prior[0] * np.exp(UNUSUAL * wander.prior[1])
 
-    def estimated(self, whiten: Whitener, r: np.ndarray, J: np.ndarray, start: np.ndarray | None = None) -> SessionNoise:
+    def to_json(self) -> list[dict]:
+        """``noise.components`` of explain.json and fit.json."""
+        return [
+            {
+                "name": c.name,
+                "size": float(s / c.si),
+                "sigma": float(sigma / c.si) if np.isfinite(sigma) else None,
+                "unit": c.unit,
+                "says": c.says,
+            }
+            for s, sigma, c in zip(self.s, self.sigma, self.components, strict=True)
+        ]
+
+    @property
+    def words(self) -> str:
+        """Those that are there, in one line."""
+        found = [f"{c.says} ({s / c.si:.2g} {c.unit})" for s, c in zip(self.s, self.components, strict=True) if s > 0]
+        return "; ".join(found) or "none"
+
+    def without(self, name: str) -> SessionNoise:
+        """The same without a component."""
+        kept = [i for i, c in enumerate(self.components) if c.name != name]
+        return replace(self, components=tuple(self.components[i] for i in kept), s=self.s[kept], sigma=self.sigma[kept])
+
+    def estimated(
+        self, whiten: Whitener, r: np.ndarray, J: np.ndarray, start: np.ndarray | None = None, with_sigma: bool = False
+    ) -> SessionNoise:
         """The components re-estimated beside columns J (n, p), stacked, in their priors' sigmas, that leave residuals r (n,), stacked.
 
-        A name that takes over what a component stood for leaves less of it.  start: s (K,) where the search begins.
+        A name that takes over what a component stood for leaves less of it.  start: s (K,) where the search begins; with_sigma: whether
+        how well they are known is asked for.
         """
         found = estimate(
             r,
@@ -63,6 +90,7 @@ class SessionNoise:
             [c.prior for c in self.components],
             self.blocks,
             start,
+            with_sigma,
         )
         return replace(self, s=found.s, sigma=found.sigma, value=found.value)
 

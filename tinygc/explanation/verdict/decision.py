@@ -20,6 +20,7 @@ from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
+from tinygc.explanation.verdict.veto import BORNE_OUT_P, improvement_p
 
 #: a name is said if it, with what could stand in for it, is more probable than not
 SAID = 0.5
@@ -80,7 +81,12 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
     named = [_named(evidence, best, number, chance, tests) for number in range(len(best.effects))]
-    kept = [n for n in named if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID]
+    prior = evidence.prior(best.fit)
+    kept = [
+        n
+        for number, n in enumerate(named)
+        if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID and improvement_p(twin, best, prior, number) < BORNE_OUT_P
+    ]
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
     fit = best.fit
     if len(kept) < len(best.effects):
@@ -89,9 +95,11 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     considered = {name: p for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
     first = refit(twin, best.whiten, [], twin.start())
     p_value = min([first_p, *(n.p_value for n in kept)])
+    whitened_J = best.whiten.back(fit.J) * evidence.prior(fit)
+    noise = best.noise.estimated(best.whiten, best.whiten.back(fit.r), whitened_J, best.noise.s, with_sigma=True)
     naming = Naming(first, first_p, fit, sorted(names, key=lambda n: -n.gain))
     beyond = [n for n in kept if n not in names]
-    return NamingDecision(naming, beyond, considered, best.whiten, best.noise, p_value)
+    return NamingDecision(naming, beyond, considered, best.whiten, noise, p_value)
 
 
 def _named(evidence: Evidence, best: Hypothesis, number: int, chance: dict[str, float], tests: int) -> NamedEffect:

@@ -20,7 +20,7 @@ from tinygc.explanation.twin.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.twin.within_stills import WithinStills, within_stills
-from tinygc.explanation.verdict.claims import Claim, mended_claims, named_claims, offset_claim
+from tinygc.explanation.verdict.claims import Claim, Considered, considered_of, mended_claims, named_claims, offset_claim
 from tinygc.explanation.verdict.decision import decide
 from tinygc.explanation.verdict.proof import Proof, prove
 from tinygc.problem.prepared import Prepared, prepare
@@ -54,7 +54,7 @@ class Explanation:
     seen_from: dict[str, float] = field(default_factory=dict)
     within: WithinStills | None = None
     noise: SessionNoise | None = None
-    considered: dict[str, float] = field(default_factory=dict)
+    considered: list[Considered] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return f"<Explanation {self.session.name}: {self.verdict}>"
@@ -87,7 +87,7 @@ def explain_session(
     p_value = min([decision.p_value, *(claim.p_value for claim in before_the_fit)])
     explanation = Explanation(session, problem, mended, twin, whiten, naming, gravity, proof, "", p_value, before_the_fit + named, beyond)
     explanation.noise = decision.noise
-    explanation.considered = decision.considered
+    explanation.considered = considered_of(mended, decision.considered)
     explanation.channel_p, explanation.left = (channel_p_values(twin, whiten, fit.r, fit.J) for fit in (naming.first, naming.fit))
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}

@@ -100,18 +100,21 @@ def _by_ends(problem: Problem) -> np.ndarray:
 
 
 def _after(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
-    """(S, d) rad of each segment, by the parameters that all rows but its fold's ask for.
-
-    Leaving rows out is the same as giving each a free number of its own: d = P_kk^-1 P_k r, with P the precision of the residuals beside
-    the columns; the parameters then move by what the rows no longer pull.  Linear around the whole fit, from which a fold is not far.
-    """
+    """(S, d) rad of each segment, by the parameters that all rows but its fold's ask for."""
     prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
-    J, r = fit.J * prior, fit.r
+    return left_out(twin, whiten, fit.r, fit.J * prior)[whiten.parts["closure"]].reshape(-1, twin.batch.angles)
+
+
+def left_out(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """(n,) stacked: every row as the parameters predict it that the rows of other folds ask for; a still's by the last of its folds.
+
+    r (n,) and J (n, p) are whitened, at the fit of all rows, J in its priors' sigmas.  Leaving rows out is the same as giving each a free
+    number of its own: d = P_kk^-1 P_k r, with P the precision of the residuals beside the columns; the parameters then move by what the
+    rows no longer pull.  Linear around the whole fit, from which a fold is not far.
+    """
     inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
-    own = whiten.back(J)[whiten.parts["closure"]]
-    angles = whiten.back(r)[whiten.parts["closure"]]
-    held_out = np.empty_like(angles)
-    d = twin.batch.angles
+    stacked_J, stacked_r = whiten.back(J), whiten.back(r)
+    found = np.full(len(r), np.nan)
     for held in folds_of(len(twin.segments)):
         rows = np.flatnonzero(~fold_rows(twin, whiten, held))
         unit = np.zeros((len(r), len(rows)))
@@ -121,10 +124,8 @@ def _after(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
         precision = free.T @ free - across.T @ inverse @ across
         taken = np.linalg.solve(precision, free.T @ r - across.T @ (inverse @ (J.T @ r)))
         # The whole fit stands where J' r is balanced by the priors, so only what the left-out rows pulled moves it.
-        step = inverse @ (across @ taken)
-        mine = (held[:, None] * d + np.arange(d)).ravel()
-        held_out[mine] = angles[mine] + own[mine] @ step
-    return held_out.reshape(-1, d)
+        found[rows] = stacked_r[rows] + stacked_J[rows] @ (inverse @ (across @ taken))
+    return found
 
 
 def folds_of(count: int, folds: int = FOLDS) -> list[np.ndarray]:
@@ -138,5 +139,7 @@ def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
     still = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
     rows = np.ones(whiten.parts["length"].stop, dtype=bool)
     rows[(held[:, None] * d + np.arange(d)).ravel()] = False
-    rows[still[np.unique([twin.first[held], twin.last[held]])].ravel()] = False
+    ends = np.unique([twin.first[held], twin.last[held]])
+    rows[still[ends].ravel()] = False
+    rows[whiten.parts["length"].start + ends] = False
     return rows

@@ -49,7 +49,7 @@ def undersampling(twin: Twin) -> Undersampling:
     """Of a session's used segments, by the first linear fit.
 
     To first order an end's error is the sum of the rates' errors, turned into the table (``Twin.sensitivity``).  So the attitudes are
-    needed once, and what every k-th reading gives is a plain sum: within 5 % of integrating it (benchmarks/undersampling.py).
+    needed once, and what every k-th reading gives is a plain sum: within 1 % of integrating it (tests/test_undersampling.py).
     """
     rate, at_s = _turned(twin)
     whole = _sum(rate, at_s)

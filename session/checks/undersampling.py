@@ -73,11 +73,8 @@ def check_undersampling(log: Log, stills: list[Still], noise: Noise | None, conf
     error, floor = (f"{angle / DEG:.2g}°" for angle in (missed.rms_rad, missed.floor_rad))
     if missed.rms_rad <= missed.floor_rad:
         by = f"by about {error} rms" if missed.rms_rad > LEAST_SAID * missed.floor_rad else "nothing"
-        return [
-            Finding(
-                "ok", where, what, f"turns miss {by} of what is faster than {half_hz:.3g} Hz, half the data rate; white noise makes {floor}"
-            )
-        ]
+        says = f"turns miss {by} of what is faster than {half_hz:.3g} Hz, half the data rate; white noise makes {floor}"
+        return [Finding("ok", where, what, says)]
     if missed.exponent < LEAST_EXPONENT:
         return []
     says = (

@@ -57,7 +57,7 @@ def test_shapes_without_a_name_read_only_what_they_declare(twin_of):
         assert np.isfinite(effect.correct(twin.movements[0].rate, twin.movements[0], theta)).all()
 
 
-@pytest.mark.parametrize("name", sorted(set(catalogue()) - {n for n, e in catalogue().items() if e.kind == "register"}))
+@pytest.mark.parametrize("name", sorted(set(catalogue()) - {n for n, e in catalogue().items() if e.kind in ("register", "motion")}))
 def test_columns_of_each_effect(twin_of, name):
     """At zero, where naming looks at them."""
     twin, _ = twin_of(warm_up_c=6.0)

@@ -65,7 +65,9 @@ class Found:
 
 
 def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | None = None) -> Injected:
-    """Simulate a session with the effect.  NotChecked for one that is found before any fit."""
+    """Simulate a session with the effect.  NotChecked for one that is found before any fit, and for what no fit finds."""
+    if effect.kind == "motion":
+        raise NotChecked("of kind motion: it adds variance to the closure and no rate, so no fit finds it and no effect's code makes it")
     if effect.kind not in ("rate", "force", "earth"):
         raise NotChecked(f"of kind {effect.kind}: it is found before any fit")
     warm = {"warm_up_c": WARM_UP_C} if "temperature" in effect.inputs else {}

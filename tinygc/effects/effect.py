@@ -26,7 +26,7 @@ from tinygc.effects.reach import INPUT_REACH, INPUTS, NOWHERE, Reach
 READINGS = "readings"
 #: rad/s: far below any register's step
 SETTLED_RPS = 1e-12
-KINDS = ("rate", "force", "earth", "register", "truth")
+KINDS = ("rate", "force", "earth", "register", "motion", "truth")
 SEEN_IN = ("still", "turn", "reference", "timing")
 #: what a format with a matrix or a slope can carry: add = K f, theta (9,) per g row by row; add = k (T - T0), theta (3,)
 LINEAR_IN = ("force", "temperature")
@@ -40,7 +40,8 @@ class Effect:
     columns(movement) -> (N, 3, P): what each parameter adds to the rate per SI unit, linear, for naming;
     says(theta) -> one plain sentence for the operator; splits: the movement that tells it from its lookalikes;
     kind: "rate", or what it bends instead: "force" (the reference), "earth" (the Earth's rate in the forward model), "register" (what
-    is found, and mended, before any fit), "truth" (a truth file).
+    is found, and mended, before any fit), "motion" (nothing: what the readings miss of the motion itself adds variance to the closure, and
+    nothing undoes it), "truth" (a truth file).
 
     What it looks at.  inputs: some of ``INPUTS`` that it reads beside the rate; reach: how far around a sample it looks, or
     reach(theta) where that depends on its parameters.

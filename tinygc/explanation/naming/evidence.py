@@ -152,7 +152,12 @@ class Evidence:
 
     def prior(self, fit: Refit) -> np.ndarray:
         """(p,) prior sigmas of all parameters: of each claim, the rms of its own."""
-        prior = prior_sigmas(self.twin, [claim.effect for claim in fit.state.claims])
+        return self.prior_of(self.twin, fit)
+
+    @staticmethod
+    def prior_of(twin: Twin, fit: Refit) -> np.ndarray:
+        """The same, of any fit."""
+        prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
         for number, claim in enumerate(fit.state.claims):
             part = claim_slice(fit.state.claims, number)
             least = float(np.sqrt(np.mean(np.diag(fit.covariance)[part])))

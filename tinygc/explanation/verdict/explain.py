@@ -23,6 +23,7 @@ from tinygc.explanation.twin.within_stills import WithinStills, within_stills
 from tinygc.explanation.verdict.claims import Claim, Considered, considered_of, mended_claims, named_claims, offset_claim
 from tinygc.explanation.verdict.decision import decide
 from tinygc.explanation.verdict.proof import Proof, prove
+from tinygc.explanation.verdict.undersampled import undersampled_claim
 from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
@@ -84,8 +85,9 @@ def explain_session(
     named = named_claims(naming.fit, naming.named, beyond_noise)
     before_the_fit = mended_claims(mended) + offset_claim(gravity, named)
     beyond = named_claims(naming.fit, decision.beyond, beyond_noise)
+    claimed = before_the_fit + named + undersampled_claim(twin, whiten, naming.fit, decision.noise)
     p_value = min([decision.p_value, *(claim.p_value for claim in before_the_fit)])
-    explanation = Explanation(session, problem, mended, twin, whiten, naming, gravity, proof, "", p_value, before_the_fit + named, beyond)
+    explanation = Explanation(session, problem, mended, twin, whiten, naming, gravity, proof, "", p_value, claimed, beyond)
     explanation.noise = decision.noise
     explanation.considered = considered_of(mended, decision.considered)
     explanation.channel_p, explanation.left = (channel_p_values(twin, whiten, fit.r, fit.J) for fit in (naming.first, naming.fit))

@@ -56,6 +56,8 @@ def _effect(twin: Twin, name: str) -> Effect:
     known = {effect.id: effect for effect in candidates(twin)}
     if name not in catalogue():
         raise FitError(f"--physics: {name!r} is no effect; known are {', '.join(catalogue())}; another folder's: --effects DIR")
+    if catalogue()[name].kind == "motion":
+        raise FitError(f"--physics: {name} is motion that the readings miss: there is nothing to fit, and no model gives it back")
     if name not in known:
         raise FitError(f"--physics: {name} cannot be fitted to this session (it needs what the log lacks, or is found without a fit)")
     if (scan := known[name].scan) is not None:

@@ -18,6 +18,7 @@ from tinygc.effects.conditions import vibration
 from tinygc.explanation.mends.mending import mend
 from tinygc.explanation.naming.candidates import scanned, selection_of, sharpened
 from tinygc.explanation.naming.naming import NamedEffect, Naming
+from tinygc.explanation.noise.session_noise import known_whitener
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.turn_gravity import turn_gravity
@@ -137,7 +138,7 @@ def fitted(effect: Effect, injected: Injected) -> Found:
     """Read the session and fit linear model and effect together, a scanned shape searched for as naming does it."""
     problem = build_problem(read_session(injected.folder))
     twin = Twin(problem)
-    whiten = Whitener(twin)
+    whiten = known_whitener(twin)
     first = refit(twin, whiten, [], twin.start())
     if effect.scan is not None:
         variants = effect.variants(scanned(twin, effect))

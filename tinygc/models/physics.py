@@ -22,7 +22,9 @@ RATES_ALIKE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class PhysicsModel(BaseModel):
-    """omega = (effects undone)(E m + B), those of the readings undone in m: linear model, claims in the order in which they are undone, and what they refer to."""
+    """omega = (effects undone)(E m + B), those of the readings undone in m.
+
+    Linear model, claims in the order in which they are undone, and what they refer to."""
 
     kind: ClassVar[str] = "physics"
     pointwise: ClassVar[bool] = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -35,9 +36,12 @@ FROM_THE_BAR = frozenset({"gyro.saturation", "reference.not_still"})
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units; p_value: effect
+    """What was mended.
+
+    problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units; p_value: effect
     id -> upper bound of the chance that noise alone does it in this recording; misfit: chi-square of the closure before, 0 where nothing
-    was mended; reference: effects that the segments without any event ask for; verdicts: on what was proposed, borne out or not; clipping likewise."""
+    was mended; reference: effects that the segments without any event ask for;
+    verdicts: on what was proposed, borne out or not; clipping likewise."""
 
     problem: Problem
     found: dict[str, tuple[dict, dict]]
@@ -67,10 +71,8 @@ def mend(problem: Problem, progress: Callable[[str], None] = lambda what: None) 
     if clipping is not None and clipping.borne_out:
         found["gyro.saturation"] = ({"dps": clipping.level / DEG}, {"dps": clipping.known_to / DEG})
         chances["gyro.saturation"] = clipping.chance
-        try:
+        with suppress(CalibrationError):  # too few are left: they stay, and are known to be clipped
             problem = _again(problem, problem.session, clipped=tuple(clipping.numbers))
-        except CalibrationError:
-            pass  # too few are left: they stay, and are known to be clipped
     verdicts, reference = _tried(problem, clipping, progress)
     problem, gaps = _with_accepted(problem, verdicts, found, chances)
     progress("stills")
@@ -122,11 +124,11 @@ def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chanc
     false, lost = ([e for v in verdicts if v.id == name for e in v.accepted] for name in (FALSE, LOST))
     if not false and not lost:
         return problem, []
-    first_row = np.cumsum([0, *(len(log.samples) for log in problem.session.logs)])
     if false:
-        at = [int(first_row[e.log]) + e.row for e in false]
+        at = [sum(len(log.samples) for log in problem.session.logs[: e.log]) + e.row for e in false]  # counted over all logs
         found[FALSE] = ({"at": at, "samples": int(np.median([e.samples for e in false]))}, {})  # counted, not measured: no std
-    session, gaps = bridged(problem.session, false), []
+    gaps: list[Gap] = []
+    session = bridged(problem.session, false)
     if lost:
         (length,) = (v.length for v in verdicts if v.id == LOST)
         began, times = 0.0, []

@@ -89,9 +89,9 @@ def promises(evidence: Evidence, whiten: Whitener, fit: Refit, rest: list[Effect
 
 def rewhitened(have: Hypothesis, whiten: Whitener) -> Refit:
     """The fit of a hypothesis as another covariance sees it."""
-    return (
-        have.fit if whiten is have.whiten else replace(have.fit, **{n: whiten(have.whiten.back(getattr(have.fit, n))) for n in ("r", "J")})
-    )
+    if whiten is have.whiten:
+        return have.fit
+    return replace(have.fit, r=whiten(have.whiten.back(have.fit.r)), J=whiten(have.whiten.back(have.fit.J)))
 
 
 def _with_one_more(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Hypothesis]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -111,7 +112,7 @@ def _blocks(twin: Twin, whiten: Whitener) -> list[np.ndarray]:
     # Each still goes with the turn that begins at or after it.
     owner = np.searchsorted(twin.first, np.arange(len(twin.stills)))
     found = []
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges):
         last = stop == count
         stills = np.flatnonzero((owner >= start) & ((owner < stop) | last))
         found.append(
@@ -124,3 +125,9 @@ def _blocks(twin: Twin, whiten: Whitener) -> list[np.ndarray]:
             )
         )
     return found
+
+
+def known_whitener(twin: Twin) -> Whitener:
+    """With what is known of a twin's noise before anything is fitted."""
+    whiten = Whitener(twin)
+    return whiten.with_more(first_noise(twin, whiten).covariance)

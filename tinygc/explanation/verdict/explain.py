@@ -111,10 +111,11 @@ def _heading_not_used(problem: Problem) -> list[Finding]:
 
 
 def _verdict(explanation: Explanation) -> str:
+    unusual = explanation.noise is not None and explanation.noise.unusual
     if not explanation.claimed:
-        unnamed = explanation.p_value <= FAMILY_WISE or explanation.findings or explanation.noise.unusual
+        unnamed = explanation.p_value <= FAMILY_WISE or explanation.findings or unusual
         return "unexplained" if unnamed else "no_mismatch"
-    if explanation.findings or explanation.noise.unusual:
+    if explanation.findings or unusual:
         return "partly_explained"
     if any(claim.equivalent for claim in explanation.claimed):
         return "ambiguous"

@@ -9,6 +9,7 @@ import numpy as np
 from session.detect.segments import Segment
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles
+from tinygc.explanation.noise.session_noise import known_whitener
 from tinygc.explanation.twin.refit import Refit, prior_sigmas, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
@@ -84,7 +85,7 @@ def _before(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarray:
     stills make any fit better, and are not to be credited to what is named."""
     if twin.problem is not original:
         twin = Twin(original)
-        whiten = Whitener(twin)
+        whiten = known_whitener(twin)
     alike = _after(twin, whiten, refit(twin, whiten, [], twin.start()))
     return min(_by_ends(original), alike, key=tilt_rms)
 

@@ -21,7 +21,8 @@ SCHEMA = "tinygc-explain/1"
 
 def to_json(e: Explanation) -> dict:
     """The whole result, JSON-ready."""
-    assert e.within is not None and e.noise is not None  # an explanation that is told is whole
+    assert e.within is not None
+    assert e.noise is not None  # an explanation that is told is whole
     return {
         "schema": SCHEMA,
         "session": e.session.name,

@@ -9,8 +9,9 @@ from session.common.errors import FitError
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.mends.mending import mend
 from tinygc.explanation.naming.candidates import candidates
+from tinygc.explanation.naming.evidence import Evidence
 from tinygc.explanation.twin.common_delay import in_gauge
-from tinygc.explanation.twin.refit import Refit, refit
+from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.verdict.decision import decide
@@ -44,8 +45,9 @@ def fit_physics(
         decision = decide(twin, seed, progress, mended.reference)
         fit, whiten, refused = decision.naming.fit, decision.whiten, decision.refused
     else:
-        whiten = Whitener(twin)
-        fit = refit(twin, whiten, [_effect(twin, name) for name in ids], twin.start())
+        evidence = Evidence(twin)
+        asked = evidence.of(tuple(_effect(twin, name) for name in ids), evidence.nothing)
+        fit, whiten = asked.fit, asked.whiten
     fit = in_gauge(twin, whiten, fit)
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
     model = PhysicsModel(fit.state.model, rate_claims, conditions(mended.problem))

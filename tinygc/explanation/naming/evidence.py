@@ -118,6 +118,10 @@ class Evidence:
         shapes = self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect))
         return 2 * float(np.log(SCALES / PRIOR_ODDS) + np.log(shapes)) + effect.parameter.size
 
+    def forget(self, ids: frozenset[str]) -> None:
+        """Hypotheses with any of these effects are no longer weighed."""
+        self._known = {key: h for key, h in self._known.items() if not h.ids & ids}
+
     def will_try(self, tried: list[Effect]) -> None:
         """Shapes without a scan that share a name: each is one of so many."""
         self._shapes |= Counter(effect.id for effect in tried)

@@ -119,5 +119,6 @@ def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
     still = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
     rows = np.ones(whiten.parts["length"].stop, dtype=bool)
     rows[(held[:, None] * d + np.arange(d)).ravel()] = False
-    rows[still[np.unique([twin.first[held], twin.last[held]])].ravel()] = False
+    if twin.stills:
+        rows[still[np.unique([twin.first[held], twin.last[held]])].ravel()] = False
     return rows

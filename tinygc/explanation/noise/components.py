@@ -36,6 +36,8 @@ TYPICAL_SPREAD, GIVEN_SPREAD = 0.5, 0.1
 LEAST_UNDERSAMPLING = 0.1
 #: ln: a truth's sigma is stated to an order of magnitude: of the public ones, some are 30 times as good, some as bad as they say
 TRUTH_SPREAD = 1.5
+#: a bias that wanders beside a truth where nothing says by how much: a MEMS gyroscope's, to an order of magnitude
+UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD = 10 * DEG_PER_HOUR, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +78,11 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     V = np.zeros((sum(sizes), sum(sizes)))
     V[: len(owner), : len(owner)] = (response @ response.T) * wander[np.ix_(owner, owner)]
     known = twin.problem.instability
-    if not q:
-        # Beside a truth what is known of the wander is noise; what is more, or where nothing is known, has to be named.
-        usual = known.rps or DEG_PER_HOUR
-        return Component(WANDER, V * (known.rps > 0), usual, "°/h", DEG_PER_HOUR, "the bias wanders", (usual, GIVEN_SPREAD))
-    white = float(np.median(twin.problem.still_rates.sigma)) if q else 1 * DEG_PER_HOUR
+    white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * UNKNOWN_WANDER_RPS
     spread = TYPICAL_SPREAD if known.source.startswith("typical") else GIVEN_SPREAD
     prior = (known.rps, spread) if known.rps > 0 and not known.of_unit else None
+    if not q and prior is None:  # the rates at rest that an estimate is from are no rows of such a twin
+        prior = (known.rps, TYPICAL_SPREAD) if known.rps > 0 else (UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD)
     return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "the bias wanders", prior)
 
 

@@ -109,7 +109,8 @@ def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
 
 def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     """Of each moment of truth; a segment that begins at the sample where another ends shares its moment."""
-    sigma, ends = twin.problem.session.config.protocol.truth_sigma_deg * DEG, {}
+    sigma = twin.problem.session.config.protocol.truth_sigma_deg * DEG
+    ends: dict[tuple[int, int], np.ndarray] = {}
     for number, s in enumerate(twin.segments):
         for at, sign in ((s.start, -1.0), (s.stop - 1, 1.0)):
             ends.setdefault((s.log, at), np.zeros(len(twin.segments)))[number] += sign

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from tinygc.effects import Effect
+from tinygc.effects import AppliedEffect, Effect
 from tinygc.explanation.naming.candidates import candidates, selection_of
 from tinygc.explanation.naming.evidence import PRIOR_ODDS, Evidence, Hypothesis
-from tinygc.explanation.naming.naming import NamedEffect, Naming
+from tinygc.explanation.naming.naming import STAND_IN, NamedEffect, Naming
 from tinygc.explanation.naming.search import exchanged, search
+from tinygc.explanation.naming.unknown import NAMELESS
 from tinygc.explanation.noise.components import WANDER
 from tinygc.explanation.truth.truth_effects import OFFSET, wander
 from tinygc.explanation.truth.truth_explanation import TruthClaim
@@ -82,7 +83,12 @@ def _best(evidence: Evidence, tried: list[Effect], slow: Effect, progress: Calla
     """From nothing, and from a slow bias: names that stand for parts of one are found first, and it has no place beside them then."""
     evidence.will_try(tried)
     begins = [evidence.nothing, *([evidence.of((slow,), evidence.nothing)] if slow in tried else [])]
-    return exchanged(evidence, tried, min((search(evidence, tried, begin, progress=progress) for begin in begins), key=lambda h: h.score))
+    best = exchanged(evidence, tried, min((search(evidence, tried, begin, progress=progress) for begin in begins), key=lambda h: h.score))
+    if slow.id in best.ids:
+        return best
+    # Several names where one and a slow bias do nearly as well are too many: a wrong name is worse than none.
+    instead = [h for h in evidence.weighed if slow.id in h.ids and len(h.ids) <= len(best.ids) and h.score < best.score + STAND_IN]
+    return min([*instead, best], key=lambda h: (len(h.ids - {slow.id}), h.score))
 
 
 def _with_slow_bias(evidence: Evidence, tried: list[Effect], slow: Effect, decision: NamingDecision) -> NamingDecision:
@@ -132,12 +138,20 @@ def _claim(fit: Refit, number: int, named: NamedEffect, chi_square: float) -> Tr
 
 def held_out(twin: TruthTwin, whiten: Whitener, fit: Refit) -> np.ndarray:
     """(S, 3) rad: closure of every tenth segment, in turn, by what all others tell."""
-    effects = [claim.effect for claim in fit.state.claims]
+    effects = [_shrunk(claim) for claim in fit.state.claims]
     angles = np.zeros((len(twin.segments), 3))
     for held in folds_of(len(twin.segments)):
         part = refit(twin, whiten, effects, fit.state, rows=fold_rows(twin, whiten, held), max_steps=FOLD_STEPS)
         angles[held] = twin.residuals(part.state, part.rates).closure[held]
     return angles
+
+
+def _shrunk(claim: AppliedEffect) -> Effect:
+    """A slow bias with the prior that its evidence was weighed with, the rms of its own parameters: its knots are no more certain."""
+    if not claim.effect.id.startswith(NAMELESS):
+        return claim.effect
+    rms = float(np.sqrt(np.mean(claim.theta**2)))
+    return replace(claim.effect, parameter=replace(claim.effect.parameter, plausible=rms))
 
 
 def _excess(problem: Problem, angles: np.ndarray, parameters: int) -> float:

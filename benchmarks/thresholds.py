@@ -184,7 +184,6 @@ def _concealed(case, folder: Path, stage: str):
         names |= {claim.effect.id for claim in offset_claim(turn_gravity(twin, decision.naming.fit), [])}
         return names, bool(names) or decision.refused
 
-    unmended = None if stage == "mends" else mend(problem)
     return {name for name in case.ids if not name.startswith("outside")}, mends if stage == "mends" else naming
 
 

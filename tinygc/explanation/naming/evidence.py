@@ -10,6 +10,7 @@ probable at every scale up to the catalogue's; its best value is the parameters'
 from __future__ import annotations
 
 from collections import Counter
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -170,6 +171,26 @@ class Evidence:
         name, and the parameters' own place within their prior."""
         shapes = self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect))
         return 2 * float(np.log(SCALES / PRIOR_ODDS) + np.log(shapes)) + effect.parameter.size
+
+    def without(self, component: str) -> Evidence:
+        """The same recording, where the noise has no such component."""
+        other, noise = copy(self), self.first_noise
+        kept = np.array([c.name != component for c in noise.components])
+        components = tuple(c for c in noise.components if c.name != component)
+        other.first_noise = replace(noise, components=components, s=noise.s[kept], sigma=noise.sigma[kept])
+        other.first_whiten = self._white.with_more(other.first_noise.covariance)
+        other._known = {}
+        other.nothing = other.of((), None)
+        return other
+
+    @property
+    def exact(self) -> list[Hypothesis]:
+        """Those that were weighed exactly."""
+        return list(self._known.values())
+
+    def forget(self, ids: frozenset[str]) -> None:
+        """Hypotheses with any of these effects are no longer weighed."""
+        self._known = {key: h for key, h in self._known.items() if not h.ids & ids}
 
     def will_try(self, tried: list[Effect]) -> None:
         """Shapes without a scan that share a name: each is one of so many."""

@@ -6,6 +6,7 @@ A component is V_k s_k^2: V_k from the recording's geometry, s_k estimated (``re
 - ``noise.still_rate``: the mean rate of each still errs by itself: rests creep, the bias jumps between them.
 - ``noise.reference``: the accelerometer's error in each attitude: it tilts the reference at the ends of two turns, and shows in gravity's
   length.
+- ``noise.truth``: in its place between moments of truth: the truth's own error at each, which two neighbours share with opposite signs.
 - ``noise.turn``: what each turn errs by beyond all that; equal for all turns.
 - ``motion.undersampled``: motion faster than half the data rate; each turn's share is predicted (``undersampling.py``), s is a factor.
 """
@@ -21,10 +22,11 @@ from tinygc.closure.bias_wander import wander_covariance
 from tinygc.explanation.noise.undersampling import Undersampling
 from tinygc.explanation.twin.twin import Twin
 
-WANDER, STILL_RATE, REFERENCE, TURN, UNDERSAMPLED = (
+WANDER, STILL_RATE, REFERENCE, TRUTH, TURN, UNDERSAMPLED = (
     "noise.bias_wander",
     "noise.still_rate",
     "noise.reference",
+    "noise.truth",
     "noise.turn",
     "motion.undersampled",
 )
@@ -32,6 +34,10 @@ WANDER, STILL_RATE, REFERENCE, TURN, UNDERSAMPLED = (
 TYPICAL_SPREAD, GIVEN_SPREAD = 0.5, 0.1
 #: an undersampling below this share of the floor's rms is none: a factor of it cannot be told
 LEAST_UNDERSAMPLING = 0.1
+#: ln: a truth's sigma is stated to an order of magnitude: of the public ones, some are 30 times as good, some as bad as they say
+TRUTH_SPREAD = 1.5
+#: a bias that wanders beside a truth where nothing says by how much: a MEMS gyroscope's, to an order of magnitude
+UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD = 10 * DEG_PER_HOUR, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +59,8 @@ class Component:
 def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> list[Component]:
     """Of a twin whose channels have sizes (S d, 3 Q, Q)."""
     floor = float(np.sqrt(np.mean(twin.problem.floor.sigma**2)))
-    found = [_wander(twin, sizes), _still_rate(twin, sizes), _reference(twin, sizes), _turn(sizes, floor)]
+    reference = _reference(twin, sizes) if twin.stills else _truth(twin, sizes)
+    found = [_wander(twin, sizes), _still_rate(twin, sizes), reference, _turn(sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:
         found.append(_undersampled(twin, sizes, missed))
     return [component for component in found if component.V.any()]
@@ -73,9 +80,11 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     V = np.zeros((sum(sizes), sum(sizes)))
     V[: len(owner), : len(owner)] = (response @ response.T) * wander[np.ix_(owner, owner)]
     known = twin.problem.instability
-    white = float(np.median(twin.problem.still_rates.sigma)) if q else 1 * DEG_PER_HOUR
+    white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * UNKNOWN_WANDER_RPS
     spread = TYPICAL_SPREAD if known.source.startswith("typical") else GIVEN_SPREAD
     prior = (known.rps, spread) if known.rps > 0 and not known.of_unit else None
+    if not q and prior is None:  # the rates at rest that an estimate is from are no rows of such a twin
+        prior = (known.rps, TYPICAL_SPREAD) if known.rps > 0 else (UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD)
     return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "the bias wanders", prior)
 
 
@@ -98,6 +107,18 @@ def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     length = slice(sizes[0] + sizes[1], sum(sizes))
     V[length, length] = np.eye(sizes[2])
     return Component(REFERENCE, V, 0.1 * MG, "mg", MG, "the accelerometer errs with attitude, beyond its calibration")
+
+
+def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
+    """Of each moment of truth; a segment that begins at the sample where another ends shares its moment."""
+    sigma = twin.problem.session.config.protocol.truth_sigma_deg * DEG
+    ends: dict[tuple[int, int], np.ndarray] = {}
+    for number, s in enumerate(twin.segments):
+        for at, sign in ((s.start, -1.0), (s.stop - 1, 1.0)):
+            ends.setdefault((s.log, at), np.zeros(len(twin.segments)))[number] += sign
+    moments = np.array(list(ends.values()))
+    V = np.kron(moments.T @ moments, np.eye(twin.batch.angles))
+    return Component(TRUTH, V, sigma, "deg", DEG, "each moment of truth errs by itself", (sigma, TRUTH_SPREAD))
 
 
 def _turn(sizes: tuple[int, int, int], floor: float) -> Component:

@@ -1,1 +1,1 @@
-"""``explain`` where the reference is a truth file: a folder of its own, since the twin of the stills has no part in it."""
+"""``explain`` where the reference is a truth file, with a twin of its own: the closure between moments of truth, no stills."""

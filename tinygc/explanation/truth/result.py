@@ -29,6 +29,7 @@ CANNOT = (
 
 def truth_to_json(e: TruthExplanation) -> dict:
     """JSON-ready."""
+    expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
     lengths = {f"{length:g}": (row / DEG).tolist() for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
     return {
         "schema": SCHEMA,
@@ -37,7 +38,7 @@ def truth_to_json(e: TruthExplanation) -> dict:
         "mismatch": {
             **p_entry("p_value", e.p_value),
             "closure_rms_deg": e.closure_rms[0] / DEG,
-            "expected_rms_deg": float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG,
+            "expected_rms_deg": expected_deg,
             "where": {
                 "phases": sorted({phase for c in e.claims for phase in c.effect.seen_in}),
                 "axes": [],
@@ -47,7 +48,15 @@ def truth_to_json(e: TruthExplanation) -> dict:
         },
         "effects": [_effect(claim) for claim in e.claims],
         "refused": [_effect(claim) for claim in e.refused],
-        "fit": {"holdout_closure_rms_deg": None, "closure_rms_deg": {"before": e.closure_rms[0] / DEG, "after": e.closure_rms[1] / DEG}},
+        "considered": [{"id": name, "probability": p} for name, p in e.considered.items()],
+        "fit": {
+            "holdout_closure_rms_deg": {**_before_after(e.held_out_rms), "floor": expected_deg},
+            "closure_rms_deg": _before_after(e.closure_rms),
+        },
+        "noise": e.problem.instability.to_json()
+        | {
+            "components": e.noise.to_json(),
+        },
         "truth": {
             "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
             "sigma_deg": _number(e.truth_rad / DEG),
@@ -80,6 +89,10 @@ def truth_to_json(e: TruthExplanation) -> dict:
     }
 
 
+def _before_after(rms_rad: tuple[float, float]) -> dict:
+    return {"before": rms_rad[0] / DEG, "after": rms_rad[1] / DEG}
+
+
 def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
@@ -94,7 +107,9 @@ def _effect(claim: TruthClaim) -> dict:
         "std": {parameter.name: std},
         **p_entry("p_value", claim.p_value),
         "share": claim.share,
-        "equivalent": [],
+        "probability": claim.probability,
+        "rivals": claim.rivals,
+        "equivalent": list(claim.equivalent),
         "says": claim.says,
     }
 
@@ -116,6 +131,7 @@ def truth_page(e: TruthExplanation) -> Group:
     parts: list = [Text.assemble((f"{e.problem.session.name}: ", "bold"), e.verdict.replace("_", " "), f"   (p {p_words(e.p_value)})\n")]
     for claim in e.claims:
         share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
+        share += f"   or {', '.join(claim.equivalent)}" if claim.equivalent else ""
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value)}{share}"))
         parts.append(Text(f"  {claim.says}"))
         parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
@@ -168,6 +184,8 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
     before, after = e.neighbours
     rows = [
         ("closure", f"{len(e.problem.used)} segments, {e.closure_rms[0] / DEG:.3f}° rms before, {e.closure_rms[1] / DEG:.3f}° after"),
+        ("", f"of segments held out {e.held_out_rms[0] / DEG:.3f}° before, {e.held_out_rms[1] / DEG:.3f}° after"),
+        ("noise", ", ".join(f"{c.says}: {s / c.si:.2g} {c.unit}" for s, c in zip(e.noise.s, e.noise.components, strict=True) if s > 0)),
         ("truth", f"{len(e.jumps)} wrong moments; closure per angle by length, degrees: {grown}"),
         ("", f"by this growth {e.truth_rad / DEG:.3f}° a moment of truth, {e.walk_rad / DEG:.3f}°/√s"),
         ("", _own_noise(e)),

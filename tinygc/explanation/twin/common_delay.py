@@ -24,6 +24,8 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     A convention settles it (skewed axes are counted from the earliest).  A common delay (sensitivity to angular acceleration, whose
     diagonal is one plus differences) is the delay between gyro and accelerometer; that of a lag, as far as the closure lets it.
     """
+    if not twin.stills:  # between moments of truth, where turns begin and end in motion, the closure sees a common delay
+        return fit
     for number, claim in enumerate(fit.state.claims):
         gauge = claim.effect.gauge
         if isinstance(gauge, Convention):

@@ -86,18 +86,20 @@ class Twin:
         self.problem, self.batch = problem, problem.batch
         self.segments = problem.used
         self.movements = [_movement(problem, log) for log in range(len(problem.logs))]
+        at_rest = all(segment.first is not None for segment in self.segments)  # not between moments of truth: no still is a reference
         self.stills: list[tuple[int, Still]] = [
-            (number, still) for number, log in enumerate(problem.logs) for still in log.stills if still.problem is None
+            (number, still) for number, log in enumerate(problem.logs) for still in log.stills if still.problem is None and at_rest
         ]
-        self.force = np.array([still.accel_mean for _, still in self.stills])
-        self.q_tb = np.array([q for log in problem.logs for q, still in zip(log.q_tb, log.stills, strict=True) if still.problem is None])
+        self.force = np.array([still.accel_mean for _, still in self.stills]).reshape(-1, 3)
+        q = [q for log in problem.logs for q, still in zip(log.q_tb, log.stills, strict=True) if still.problem is None and at_rest]
+        self.q_tb = np.array(q).reshape(-1, 4)
         index = {id(still): number for number, (_, still) in enumerate(self.stills)}
-        self.first = np.array([index[id(segment.first)] for segment in self.segments])
-        self.last = np.array([index[id(segment.last)] for segment in self.segments])
+        self.first, self.last = np.array([[index.get(id(s.first), -1), index.get(id(s.last), -1)] for s in self.segments]).T
 
     def start(self) -> State:
         """The present physics: the linear model alone."""
-        length = float(np.median(np.linalg.norm(self.force, axis=1)))
+        here = self.problem.session.config.site.expected_gravity_mps2
+        length = float(np.median(np.linalg.norm(self.force, axis=1))) if self.stills else here
         north = self.problem.earth.rate_t * [1, 1, 0]
         size = np.linalg.norm(north)
         along = np.cross([0, 0, 1], north / size) if size > 0 else np.array([1.0, 0, 0])
@@ -134,8 +136,7 @@ class Twin:
             bent = self._bent(state.force_bias)
             batch = replace(batch, start=bent[self.first], end=bent[self.last])
         if state.earth_t.any():
-            x, y, z = state.earth_t
-            turn = self._turns
+            (x, y, z), turn = state.earth_t, self._turns
             batch = replace(batch, earth=batch.earth + (x * turn[:, :, 0] + y * turn[:, :, 1] + z * turn[:, :, 2]))
         return batch
 
@@ -175,10 +176,10 @@ class Twin:
         return padded
 
     def _still_rates(self, rates: list[np.ndarray]) -> np.ndarray:
-        return np.array([rates[log][still.start : still.stop].mean(axis=0) for log, still in self.stills])
+        return np.array([rates[log][still.start : still.stop].mean(axis=0) for log, still in self.stills]).reshape(-1, 3)
 
     def _earth_in_stills(self, state: State) -> np.ndarray:
-        return self.problem.still_rates.earth + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
+        return self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
 
     def _lengths(self, state: State) -> np.ndarray:
         return np.linalg.norm(self.force - state.force_bias, axis=1) - state.gravity_mps2
@@ -279,7 +280,7 @@ class Twin:
             count = segment.stop - segment.start
             part = by_log[segment.log][segment.start : segment.stop]
             row[:] = turn[:count].transpose(1, 0, 2).reshape(self.batch.angles, -1) @ part.reshape(-1, size)
-        still = np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in self.stills])
+        still = np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in self.stills]).reshape(-1, 3, size)
         return Channels(-design, -still, np.zeros((len(self.stills), size)))
 
     def _basis_columns(self, effect: Effect, sensitivity: np.ndarray) -> Channels:
@@ -292,8 +293,8 @@ class Twin:
             count = segment.stop - segment.start
             summed = turn[:count].reshape(count, -1).T @ by_log[segment.log][segment.start : segment.stop]
             row[:] = summed.reshape(d, 3, curves).transpose(0, 2, 1)
-        mean = np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in self.stills])
-        still = (mean[:, None, :, None] * np.eye(3)[:, None]).reshape(len(self.stills), 3, -1)
+        mean = np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in self.stills]).reshape(-1, curves)
+        still = (mean[:, None, :, None] * np.eye(3)[:, None]).reshape(len(self.stills), 3, 3 * curves)
         return Channels(-design.reshape(len(design), d, -1), -still, np.zeros((len(self.stills), 3 * curves)))
 
 

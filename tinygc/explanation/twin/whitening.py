@@ -89,6 +89,8 @@ def _covariance(twin: Twin) -> np.ndarray:
     s, d, q = len(twin.segments), batch.angles, len(twin.stills)
     full = np.zeros((s * d + 4 * q, s * d + 4 * q))
     full[: s * d, : s * d] = problem.floor.dense()
+    if not q:
+        return full
     turn = rotation.matrix(twin.q_tb)
     walk = np.array([problem.logs[log].noise.angle_random_walk ** 2 for log, _ in twin.stills])
     duration = np.array([still.duration_s for _, still in twin.stills])
@@ -113,4 +115,6 @@ def _covariance(twin: Twin) -> np.ndarray:
 def _precalibration(twin: Twin) -> np.ndarray:
     """(n, 12) one sigma each of a bias and a matrix of the accelerometer that nobody knows better, the same for the whole session."""
     start = twin.start()
+    if not twin.stills:
+        return np.zeros((len(twin.segments) * twin.batch.angles, 0))
     return twin.precalibration_columns(start, twin.rates(start)).stacked() * PRECALIBRATION_MPS2

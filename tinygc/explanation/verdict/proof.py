@@ -140,7 +140,8 @@ def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
     still = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
     rows = np.ones(whiten.parts["length"].stop, dtype=bool)
     rows[(held[:, None] * d + np.arange(d)).ravel()] = False
-    ends = np.unique([twin.first[held], twin.last[held]])
-    rows[still[ends].ravel()] = False
-    rows[whiten.parts["length"].start + ends] = False
+    if twin.stills:
+        ends = np.unique([twin.first[held], twin.last[held]])
+        rows[still[ends].ravel()] = False
+        rows[whiten.parts["length"].start + ends] = False
     return rows

@@ -51,7 +51,7 @@ def section(evidence: Evidence) -> Section:
         html += paragraph(
             "Scale factor asymmetry and g-sensitivity are not measured against a truth file; explain names them if they are large.", "soft"
         )
-    widened = evidence.fit.goodness.excess if evidence.adopted.name == "least_squares" else 1.0
+    widened = evidence.fit.widened if evidence.adopted.name == "least_squares" else 1.0
     if widened > 1:
         html += paragraph(
             "The closure is above its floor: the uncertainties of the linear model are widened by "

@@ -108,7 +108,8 @@ def two_days(tmp_path_factory):
     parent = tmp_path_factory.mktemp("days")
     for name, turns, bias, seed in (("first", 20, (0.5, -0.3, 0.6), 1), ("second", 8, (0.62, -0.35, 0.51), 2)):
         write_session(parent / name, Table().tumble(turns, seed=seed).samples(bias_dps=bias, seed=seed))
-    assert calibrate.main(["fit", str(parent / "first"), "--methods", "least_squares,tinygc,tinygc_denoised", "--bias", "ends", "--quiet"]) == 0
+    words = ["--methods", "least_squares,tinygc,tinygc_denoised", "--bias", "ends", "--quiet"]
+    assert calibrate.main(["fit", str(parent / "first"), *words]) == 0
     return parent
 
 

@@ -31,6 +31,8 @@ PRIOR_ODDS = 1 / 30
 SCALES = 10.0
 #: Gauss-Newton steps before and after the noise has been re-estimated: the second fit begins where the first ended
 FIRST_STEPS, MORE_STEPS = 5, 2
+#: of the search for the noise beside a guess: it begins where a near hypothesis has it
+GUESS_STEPS = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +140,7 @@ class Evidence:
             white_J = have.whiten(J) * prior
             step = -np.linalg.solve(white_J.T @ white_J + np.eye(len(prior)), white_J.T @ white_r)
         J = J * prior
-        return self.first_noise.estimated(have.whiten, r + J @ step, J, have.noise.s).value
+        return self.first_noise.estimated(have.whiten, r + J @ step, J, have.noise.s, steps=GUESS_STEPS).value
 
     def columns(self, effect: Effect) -> np.ndarray:
         """(n, P) stacked, as one unit of each parameter moves the channels: by the linear model, which is near enough to rank by."""

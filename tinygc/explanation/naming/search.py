@@ -13,7 +13,7 @@ import numpy as np
 
 from tinygc.effects import Effect
 from tinygc.explanation.naming.candidates import sharpened
-from tinygc.explanation.naming.evidence import Evidence, Hypothesis
+from tinygc.explanation.naming.evidence import Evidence, Guess, Hypothesis
 from tinygc.explanation.naming.selection import left_of, orthonormal
 from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit
@@ -96,15 +96,21 @@ def rewhitened(have: Hypothesis, whiten: Whitener) -> Refit:
 
 def _with_one_more(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Hypothesis]:
     """The best hypotheses with one more effect: the likeliest by its linear columns, and those near it, weighed exactly."""
-    guesses = sorted((evidence.guess(have, add=effect) for effect in ranked(evidence, tried, have)), key=lambda g: g.score)
-    return [evidence.of(g.effects, have) for g in guesses[:MOST_EXACT] if g.score < guesses[0].score + NEAR]
+    found = guesses(evidence, tried, have)
+    return [evidence.of(g.effects, have) for g in found[:MOST_EXACT] if g.score < found[0].score + NEAR]
+
+
+def guesses(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Guess]:
+    """What linear columns promise of every candidate worth weighing beside a hypothesis, the best first."""
+    evidence.will_try(tried)
+    return sorted((evidence.guess(have, add=effect) for effect in ranked(evidence, tried, have)), key=lambda g: g.score)
 
 
 def _improved(evidence: Evidence, best: Hypothesis) -> Hypothesis:
     """Without those effects that others have made needless."""
     while len(best.effects) > 1:
-        guesses = [evidence.guess(best, without=effect) for effect in best.effects]
-        fewer = [evidence.of(guess.effects, best) for guess in guesses if guess.score < best.score + NEAR / 2]
+        without = [evidence.guess(best, without=effect) for effect in best.effects]
+        fewer = [evidence.of(guess.effects, best) for guess in without if guess.score < best.score + NEAR / 2]
         ahead = min([*fewer, best], key=lambda h: h.score)
         if ahead is best:
             break

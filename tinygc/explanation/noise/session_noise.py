@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from tinygc.explanation.noise.components import STILL_RATE, TURN, WANDER, Component, components_of
-from tinygc.explanation.noise.restricted_likelihood import estimate
+from tinygc.explanation.noise.restricted_likelihood import STEPS, estimate
 from tinygc.explanation.noise.undersampling import Undersampling, undersampling
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
@@ -75,7 +75,7 @@ class SessionNoise:
         return replace(self, components=tuple(self.components[i] for i in kept), s=self.s[kept], sigma=self.sigma[kept])
 
     def estimated(
-        self, whiten: Whitener, r: np.ndarray, J: np.ndarray, start: np.ndarray | None = None, with_sigma: bool = False
+        self, whiten: Whitener, r: np.ndarray, J: np.ndarray, start: np.ndarray | None = None, with_sigma: bool = False, steps: int = STEPS
     ) -> SessionNoise:
         """The components re-estimated beside columns J (n, p), stacked, in their priors' sigmas, that leave residuals r (n,), stacked.
 
@@ -92,6 +92,7 @@ class SessionNoise:
             self.blocks,
             start,
             with_sigma,
+            steps,
         )
         return replace(self, s=found.s, sigma=found.sigma, value=found.value)
 

@@ -12,7 +12,7 @@ from tinygc.effects import Effect
 from tinygc.explanation.naming.candidates import candidates, selection_of
 from tinygc.explanation.naming.evidence import Evidence, Hypothesis
 from tinygc.explanation.naming.naming import STAND_IN, NamedEffect, Naming, probabilities, rivals_of
-from tinygc.explanation.naming.search import exchanged, search
+from tinygc.explanation.naming.search import exchanged, guesses, search
 from tinygc.explanation.naming.selection import FAMILY_WISE
 from tinygc.explanation.naming.unknown import NAMELESS, slow_candidates, unknown_candidates
 from tinygc.explanation.noise.session_noise import SessionNoise
@@ -24,6 +24,8 @@ from tinygc.explanation.verdict.veto import BORNE_OUT_P, improvement_p
 
 #: a name is said if it, with what could stand in for it, is more probable than not
 SAID = 0.5
+#: -2 log evidence within which one shape alone is worth weighing instead of all names: a second one may add to it
+INSTEAD = 60.0
 MOST_FINDINGS = 2  #: shapes without a name beside the names: that a page holds
 
 
@@ -66,8 +68,9 @@ def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: 
     """Shapes without a name, beside the names and in their place; the lines among them, of which there are hundreds, only where something
     is left that nothing else takes up."""
     shapes = slow_candidates(evidence.twin)
-    found = [search(evidence, shapes, begin, most=MOST_FINDINGS) for begin in ((best, evidence.nothing) if best.effects else (best,))]
-    ahead = min(found, key=lambda h: h.score)
+    ahead = search(evidence, shapes, best, most=MOST_FINDINGS)
+    if best.effects and any(g.score < ahead.score + INSTEAD for g in guesses(evidence, shapes, evidence.nothing)[:1]):
+        ahead = min(ahead, search(evidence, shapes, evidence.nothing, most=MOST_FINDINGS), key=lambda h: h.score)
     if ahead.noise.unusual or (not ahead.effects and first_p < FAMILY_WISE):
         ahead = search(evidence, unknown_candidates(evidence.twin), ahead, most=1)
     if any(effect.id.startswith(NAMELESS) for effect in ahead.effects):

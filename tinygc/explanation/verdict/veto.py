@@ -38,4 +38,6 @@ def per_segment(twin: Twin, have: Hypothesis, rows: np.ndarray) -> np.ndarray:
     square = np.nan_to_num((rows / have.whiten.sigma) ** 2)
     closure, still, length = (square[part] for part in have.whiten.parts.values())
     total = closure.reshape(len(twin.segments), -1).sum(axis=1)
+    if not twin.stills:
+        return total
     return total + still.reshape(-1, 3).sum(axis=1)[twin.first] + length[twin.first]

@@ -75,7 +75,7 @@ def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: 
         ahead = search(evidence, unknown_candidates(evidence.twin), ahead, most=1)
     if any(effect.id.startswith(NAMELESS) for effect in ahead.effects):
         # A name that stood for a part of what the shape describes may go, another come.
-        ahead = search(evidence, tried, ahead, most=1)
+        ahead = exchanged(evidence, tried, search(evidence, tried, exchanged(evidence, tried, ahead), most=MOST_FINDINGS))
     return ahead
 
 

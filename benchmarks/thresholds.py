@@ -166,7 +166,6 @@ def _concealed(case, folder: Path, stage: str):
     from tinygc.explanation.mends.mending import mend
     from tinygc.explanation.twin.turn_gravity import turn_gravity
     from tinygc.explanation.twin.twin import Twin
-    from tinygc.explanation.twin.whitening import Whitener
     from tinygc.explanation.verdict.claims import offset_claim
     from tinygc.explanation.verdict.decision import decide
     from tinygc.problem.build import build_problem
@@ -182,13 +181,11 @@ def _concealed(case, folder: Path, stage: str):
 
     def naming() -> tuple[set[str], bool]:
         twin = Twin(problem)
-        whiten = Whitener(twin)
-        decision = decide(unmended, twin, whiten, 0)
+        decision = decide(twin, 0)
         names = {named.effect.id for named in decision.naming.named}
         names |= {claim.effect.id for claim in offset_claim(turn_gravity(twin, decision.naming.fit), [])}
         return names, bool(names) or decision.refused
 
-    unmended = None if stage == "mends" else mend(problem)
     return {name for name in case.ids if not name.startswith("outside")}, mends if stage == "mends" else naming
 
 

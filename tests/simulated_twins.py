@@ -3,6 +3,7 @@
 import numpy as np
 
 from session.log.folder import read_session
+from tinygc.explanation.noise.session_noise import known_whitener
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.problem.build import build_problem
@@ -26,7 +27,7 @@ def make_twin_of(tmp_path_factory):
         if (distort, chosen) not in made:
             folder = write_session(chosen, tmp_path_factory.mktemp("twin") / "session", distort=distort)
             twin = Twin(build_problem(read_session(folder)))
-            made[distort, chosen] = twin, Whitener(twin)
+            made[distort, chosen] = twin, known_whitener(twin)
         return made[distort, chosen]
 
     return make

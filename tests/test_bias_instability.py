@@ -12,8 +12,8 @@ from session.common.units import DEG, DEG_PER_HOUR
 from session.log.config import Site
 from session.log.folder import read_session
 from tinygc.closure.bias_wander import UNKNOWN, BiasInstability
+from tinygc.explanation.noise.session_noise import known_whitener
 from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.twin.whitening import Whitener
 from tinygc.problem.bias_instability import ESTIMATED, GIVEN, estimated
 from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
@@ -84,7 +84,7 @@ def test_what_was_estimated_of_the_unit_is_not_widened_as_a_data_sheet_s_is(simu
     session = read_session(simulated())
     own = build_problem(of_another(session))
     same = build_problem(of_another(session, gyro_bias_instability_dph=own.instability.rps / DEG_PER_HOUR))
-    narrow, wide = (Whitener(Twin(problem)).sigma for problem in (own, same))
+    narrow, wide = (known_whitener(Twin(problem)).sigma for problem in (own, same))
     assert np.all(narrow <= wide * (1 + 1e-12))
     assert np.any(narrow < 0.99 * wide)
 

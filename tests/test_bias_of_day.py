@@ -108,7 +108,8 @@ def two_days(tmp_path_factory):
     parent = tmp_path_factory.mktemp("days")
     for name, turns, bias, seed in (("first", 20, (0.5, -0.3, 0.6), 1), ("second", 8, (0.62, -0.35, 0.51), 2)):
         write_session(parent / name, Table().tumble(turns, seed=seed).samples(bias_dps=bias, seed=seed))
-    assert calibrate.main(["fit", str(parent / "first"), "--methods", "least_squares,tinygc,tinygc_denoised", "--quiet"]) == 0
+    words = ["--methods", "least_squares,tinygc,tinygc_denoised", "--bias", "ends", "--quiet"]
+    assert calibrate.main(["fit", str(parent / "first"), *words]) == 0
     return parent
 
 
@@ -148,7 +149,7 @@ def test_what_was_fitted_stays_and_still_compares_and_exports(two_days, tmp_path
     for model in ("rebiased", str(folder / "fit" / "model_rebiased.json")):
         assert calibrate.main(["export", str(folder), "--to", "kalibr", "--model", model, "--quiet"]) == 0
     noise = json.loads(after["rebiased.json"])["noise"]
-    assert noise == json.loads(before["fit.json"])["noise"]
+    assert noise.items() <= json.loads(before["fit.json"])["noise"].items()
     assert f"{noise['accel_g_rthz'][0] * 9.80665:.3g}"[:4] in (folder / "export" / "imu.yaml").read_text()
     assert calibrate.main(["export", str(folder), "--to", "json", "--model", "rebiased", "--quiet"]) == 0
 

@@ -262,3 +262,16 @@ def test_picking_segments_keeps_their_rows(turns):
     np.testing.assert_array_equal(picked.end, batch.end[[1, 3]])
     assert batch.angles == 2
     assert replace(batch, yaw_known=True).angles == 3
+
+
+def test_a_batch_without_its_longest_segment_ends_where_the_others_do(turns):
+    """The same attitudes from fewer columns."""
+    whole = turns.batch(PERFECT, True)
+    pad = ((0, 0), (0, 500))
+    padded = replace(
+        whole, rate=np.pad(whole.rate, (*pad, (0, 0)), "edge"), dt=np.pad(whole.dt, pad), earth=np.pad(whole.earth, (*pad, (0, 0)))
+    )
+    cut = padded.trimmed()
+    assert cut.rate.shape == whole.rate.shape
+    np.testing.assert_array_equal(cut.dt, whole.dt)
+    np.testing.assert_allclose(closure.end_attitude(cut, cut.rate), closure.end_attitude(padded, padded.rate), atol=1e-14)

@@ -18,7 +18,8 @@ from tinygc.simulation.write import write_files
 
 PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")
 REGISTER = sorted(name for name, effect in catalogue().items() if effect.kind == "register")
-FITTED = sorted(set(catalogue()) - set(REGISTER))
+MOTION = sorted(name for name, effect in catalogue().items() if effect.kind == "motion")
+FITTED = sorted(set(catalogue()) - {*REGISTER, *MOTION})
 DRIFT, ASYMMETRY = catalogue()["gyro.bias_drift"], catalogue()["gyro.scale_asymmetry"]
 
 
@@ -42,6 +43,17 @@ def test_the_effects_that_are_found_before_any_fit_pass(name, tmp_path):
     report = check(catalogue()[name], explanation=explain_session(tmp_path))
     assert report.ok, str(report)
     assert {part.name for part in report.parts if part.result == "not checked"} == {"undo", "recover", "live"}
+
+
+@pytest.mark.parametrize("name", MOTION)
+def test_of_motion_that_readings_miss_columns_words_and_units_are_proved(name):
+    """It adds no rate: there is nothing to inject, to undo or to compile, and each part says so."""
+    report = check(catalogue()[name])
+    assert report.ok, str(report)
+    assert {part.name for part in report.parts if part.result == "not checked"} == {"undo", "recover", "picture", "live"}
+    assert report["columns"].says == "none, as of kind motion"
+    assert "no fit finds it" in report["recover"].says
+    assert report["c"].says.startswith("none: ")
 
 
 def _previous(movement) -> np.ndarray:

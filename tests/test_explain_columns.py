@@ -8,7 +8,7 @@ from simulated_twins import make_twin_of
 
 from session.common.units import DEG, EARTH_RATE_RPS, MG
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.explanation.naming.forward import candidates
+from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.naming.unknown import slow_candidates, unknown_candidates
 from tinygc.explanation.truth.truth_effects import wander
 from tinygc.explanation.twin.twin import State, Twin
@@ -57,7 +57,7 @@ def test_shapes_without_a_name_read_only_what_they_declare(twin_of):
         assert np.isfinite(effect.correct(twin.movements[0].rate, twin.movements[0], theta)).all()
 
 
-@pytest.mark.parametrize("name", sorted(set(catalogue()) - {n for n, e in catalogue().items() if e.kind == "register"}))
+@pytest.mark.parametrize("name", sorted(set(catalogue()) - {n for n, e in catalogue().items() if e.kind in ("register", "motion")}))
 def test_columns_of_each_effect(twin_of, name):
     """At zero, where naming looks at them."""
     twin, _ = twin_of(warm_up_c=6.0)

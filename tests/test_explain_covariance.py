@@ -11,7 +11,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.bias_wander import wander_covariance
 from tinygc.explanation.twin.twin import Channels, Twin
-from tinygc.explanation.twin.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, UNIT_INSTABILITY
+from tinygc.explanation.twin.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 
@@ -28,7 +28,7 @@ class Noise:
         (movement,) = twin.movements
         self.t_s = movement.t_s
         self.knots_s = np.arange(0, movement.t_s[-1] + 0.5, 0.5)
-        self.wander = np.linalg.cholesky(wander_covariance(self.knots_s, instability_rps=UNIT_INSTABILITY * 3 * DEG_PER_HOUR))
+        self.wander = np.linalg.cholesky(wander_covariance(self.knots_s, instability_rps=3 * DEG_PER_HOUR))
 
     def residuals(self, noisy: bool) -> np.ndarray:
         """Stacked (n,)."""

@@ -25,7 +25,7 @@ KEYS = {
     "next": (str, type(None)),
 }
 #: said beyond what docs/formats.md asks for
-MORE = {"findings", "logs", "warnings", "seen_from", "within_stills", "channels", "turn_gravity", "noise", "version"}
+MORE = {"considered", "findings", "logs", "warnings", "seen_from", "within_stills", "channels", "turn_gravity", "noise", "version"}
 #: beside a p-value that underflows
 BOUND = {"p_value_is_upper_bound"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]
@@ -61,7 +61,8 @@ def test_the_json_is_as_formats_has_it(explained, name):
         assert 0 <= start < stop <= duration + 0.01
     for effect in result["effects"] + result["findings"]:
         found_only = {"share"} if effect["id"].startswith("unknown.") else set()
-        assert set(effect) - BOUND == {"id", "equation", "parameters", "std", "p_value", "equivalent", "says"} | found_only
+        asked = {"id", "equation", "parameters", "std", "p_value", "probability", "rivals", "equivalent", "says"}
+        assert set(effect) - BOUND == asked | found_only
         assert 0.1 <= effect.get("share", 1) <= 1
         assert set(effect["std"]) <= set(effect["parameters"])
         assert 0 < effect["p_value"] <= 1

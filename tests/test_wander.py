@@ -87,15 +87,16 @@ def test_it_is_the_wandering_that_the_simulator_draws():
 
 
 def test_a_fit_says_uncertainties_with_the_wander(simulated):
-    result = fit_session(simulated(), FitOptions(methods=("least_squares",), folds=2))
+    """As far as it shows in this recording, whose bias wanders by 3 °/h; what is stated of B is near what the data sheet's figure gives."""
+    result = fit_session(simulated(), FitOptions(methods=("least_squares",), folds=2, bias="ends"))
     problem, model = result.problem, result.linear.model
-    expected, still = (
-        result.goodness.excess * parameter_covariance(problem.batch, problem.floor, model, problem.earth, None, moments)
-        for moments in (problem.wander, None)
+    given, still = (
+        parameter_covariance(problem.batch, problem.floor, model, problem.earth, None, moments) for moments in (problem.wander, None)
     )
-    np.testing.assert_allclose(result.covariance, expected, rtol=1e-12)
-    assert np.all(np.diag(expected)[9:] > 1.1 * np.diag(still)[9:])
-    assert np.linalg.eigvalsh(expected / np.sqrt(np.outer(np.diag(expected), np.diag(expected)))).min() > 0
+    stated = result.covariance
+    assert np.all(np.diag(stated)[9:] > 1.1 * np.diag(still)[9:])
+    np.testing.assert_allclose(np.sqrt(np.diag(stated - result.accelerometer_covariance)[9:] / np.diag(given)[9:]), 1, atol=0.4)
+    assert np.linalg.eigvalsh(stated / np.sqrt(np.outer(np.diag(stated), np.diag(stated)))).min() > 0
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ from session.checks.findings import Finding, worst
 from session.checks.samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
 from session.checks.stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
 from session.checks.truth import check_truth
+from session.checks.undersampling import check_undersampling
 from session.common.errors import CalibrationError
 from session.detect.session_stills import SessionStills
 from session.detect.stills import Noise, Still
@@ -58,6 +59,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_zero_rate(where, good, config.sensor.model),
         *check_gravity(where, good, config, noise),
         *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
+        *check_undersampling(log, good, noise, config),
     ]
 
 

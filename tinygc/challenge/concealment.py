@@ -37,6 +37,10 @@ class Place(Protocol):
         """Full scale, dps."""
 
     @property
+    def odr_hz(self) -> float:
+        """Data rate."""
+
+    @property
     def temperature_start_c(self) -> float:
         """At the first sample, degC."""
 

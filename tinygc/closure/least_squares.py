@@ -6,7 +6,7 @@ wander along a direction that no segment observes.  (r is half an angle, hence t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 #: a parameter whose sigma is not at least this much below its prior's was not observed
 OBSERVED_BELOW = 0.1
 MAX_STEPS = 50
+#: of a parameter's prior: what is held
+HELD = 1e-9
 #: rad: a step that changes no residual by more than this ends the search
 TOLERANCE = 1e-9
 
@@ -41,14 +43,21 @@ def fit_least_squares(
     *,
     still_rates: StillRates | None = None,
     integrator: str = "exact",
+    rest_rps: np.ndarray | None = None,
 ) -> LeastSquaresFit:
     """Fit the 12 parameters to a batch with sigma (S,) rad of each segment, or (S, d) of each angle, from a start.
+
+    rest_rps (3,): the bias as it is measured at rest, where it is known: then E alone is fitted, and B = -E rest_rps.
 
     Raises FitError where the search does not settle (residuals that are not finite, or no segments).
     The covariance returned is that of independent residuals with these sigmas; ``uncertainty.parameter_covariance`` refines it.
     """
     if len(batch) == 0:
         raise FitError("no segments to fit; see the reasons for which they were rejected")
+    scale = PRIOR_SIGMA.copy()
+    if rest_rps is not None:
+        batch, start = replace(batch, rate=batch.rate - rest_rps), replace(start, B=np.zeros(3))
+        scale[linear.BIAS] *= HELD
     vector, prior = start.vector, start.vector
     weight = 1 / sigma.reshape(len(batch), -1)
     rank = linear.PARAMETERS
@@ -64,18 +73,22 @@ def fit_least_squares(
         if still_rates is not None:
             rows.append(still_rates.columns())
             values.append(still_rates.residuals(model))
-        jacobian, r = np.concatenate(rows) * PRIOR_SIGMA, np.concatenate(values)
+        jacobian, r = np.concatenate(rows) * scale, np.concatenate(values)
         left, strength, right = np.linalg.svd(jacobian, full_matrices=False)
         # What noise alone lets a direction seem to do is no observation: it stays at the prior instead of fitting that noise.
         rank = min(rank, int(np.sum(strength**2 > OBSERVED_BELOW**-2 - 1)))
-        aim = left.T @ (jacobian @ ((vector - prior) / PRIOR_SIGMA) - r) * strength / (strength**2 + 1)
-        change = prior + PRIOR_SIGMA * (aim[:rank] @ right[:rank]) - vector
+        aim = left.T @ (jacobian @ ((vector - prior) / scale) - r) * strength / (strength**2 + 1)
+        change = prior + scale * (aim[:rank] @ right[:rank]) - vector
         vector = vector + change
         if np.abs(design @ change).max() < TOLERANCE:
             break
     else:
         raise FitError(f"least squares did not settle in {MAX_STEPS} steps; look at `calibrate.py check` for what is wrong with the data")
-    covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) * np.outer(PRIOR_SIGMA, PRIOR_SIGMA)
+    covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) * np.outer(scale, scale)
     seen = np.sqrt(np.diag(covariance)) < OBSERVED_BELOW * PRIOR_SIGMA
+    if rest_rps is not None:
+        seen[linear.BIAS] = True
+        model = LinearModel.from_vector(vector)
+        vector = replace(model, B=-model.E @ rest_rps).vector
     unobserved = tuple(name for name, ok in zip(linear.NAMES, seen, strict=True) if not ok)
     return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps)

@@ -59,6 +59,12 @@ class Batch:
         """Some of the segments, by index or mask."""
         return replace(self, **{name: getattr(self, name)[which] for name in ("rate", "dt", "earth", "start", "end")})
 
+    def trimmed(self) -> Batch:
+        """Without the columns in which no segment has a sample any more: what is left out may have been the longest."""
+        lasting = np.flatnonzero(self.dt.any(axis=0))
+        count = int(lasting[-1]) + 2 if len(lasting) else self.rate.shape[1]
+        return replace(self, rate=self.rate[:, :count], dt=self.dt[:, : count - 1], earth=self.earth[:, :count])
+
 
 def end_attitude(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
     """Predicted q_tb (S, 4) at the end from calibrated rates (S, T, 3), which still hold the Earth's rate.

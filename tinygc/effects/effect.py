@@ -22,7 +22,11 @@ from tinygc.effects.parameter import Derived, Parameter, Scan
 from tinygc.effects.picture import OF_TURNS, PAIRS, STILLS, TURNS, OwnPicture
 from tinygc.effects.reach import INPUT_REACH, INPUTS, NOWHERE, Reach
 
-KINDS = ("rate", "force", "earth", "register", "truth")
+#: what the JSON says of an effect that happens to the readings
+READINGS = "readings"
+#: rad/s: far below any register's step
+SETTLED_RPS = 1e-12
+KINDS = ("rate", "force", "earth", "register", "motion", "truth")
 SEEN_IN = ("still", "turn", "reference", "timing")
 #: what a format with a matrix or a slope can carry: add = K f, theta (9,) per g row by row; add = k (T - T0), theta (3,)
 LINEAR_IN = ("force", "temperature")
@@ -36,7 +40,8 @@ class Effect:
     columns(movement) -> (N, 3, P): what each parameter adds to the rate per SI unit, linear, for naming;
     says(theta) -> one plain sentence for the operator; splits: the movement that tells it from its lookalikes;
     kind: "rate", or what it bends instead: "force" (the reference), "earth" (the Earth's rate in the forward model), "register" (what
-    is found, and mended, before any fit), "truth" (a truth file).
+    is found, and mended, before any fit), "motion" (nothing: what the readings miss of the motion itself adds variance to the closure, and
+    nothing undoes it), "truth" (a truth file).
 
     What it looks at.  inputs: some of ``INPUTS`` that it reads beside the rate; reach: how far around a sample it looks, or
     reach(theta) where that depends on its parameters.
@@ -52,6 +57,7 @@ class Effect:
     occurs: of a register effect, which parameter tells the moments.
 
     In use.  regime: variable and unit that it is drawn and located along; picture: a name of ``picture.PAIRS`` or a function;
+    of_readings: the same effect where it happens to the readings, after the linear errors: both are weighed; ``on_readings``: that form.
     device: its C, or why there is none; linear_in: "force" or "temperature" where a format's matrix or slope can carry it.
 
     Raises EffectError for a declaration that cannot be.
@@ -81,6 +87,8 @@ class Effect:
     picture: str | OwnPicture | None = None
     device: DeviceCode = NONE
     linear_in: str | None = None
+    of_readings: Effect | None = None
+    on_readings: bool = False
 
     def __post_init__(self) -> None:
         known = isinstance(self.id, str) and re.fullmatch(r"[a-z]+\.[a-z][a-z0-9_]*", self.id)
@@ -126,10 +134,12 @@ class Effect:
             return self.exact_correct(measured, movement, theta)
         if self.basis is not None:
             return measured - self.basis(movement) @ theta.reshape(-1, 3)
-        rate = measured
+        rate, added = measured, None
         for _ in range(PASSES):
-            now = movement.with_rate(rate)
-            rate = measured - (self._distorted(now, theta) - rate)
+            before, added = added, self._distorted(movement.with_rate(rate), theta) - rate
+            rate = measured - added
+            if before is not None and np.abs(added - before).max(initial=0.0) < SETTLED_RPS:
+                break  # what does not follow the rate is there at once
         return rate
 
     def shown(self, movement: Movement) -> Movement:
@@ -161,8 +171,14 @@ class Effect:
         return replace(made, scan=self.scan, shape={self.scan.name: float(value) / self.scan.si})
 
     def variants(self, values: np.ndarray) -> list[Effect]:
-        """One effect for each value (K,), SI, of a scanned shape; the effect itself where it has none."""
-        return [self.at(value) for value in values] if self.scan is not None else [self]
+        """One effect for each value (K,), SI, of a scanned shape; the effect itself where it has none, in both of its forms."""
+        if self.scan is not None:
+            return [self.at(value) for value in values]
+        return [self] if self.of_readings is None else [self, self.of_readings]
+
+    def moved_to_readings(self, equation: str) -> Effect:
+        """The same effect, after the linear errors instead of before them."""
+        return replace(self, equation=equation, on_readings=True, shape={**self.shape, "of": READINGS})
 
     @property
     def pair(self) -> str | OwnPicture:

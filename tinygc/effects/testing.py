@@ -32,6 +32,7 @@ def check(effect: Effect, **how: Any) -> Any:
 
     how: size, SI, of the injected parameters (a twentieth of the plausible); value, SI, of the scanned shape; seeds: sessions (3);
     parts: names of those to run (all); explanation: an ``Explanation`` that claims the effect, to be drawn, for one that is found
-    before any fit.  Raises EffectError for what is no effect at all, a size that is not positive, and less than one session.
+    before any fit, or that adds variance alone (of kind "motion" no more is proved without it than columns of zero, sentence and units).
+    Raises EffectError for what is no effect at all, a size that is not positive, and less than one session.
     """
     return importlib.import_module(_PROOF).check(effect, **how)

@@ -41,7 +41,8 @@ LASTING, SWITCH_ON = ("scale factor error", "misalignment"), ("bias",)
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """One fitted session: vector (12,) and covariance (12, 12) of least squares; what it could not observe; closure excess."""
+    """One fitted session: vector (12,) and covariance (12, 12) of least squares; what it could not observe; closure excess;
+    accelerometer (12, 12): what of the covariance the accelerometer's pre-calibration adds."""
 
     folder: Path
     config: Config
@@ -50,6 +51,7 @@ class Calibrated:
     unobserved: tuple[str, ...]
     hashes: tuple[str, ...]
     notes: tuple[str, ...]
+    accelerometer: np.ndarray | None = None
 
     @property
     def name(self) -> str:
@@ -126,7 +128,24 @@ def read_calibrated(folder: Path) -> Calibrated:
         notes.append("its closure is above its noise floor: its sigmas are widened for that, and `explain` says why")
     unobserved = tuple(name for name in NAMES if name in (table.get("unobserved") or ()))
     hashes = tuple(sha256_of(log) for log in log_paths(folder, "log"))
-    return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes))
+    accelerometer = None
+    if "accelerometer_covariance" in table:
+        accelerometer = _matrix(table["accelerometer_covariance"])
+        if accelerometer.shape != (12, 12) or not np.isfinite(accelerometer).all():
+            raise FormatError(f"{path}: accelerometer_covariance is not 12 x 12; run `calibrate.py fit {folder}` again")
+    return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes), accelerometer)
+
+
+def _apart(sessions: list[Calibrated]) -> list[np.ndarray]:
+    """(12, 12) of each session, without what all of them share: one pre-calibration of the accelerometer errs the same in all."""
+    one = sessions[0].config.accelerometer
+    same = all(
+        np.array_equal(s.config.accelerometer.matrix, one.matrix) and np.array_equal(s.config.accelerometer.bias_mps2, one.bias_mps2)
+        for s in sessions
+    )
+    if not same:
+        return [s.covariance for s in sessions]
+    return [s.covariance if s.accelerometer is None else s.covariance - s.accelerometer for s in sessions]
 
 
 def _matrix(entry: Any) -> np.ndarray:
@@ -140,7 +159,7 @@ def _matrix(entry: Any) -> np.ndarray:
 def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
     """Compare two sessions or more.  Raises DataError where two of them are one and the same recording."""
     _refuse_same(sessions)
-    vectors, covariances = np.array([s.vector for s in sessions]), np.array([s.covariance for s in sessions])
+    vectors, covariances = np.array([s.vector for s in sessions]), np.array(_apart(sessions))
     words = [(word, component, unit) for word, components, unit, _ in WORDS for component in components]
     si = np.array([size for _, components, _, size in WORDS for _ in components])
     # One Jacobian for all: about the mean, so that equal differences are equal everywhere.

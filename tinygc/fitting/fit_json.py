@@ -38,9 +38,12 @@ def to_json(result: FitResult) -> dict:
             "accel_g_rthz": (problem.noise.accel / G).tolist(),
             **problem.instability.to_json(),
             "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
+            "closure_all_rms_deg": None if result.noise is None else result.noise.tilt_rms / DEG,
+            "components": [] if result.noise is None else result.noise.to_json(),
             **({} if result.physics is None else {"closure_floor_mended_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
         },
         "goodness": vars(result.goodness),
+        "bias_from": result.bias_from.to_json(),
         "unobserved": result.linear.notes.get("unobserved", []),
         "earth": {
             "source": earth.source,
@@ -79,6 +82,7 @@ def to_json(result: FitResult) -> dict:
             "parts": result.options.parts,
             "conditions": list(result.options.conditions),
             "bias_per_log": result.options.bias_per_log,
+            "bias": result.options.bias,
         },
         "version": VERSION,
     }

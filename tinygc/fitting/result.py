@@ -10,6 +10,8 @@ import numpy as np
 from session.checks.first_look import Finding
 from session.log.folder import Session
 from tinygc.closure.uncertainty import GoodnessOfFit
+from tinygc.fitting.bias_choice import BiasChoice
+from tinygc.fitting.stated_noise import StatedNoise
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.problem.closure_run import ClosureRun
@@ -24,10 +26,12 @@ class FitResult:
     """Everything a fit found.
 
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
-    ``goodness.excess``; other_choice: least squares with the opposite choice of still rates; first_order_rad: the largest error of
-    the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
-    were not fitted again, but taken from what had been saved; lost_s: with physics, moments in each run after which samples seem to be
-    missing; bias_sigma_rps (3,): spread of the logs' biases, where each had its own.
+    ``widened``, what no noise explains; accelerometer_covariance (12, 12): what of it the accelerometer's pre-calibration adds; noise
+    that the recording shows, None where it is not estimated; bias_from: where the bias comes from; other_choice: least squares with the
+    opposite choice of still rates; first_order_rad: the largest error of the paper's integrator on these segments; warnings of the first
+    look; physics that was fitted as well, or None; reused: methods that were not fitted again, but taken from what had been saved;
+    lost_s: with physics, moments in each run after which samples seem to be missing; bias_sigma_rps (3,): spread of the logs' biases,
+    where each had its own.
     """
 
     problem: Problem
@@ -38,6 +42,8 @@ class FitResult:
     goodness: GoodnessOfFit
     linear: MethodFit
     covariance: np.ndarray
+    widened: float
+    bias_from: BiasChoice
     other_choice: MethodFit
     first_order_rad: float
     warnings: list[Finding]
@@ -45,6 +51,8 @@ class FitResult:
     reused: tuple[str, ...] = ()
     bias_sigma_rps: np.ndarray | None = None
     lost_s: tuple[np.ndarray, ...] = ()
+    noise: StatedNoise | None = None
+    accelerometer_covariance: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"

@@ -48,6 +48,8 @@ def model_tables(result: FitResult) -> dict[str, dict]:
         more: dict[str, Any] = {"method": name, **made_from}
         if fit is result.linear:
             more["covariance"] = result.covariance.tolist()
+            if result.accelerometer_covariance is not None:
+                more["accelerometer_covariance"] = result.accelerometer_covariance.tolist()
             more["unobserved"] = fit.notes.get("unobserved", [])
         ended: dict[str, Any] = {"method": name + AT_END, **made_from}
         if name == "physics" and result.physics is not None:

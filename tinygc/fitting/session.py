@@ -14,9 +14,12 @@ from session.common.errors import SegmentError
 from session.log.folder import Session
 from session.log.hashes import input_hashes
 from tinygc.closure.residual import closure_angles
-from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.closure.uncertainty import GoodnessOfFit, goodness, parameter_covariance
 from tinygc.fitting import saved_fit
+from tinygc.fitting.bias_choice import choose
 from tinygc.fitting.result import FitResult
+from tinygc.fitting.stated_noise import StatedNoise, stated_noise
+from tinygc.fitting.stated_sigmas import stated_covariance, stated_goodness
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
@@ -27,6 +30,9 @@ from tinygc.problem.problem import Problem
 
 #: told what is being done, and how many steps of how many are done
 Progress = Callable[[str, int, int], None]
+
+#: methods that fit nothing: shown as the sensor measured
+RAW = ("raw", "raw_bias_removed")
 
 if TYPE_CHECKING:
     from tinygc.fitting.physics.fit_physics import PhysicsFit
@@ -56,9 +62,11 @@ def fit_session(
         from tinygc.fitting.days import levelled
 
         problem, spread = levelled(problem)
-    fits, reused = _run_methods(problem, options, progress, saved)
+    progress("bias", 0, 1)
+    bias_from, level, linear = choose(problem, options)
+    fits, reused = _run_methods(problem, level, options, linear, progress, saved)
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
-    linear = fits.get("least_squares") or run_method("least_squares", problem, options)
+    linear = fits.get("least_squares") or linear
     physics: PhysicsFit | None = None
     lost: tuple[np.ndarray, ...] = ()
     if options.physics is not None:
@@ -67,13 +75,13 @@ def fit_session(
         errors = [error | more for error, more in zip(errors, more_errors, strict=True)]
     model = linear.model
     assert isinstance(model, LinearModel)  # that is what least squares fits
-    found = goodness(problem.batch, problem.floor, model, problem.wander)
-    rates = problem.still_rates if options.still_rates else None
-    covariance = found.excess * parameter_covariance(problem.batch, problem.floor, model, problem.earth, rates, problem.wander)
+    progress("noise", 0, 1)
+    noise = None if options.bias_per_log else stated_noise(problem)
+    found, widened, covariance, accelerometer = _stated(level, model, noise, options)
     other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
-    exact, first_order = (closure_angles(problem.batch, linear.model, name) for name in ("exact", "first-order"))
+    exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(
-        problem=replace(problem, floor=floor),  # several days' weights are no noise
+        problem=replace(level, floor=floor),  # several days' weights are no noise
         options=options,
         methods=fits,
         runs=runs,
@@ -83,6 +91,10 @@ def fit_session(
         goodness=found,
         linear=linear,
         covariance=covariance,
+        widened=widened,
+        accelerometer_covariance=accelerometer,
+        noise=noise,
+        bias_from=bias_from,
         other_choice=other,
         warnings=prepared.warnings,
         bias_sigma_rps=spread,
@@ -91,16 +103,34 @@ def fit_session(
     )
 
 
+def _stated(
+    problem: Problem, model: LinearModel, noise: StatedNoise | None, options: FitOptions
+) -> tuple[GoodnessOfFit, float, np.ndarray, np.ndarray | None]:
+    """Goodness of fit; the factor by which the covariance is widened beyond all noise; the covariance (12, 12), widened; and what of it
+    the accelerometer's pre-calibration adds, None where that is not in it."""
+    if noise is None:
+        found = goodness(problem.batch, problem.floor, model, problem.wander)
+        rates = problem.still_rates if options.still_rates else None
+        covariance = parameter_covariance(problem.batch, problem.floor, model, problem.earth, rates, problem.wander)
+        return found, found.excess, found.excess * covariance, None
+    found, widened = stated_goodness(problem, model, noise)
+    covariance, accelerometer = stated_covariance(problem, model, noise, options.still_rates)
+    return found, widened, widened * covariance, widened * accelerometer
+
+
 def _run_methods(
-    problem: Problem, options: FitOptions, progress: Progress, saved: Path | None
+    problem: Problem, level: Problem, options: FitOptions, linear: MethodFit, progress: Progress, saved: Path | None
 ) -> tuple[dict[str, MethodFit], tuple[str, ...]]:
-    """The methods by name, and the names of those that were taken as they had been saved."""
-    known = {} if saved is None else saved_fit.saved_methods(saved, problem, options, input_hashes(problem.session))
+    """The methods by name, and the names of those that were taken as they had been saved; level: the problem with the bias that was
+    chosen, to which all that is fitted is fitted; linear: least squares of it."""
+    known = {} if saved is None else saved_fit.saved_methods(saved, level, options, input_hashes(problem.session))
+    known.setdefault("least_squares", linear)
     fits: dict[str, MethodFit] = {}
     for name in (*options.methods, *(["tinygc_conditions"] if options.conditions else [])):
         words = "tinygc with " + " and ".join(options.conditions) if name == "tinygc_conditions" else name.replace("_", " ")
-        fits[name] = known.get(name) or run_method(name, problem, options, partial(progress, words), fits)
-    return fits, tuple(name for name in options.methods if name in known)
+        own = problem if name in RAW else level
+        fits[name] = known.get(name) or run_method(name, own, options, partial(progress, words), fits)
+    return fits, tuple(name for name in options.methods if name in known and known[name] is not linear)
 
 
 def _run_physics(

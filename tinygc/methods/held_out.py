@@ -26,7 +26,8 @@ class Seen:
 
     batch of S segments; sigma (S, d) rad; start: the first still's bias off; still_rates where they are data, too; order (S,): numbers
     that count on where a segment begins with the still that the one before ended with, None where each stands alone; whole: the
-    model that was fitted to all segments, where this is a fold; label: ``whole``, ``fold0``, …
+    model that was fitted to all segments, where this is a fold; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s that the
+    stills show, where it is not to be fitted.
     """
 
     batch: Batch
@@ -38,6 +39,7 @@ class Seen:
     progress: Progress
     whole: Model | None = None
     label: str = "whole"
+    rest_rps: np.ndarray | None = None
 
     def fold(self, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
         """The segments where ``seen`` (S,) is set, as fold ``number``."""
@@ -66,6 +68,7 @@ def held_out(
         still_rates=problem.still_rates if options.still_rates else None,
         order=consecutive(problem.used) if options.parts > 1 else None,
         progress=lambda done, of: progress(done, of * steps),
+        rest_rps=problem.rest_rps,
     )
     began = time.perf_counter()
     model, notes = fit(everything)

@@ -17,5 +17,7 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
 
 
 def _fit(seen: Seen) -> tuple[LinearModel, dict]:
-    fit = fit_least_squares(seen.batch, seen.sigma, seen.start, still_rates=seen.still_rates, integrator=seen.options.integrator)
+    options, rest = seen.options, seen.rest_rps
+    rates = seen.still_rates if rest is None else None  # the stills are in the readings already
+    fit = fit_least_squares(seen.batch, seen.sigma, seen.start, still_rates=rates, integrator=options.integrator, rest_rps=rest)
     return fit.model, {"steps": fit.steps, "unobserved": list(fit.unobserved)}

@@ -11,6 +11,7 @@ from tinygc.methods.denoise_options import DenoiseOptions
 from tinygc.methods.registry import CHOSEN
 
 INTEGRATORS, OPTIMIZERS = ("exact", "first-order"), ("second-order", "adamw")
+BIASES = ("auto", "ends", "stills")
 LOSSES, VARIANTS, CONDITIONS = ("squared", "distance"), ("paper", "published"), ("temperature", "force")
 
 
@@ -34,7 +35,9 @@ class FitOptions:
     parts: segments that the net's training carries the attitude through;
     conditions: what a further net is told, some of ``temperature``, ``force``;
     checkpoints: folder where AdamW leaves what it can go on from, and resume: whether it does;
-    bias_per_log: whether each log has a bias of its own, of which the median is kept.
+    bias_per_log: whether each log has a bias of its own, of which the median is kept;
+    bias: from the ``ends`` of the turns, as everything else, from the ``stills`` around each, or ``auto``: what closes held-out
+        segments better.
     """
 
     methods: tuple[str, ...] = CHOSEN
@@ -55,13 +58,20 @@ class FitOptions:
     checkpoints: Path | None = None
     resume: bool = False
     bias_per_log: bool = False
+    bias: str = "auto"
 
     def __post_init__(self) -> None:
         for name in ("methods", "physics", "conditions"):
             if isinstance(getattr(self, name), str):
                 object.__setattr__(self, name, (getattr(self, name),))
         self._require(bool(self.methods) and set(self.methods) <= set(CHOSEN), "methods", f"some of {', '.join(CHOSEN)}")
-        for name, known in (("integrator", INTEGRATORS), ("optimizer", OPTIMIZERS), ("loss", LOSSES), ("variant", VARIANTS)):
+        for name, known in (
+            ("integrator", INTEGRATORS),
+            ("optimizer", OPTIMIZERS),
+            ("loss", LOSSES),
+            ("variant", VARIANTS),
+            ("bias", BIASES),
+        ):
             self._require(getattr(self, name) in known, name, f"one of {', '.join(known)}")
         self._require(set(self.conditions) <= set(CONDITIONS), "conditions", f"some of {', '.join(CONDITIONS)}")
         for name, least in (("folds", 2), ("seed", 0), ("epochs", 1), ("parts", 1)):

@@ -22,7 +22,9 @@ RATES_ALIKE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class PhysicsModel(BaseModel):
-    """omega = (effects undone)(E m + B): linear model, claims in the order in which they are undone, and what they refer to."""
+    """omega = (effects undone)(E m + B), those of the readings undone in m.
+
+    Linear model, claims in the order in which they are undone, and what they refer to."""
 
     kind: ClassVar[str] = "physics"
     pointwise: ClassVar[bool] = False
@@ -96,9 +98,15 @@ class PhysicsModel(BaseModel):
         CalibrationError for samples beyond the session, where an effect follows its time.
         """
         self._refuse_other_times(samples, began_s)
-        rate = self.linear(samples.gyro)
-        movement = movement_of(samples, rate, self.known, began_s, live)
+        readings = samples.gyro
+        movement = movement_of(samples, self.linear(readings), self.known, began_s, live)
         for claim in self.claims:
+            if claim.effect.on_readings:
+                readings = claim.effect.correct(readings, movement.with_rate(readings), claim.theta)
+        rate = self.linear(readings)
+        for claim in self.claims:
+            if claim.effect.on_readings:
+                continue
             rate = claim.effect.correct(rate, movement.with_rate(rate), claim.theta)
         return rate
 

@@ -62,7 +62,7 @@ def build_problem(
     start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
     # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
     for _ in range(2):
-        fit = fit_least_squares(chain.pick(used), sigma, start)
+        fit = fit_least_squares(chain.pick(used).trimmed(), sigma, start)
         logs, chain = carry_yaw(logs, segments, chain, fit.model)
         earths = _earths(session, logs, fit.model)
         if not use_earth:
@@ -70,7 +70,7 @@ def build_problem(
         at = attitudes(chain, fit.model(chain.rate))
         groups = [int(logs[segment.log].group[logs[segment.log].stills.index(segment.stills[0])]) for segment in segments]
         chain = replace(chain, earth=np.stack([earths[g].in_body(q) for g, q in zip(groups, at, strict=True)]))
-    batch = chain.pick(used)
+    batch = chain.pick(used).trimmed()
     accepted = [segment for segment in segments if segment.accepted]
     floor = closure_floor(
         batch,

@@ -28,7 +28,8 @@ class Problem:
 
     segments: all of them, accepted or not; batch: the accepted ones, in order; floor of the batch; earths by yaw group; logs: stills
     by log; first: the linear fit that carried the yaw; still_rates of every reference still; found: the session's stills as they were
-    found, for its closure runs.
+    found, for its closure runs; rest_rps: the mean bias (3,) rad/s, as it is measured, where the batch has every turn at it by the
+    stills on either side (``still_bias.py``), else None.
     """
 
     session: Session
@@ -40,6 +41,7 @@ class Problem:
     first: LinearModel
     still_rates: StillRates
     found: SessionStills
+    rest_rps: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"<Problem {self.session.name}: {len(self.stills)} stills, {len(self.used)} of {len(self.segments)} segments used>"

@@ -111,6 +111,9 @@ def _methods(result: FitResult) -> Table:
         )
     floor = f"{result.problem.floor.tilt_rms / DEG:.4f}"
     table.add_row("noise floor", "", floor, floor, style="dim")
+    if result.noise is not None and result.noise.tilt_rms > (1 + SAME_FLOOR) * result.problem.floor.tilt_rms:
+        beyond = f"{result.noise.tilt_rms / DEG:.4f}"
+        table.add_row("… with the noise beyond white", "", beyond, beyond, style="dim")
     if result.physics is not None and abs(result.physics.problem.floor.tilt_rms / result.problem.floor.tilt_rms - 1) > SAME_FLOOR:
         mended = f"{result.physics.problem.floor.tilt_rms / DEG:.4f}"
         table.add_row("noise floor of the mended log (physics)", "", mended, mended, style="dim")
@@ -165,16 +168,8 @@ def _parameters(result: FitResult) -> Table:
 
 def _remarks(result: FitResult) -> list[Text]:
     remarks = [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in result.warnings]
-    if result.goodness.excess > 1:
-        above = closure_figures(result.linear.angles)["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
-        remarks.append(
-            Text(
-                f"The closure is {above:.1f} times its noise floor (p {_p_words(result.goodness.p_value)}): something is missing from the "
-                f"model. The sigmas above are widened for it. Run `calibrate.py explain {result.session.folder}`.",
-                "yellow",
-            )
-        )
-    remarks.append(Text(f"Bias instability, which the sigmas reckon with: {result.problem.instability.words}."))
+    remarks += _noise_words(result)
+    remarks.append(Text(result.bias_from.words))
     remarks += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
         remarks.append(Text(_physics_words(result.physics), "cyan"))
@@ -196,6 +191,27 @@ def _remarks(result: FitResult) -> list[Text]:
     )
     remarks.append(Text(f"The paper's first-order integrator would err by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
     return remarks
+
+
+def _noise_words(result: FitResult) -> list[Text]:
+    """What the sigmas reckon with, and whether the closure needs more than noise."""
+    words = []
+    if result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual):
+        above = closure_figures(result.linear.angles)["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
+        p = f" (p {_p_words(result.goodness.p_value)})" if result.goodness.excess > 1 else ""
+        words.append(
+            Text(
+                f"The closure is {above:.1f} times its noise floor{p}: something is missing from the model, or this sensor's noise is more "
+                f"than white. The sigmas above are widened for it. Run `calibrate.py explain {result.session.folder}`.",
+                "yellow",
+            )
+        )
+    if result.noise is None:
+        words.append(Text(f"Bias instability, which the sigmas reckon with: {result.problem.instability.words}."))
+    else:
+        words.append(Text(f"Bias instability: {result.problem.instability.words}."))
+        words.append(Text(f"Noise beyond white, which the sigmas reckon with: {result.noise.words}."))
+    return words
 
 
 def _linear(fit: MethodFit) -> LinearModel:

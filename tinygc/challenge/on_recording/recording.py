@@ -68,6 +68,11 @@ class Recording:
         return all(log.samples.temp_c is not None for log in self.session.logs)
 
     @property
+    def odr_hz(self) -> float:
+        """Data rate, by the stamps."""
+        return 1 / float(np.median([movement.dt_s for movement in self.movements]))
+
+    @property
     def temperature_start_c(self) -> float:
         """At the first sample, degC; 25 without a thermometer."""
         return float(self.movements[0].first_temp_c) if self.has_temperature else 25.0

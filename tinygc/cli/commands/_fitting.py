@@ -11,8 +11,12 @@ if TYPE_CHECKING:
     from tinygc.methods.options import FitOptions
 
 
-def add_fit_arguments(command: argparse.ArgumentParser) -> None:
-    """What decides a fit's numbers."""
+#: where a fit takes its bias from
+BIASES = ("auto", "ends", "stills")
+
+
+def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] = ()) -> None:
+    """What decides a fit's numbers; of_day: further sources of a bias, for a stored calibration."""
     command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
     command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
     command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
@@ -41,6 +45,10 @@ def add_fit_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--bias-per-log", action="store_true", help="each log has a bias of its own, as of several days; their median is kept"
     )
+    sources = "from the ends of the turns, from the stills around each, or whichever closes held-out segments better (auto)"
+    if of_day:
+        sources += "; with --model, of the day: the first still, gravity over the run, --bias-dps"
+    command.add_argument("--bias", choices=(*BIASES, *of_day), metavar="|".join((*BIASES, *of_day)), help=sources)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
         "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
@@ -68,6 +76,7 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
         parts=args.parts,
         conditions=args.conditions,
         bias_per_log=args.bias_per_log,
+        bias=args.bias or "auto",
     )
 
 

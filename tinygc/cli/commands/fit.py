@@ -14,7 +14,9 @@ from tinygc.cli.commands._results import output, try_destinations, write_json
 from tinygc.methods.registry import METHODS
 
 #: what a bias of the day heeds of a fit's arguments
-HONOURED = ("exclude", "no_earth")
+HONOURED = ("exclude", "no_earth", "bias")
+#: what a stored calibration's bias of the day may come from
+OF_DAY = ("start", "gravity", "given")
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
 USES_EFFECTS = True
 
@@ -23,11 +25,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
     command.add_argument("folder", type=Path, help="session folder")
-    add_fit_arguments(command)
+    add_fit_arguments(command, OF_DAY)
     command.add_argument("--resume", action="store_true", help="go on with an adamw training that was interrupted")
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
     command.add_argument("--model", type=Path, metavar="FILE", help="a stored calibration, of which only the bias is taken anew (--bias)")
-    command.add_argument("--bias", choices=("start", "gravity", "given"), help="from: the first still, gravity over the run, --bias-dps")
     command.add_argument("--bias-dps", type=three, metavar="X,Y,Z", help="what the sensor reads at rest, for --bias given")
     command.add_argument("--out", type=Path, metavar="DIR", help="where the models go (fit/ in the session folder)")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
@@ -35,7 +36,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """From a session to models and closure figures."""
-    if args.bias or args.model or args.bias_dps:
+    if args.bias in OF_DAY or args.model or args.bias_dps:
         return _rebias(args)
     if args.resume and not _resumable(args):
         raise CalibrationError(
@@ -85,7 +86,7 @@ def _resumable(args: argparse.Namespace) -> bool:
 
 def _rebias(args: argparse.Namespace) -> int:
     """A stored calibration with the bias of the day."""
-    if args.model is None or args.bias is None or (args.bias == "given") != (args.bias_dps is not None):
+    if args.model is None or args.bias not in OF_DAY or (args.bias == "given") != (args.bias_dps is not None):
         raise CalibrationError(
             "a bias of the day needs the stored calibration and its source: --model FILE --bias start, or --bias gravity, "
             "or --bias given --bias-dps X,Y,Z"

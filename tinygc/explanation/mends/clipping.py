@@ -55,7 +55,9 @@ def find_clipping(problem: Problem) -> Clipping | None:
         return None
     excess = _excess(problem, numbers)
     level = float(np.median(levels))
-    return Clipping(level, known_to * level, numbers, min(chance, 1.0), excess, excess > bar or (np.isnan(excess) and bar == CEILING_EXCESS))
+    return Clipping(
+        level, known_to * level, numbers, min(chance, 1.0), excess, excess > bar or (np.isnan(excess) and bar == CEILING_EXCESS)
+    )
 
 
 def _excess(problem: Problem, numbers: list[int]) -> float:

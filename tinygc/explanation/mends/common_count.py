@@ -15,7 +15,10 @@ from tinygc.problem.problem import Problem
 
 
 def common_count(problem: Problem, losses: list[Event]) -> int:
-    """Samples missing after each of the events, the same for all, by the closure of all segments; for this search a loss is one long step."""
+    """Samples missing after each of the events, the same for all, by the closure of all segments.
+
+    For this search a loss is one long step.
+    """
     batch, sigma = problem.batch, problem.floor.sigma
     steps = [
         [e.row - segment.start for e in losses if e.log == segment.log and segment.start <= e.row < segment.stop - 1]

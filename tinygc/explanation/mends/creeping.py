@@ -7,9 +7,9 @@ from scipy.stats import chi2
 
 from session.detect.stills import CREEP_SIGMAS
 from tinygc.attitude import rotation
+from tinygc.explanation.noise.session_noise import known_whitener
 from tinygc.explanation.twin.refit import refit
 from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.twin.whitening import Whitener
 from tinygc.problem.problem import Problem
 
 #: a still that turns about the vertical shows only in the gyro: its rate must stand out by this much from stills that agree
@@ -27,7 +27,7 @@ def chance_of_creep(problem: Problem) -> float:
 def about_the_vertical(problem: Problem) -> list[int]:
     """Numbers of the stills whose rate stands out from the others', along gravity."""
     twin = Twin(problem)
-    whiten = Whitener(twin)
+    whiten = known_whitener(twin)
     reference = [i for i, still in enumerate(problem.stills) if still.problem is None]
     still_rows = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
     good = np.ones(len(reference), dtype=bool)

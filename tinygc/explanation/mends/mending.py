@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from session.detect.segments import Segment
 from session.detect.session_stills import SessionStills
 from session.log.folder import Session
 from tinygc.closure.residual import closure_angles
+from tinygc.effects import Effect
 from tinygc.explanation.mends import interpolation, lost_samples
 from tinygc.explanation.mends.clipping import FEWEST_WHOLE, Clipping, find_clipping
 from tinygc.explanation.mends.common_count import common_count
@@ -34,14 +36,18 @@ FROM_THE_BAR = frozenset({"gyro.saturation", "reference.not_still"})
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units; p_value: effect
+    """What was mended.
+
+    problem: what is left to explain; found: effect id -> parameters for the JSON, with their std, in people's units; p_value: effect
     id -> upper bound of the chance that noise alone does it in this recording; misfit: chi-square of the closure before, 0 where nothing
-    was mended; verdicts: on what was proposed, borne out or not; clipping likewise."""
+    was mended; reference: effects that the segments without any event ask for;
+    verdicts: on what was proposed, borne out or not; clipping likewise."""
 
     problem: Problem
     found: dict[str, tuple[dict, dict]]
     p_value: dict[str, float]
     misfit: float = 0.0
+    reference: tuple[Effect, ...] = ()
     verdicts: list[Verdict] = field(default_factory=list)
     clipping: Clipping | None = None
 
@@ -65,29 +71,31 @@ def mend(problem: Problem, progress: Callable[[str], None] = lambda what: None) 
     if clipping is not None and clipping.borne_out:
         found["gyro.saturation"] = ({"dps": clipping.level / DEG}, {"dps": clipping.known_to / DEG})
         chances["gyro.saturation"] = clipping.chance
-        try:
+        with suppress(CalibrationError):  # too few are left: they stay, and are known to be clipped
             problem = _again(problem, problem.session, clipped=tuple(clipping.numbers))
-        except CalibrationError:
-            pass  # too few are left: they stay, and are known to be clipped
-    verdicts = _tried(problem, clipping, progress)
+    verdicts, reference = _tried(problem, clipping, progress)
     problem, gaps = _with_accepted(problem, verdicts, found, chances)
     progress("stills")
     problem = _with_gaps(_without_creeping(problem, found, chances), gaps)
-    return Mended(problem, found, chances, _misfit(original) if found else 0.0, verdicts, clipping)
+    return Mended(problem, found, chances, _misfit(original) if found else 0.0, reference, verdicts, clipping)
 
 
-def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str], None]) -> list[Verdict]:
-    """Verdicts on false readings and losses, in this order; of events in turns that are clipped nothing can be said."""
+def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str], None]) -> tuple[list[Verdict], tuple[Effect, ...]]:
+    """Verdicts on false readings and losses, in this order; of events in turns that are clipped nothing can be said; and
+    the effects of the physics that judged them."""
     clipped = [] if clipping is None else [s for s in problem.segments if s.number in clipping.numbers]
     events = [e for e in proposed(problem.session) if not any(s.log == e.log and s.start <= e.row < s.stop for s in clipped)]
     if not events:
-        return []
+        return [], ()
     progress("events on trial")
     false, lost = ([e for e in events if e.id == name] for name in (FALSE, LOST))
     quiet = _again(problem, bridged(problem.session, false)) if false else problem
-    trial = Trial(problem, _reference(problem, quiet, false, lost), quiet)
+    reference = _reference(problem, quiet, false, lost)
+    trial = Trial(problem, reference, quiet)
     verdicts = [trial.judge(FALSE, false, [])] if false else []
-    return verdicts + ([trial.judge(LOST, lost, [e for v in verdicts for e in v.accepted])] if lost else [])
+    if lost:
+        verdicts.append(trial.judge(LOST, lost, [e for v in verdicts for e in v.accepted]))
+    return verdicts, reference.effects
 
 
 def _reference(problem: Problem, quiet: Problem, false: list[Event], lost: list[Event]) -> Hypothesis:
@@ -116,11 +124,11 @@ def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chanc
     false, lost = ([e for v in verdicts if v.id == name for e in v.accepted] for name in (FALSE, LOST))
     if not false and not lost:
         return problem, []
-    first_row = np.cumsum([0, *(len(log.samples) for log in problem.session.logs)])
     if false:
-        at = [int(first_row[e.log]) + e.row for e in false]
+        at = [sum(len(log.samples) for log in problem.session.logs[: e.log]) + e.row for e in false]  # counted over all logs
         found[FALSE] = ({"at": at, "samples": int(np.median([e.samples for e in false]))}, {})  # counted, not measured: no std
-    session, gaps = bridged(problem.session, false), []
+    gaps: list[Gap] = []
+    session = bridged(problem.session, false)
     if lost:
         (length,) = (v.length for v in verdicts if v.id == LOST)
         began, times = 0.0, []

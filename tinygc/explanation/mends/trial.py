@@ -33,7 +33,8 @@ PASSES = 6
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """Of one id: events with the probability (E,) that each is what it looks like; probability that there are any; length of a loss, or
-    0; before and after, rms rad of tilt of the segments in which they live; log_ratio: logarithm of the likelihood ratio of all."""
+    0; before and tried, rms rad of tilt of the segments in which they live, as they are and
+    with all of them mended; log_ratio: logarithm of the likelihood ratio of all."""
 
     id: str
     events: list[Event]
@@ -41,7 +42,7 @@ class Verdict:
     probability: float
     length: int
     before_rad: float
-    after_rad: float
+    tried_rad: float
     log_ratio: float
 
     @property
@@ -117,20 +118,25 @@ class Trial:
         inverse = np.linalg.inv(self.covariance[numbers])
         period_s = float(np.median([movement.dt_s for movement in self.twin.movements]))
 
-        def cost(count: int) -> float:
+        def chi_square(count: int) -> np.ndarray:
             dt = part.dt.copy()
             for row, i in zip(dt, numbers, strict=True):
                 row[inside[int(i)]] += count * period_s
             angles = closure.error_angles(closure.segment_residuals(replace(part, dt=dt), part.rate))
-            chi = np.einsum("si,sij,sj->s", angles, inverse, angles)
-            # Of each segment, that it has lost samples or has not: one that has not must not decide for the others.
-            return float(-2 * np.sum(np.logaddexp(-chi / 2, -self._without / 2)))
+            return np.einsum("si,sij,sj->s", angles, inverse, angles)
 
-        self._without = np.zeros(len(numbers))
-        self._without = np.einsum(
-            "si,sij,sj->s", *(lambda a: (a, inverse, a))(closure.error_angles(closure.segment_residuals(part, part.rate)))
-        )
+        as_it_is = chi_square(0)
+
+        def cost(count: int) -> float:
+            # Of each segment, that it has lost samples or has not: one that has not must not decide for the others.
+            return float(-2 * np.sum(np.logaddexp(-chi_square(count) / 2, -as_it_is / 2)))
+
         return lowest(cost, round(LONGEST_LOSS_S / period_s))
+
+    def _tilt_rms(self, mended: dict[int, list[Event]], cross: Callable[[Event], Crossing], length: int) -> float:
+        """rad, of segments with these of their events mended."""
+        squares = [np.sum(self.angles(i, events, cross, length)[:2] ** 2) for i, events in mended.items()]
+        return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
     def judge(self, name: str, events: list[Event], others: list[Event]) -> Verdict:
         """Events of one id, with ``others``, of another id, mended already."""
@@ -163,18 +169,15 @@ class Trial:
         accepted = [event for event, p in zip(events, chance, strict=True) if p > 0.5] if name == FALSE or length else []
         touched = sorted({i for i in where if i is not None})
         here = {i: [e for e in accepted if self.segment_of(e) == i] for i in touched}
-        likelihood = [
-            [self.log_likelihood(i, mended, cross, length) for i in touched for mended in (here[i] if yes else [],)] for yes in (1, 0)
-        ]
-        log_ratio = float(sum(likelihood[0]) - sum(likelihood[1])) + CERTAIN * sum(e.accel for e in accepted)
-        rms = [
-            np.sqrt(np.mean([np.sum(self.angles(i, here[i] if yes else [], cross, length)[:2] ** 2) for i in touched] or [0.0]))
-            for yes in (0, 1)
-        ]
+        closed = sum(self.log_likelihood(i, here[i], cross, length) - self.log_likelihood(i, [], cross, length) for i in touched)
+        log_ratio = float(closed) + CERTAIN * sum(e.accel for e in accepted)
+        none: dict[int, list[Event]] = {i: [] for i in touched}
+        all_here = {i: [e for e in events if self.segment_of(e) == i] for i in touched}
+        rms = [self._tilt_rms(mended, cross, length) for mended in (none, all_here)]
         probability = 1 / (1 + np.exp(-np.clip(log_ratio - np.log(SCALES / PRIOR_ODDS), -700, 700))) if accepted else 0.0
         if not accepted:
-            chance = np.minimum(chance, 0.5) * 0
-        return Verdict(name, events, chance, float(probability), length, float(rms[0]), float(rms[1]), log_ratio)
+            chance = np.zeros(len(events))
+        return Verdict(name, events, chance, float(probability), length, rms[0], rms[1], log_ratio)
 
 
 def lowest(cost: Callable[[int], float], most: int) -> int:

@@ -29,8 +29,10 @@ from tinygc.explanation.twin.whitening import Whitener
 PRIOR_ODDS = 1 / 30
 #: the scale of an effect is known to a factor of e within ten of them, from what is never seen to what no sensor has
 SCALES = 10.0
-#: Gauss-Newton steps after the noise has been re-estimated: the second fit begins where the first ended
-MORE_STEPS = 3
+#: Gauss-Newton steps before and after the noise has been re-estimated: the second fit begins where the first ended
+FIRST_STEPS, MORE_STEPS = 5, 2
+#: of the search for the noise beside a guess: it begins where a near hypothesis has it
+GUESS_STEPS = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,24 @@ class Hypothesis:
         return f"<{', '.join(sorted(self.ids)) or 'nothing'}: {self.score:.1f}>"
 
 
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """effects, and the score that their linear columns promise."""
+
+    effects: tuple[Effect, ...]
+    score: float
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Of its effects."""
+        return frozenset(effect.id for effect in self.effects)
+
+
+def _key(effects: tuple[Effect, ...]) -> tuple:
+    values = lambda effect: (round(value, 6) for value in effect.shape.values() if isinstance(value, float))  # noqa: E731
+    return tuple(sorted((effect.id, effect.equation, *values(effect)) for effect in effects))
+
+
 class Evidence:
     """Hypotheses of one recording, each weighed once."""
 
@@ -61,20 +81,19 @@ class Evidence:
         self.first_noise = first_noise(twin, self._white)
         self.first_whiten = self._white.with_more(self.first_noise.covariance)
         self._known: dict[tuple, Hypothesis] = {}
+        self._guesses: dict[tuple, Guess] = {}
         self._shapes: dict[str, int] = {}
         self._columns: dict[Effect, np.ndarray] = {}
         self.nothing = self.of((), None)
 
     @property
-    def weighed(self) -> list[Hypothesis]:
-        """All hypotheses so far."""
-        return list(self._known.values())
+    def weighed(self) -> list[Hypothesis | Guess]:
+        """All hypotheses so far: weighed exactly, or else by their linear columns."""
+        return [*self._known.values(), *(guess for key, guess in self._guesses.items() if key not in self._known)]
 
     def of(self, effects: tuple[Effect, ...], begin: Hypothesis | None) -> Hypothesis:
         """The hypothesis of these effects; the fit begins from another's."""
-        key = tuple(
-            sorted((effect.id, *(round(value, 6) for value in effect.shape.values() if isinstance(value, float))) for effect in effects)
-        )
+        key = _key(effects)
         if key not in self._known:
             self._known[key] = self._weigh(effects, begin)
         return self._known[key]
@@ -83,14 +102,45 @@ class Evidence:
         twin = self.twin
         whiten = self.first_whiten if begin is None else begin.whiten
         state = twin.start() if begin is None else self._gauged_start(begin)
-        fit = refit(twin, whiten, list(effects), state)
-        noise = self.first_noise.estimated(whiten, fit, self.prior(fit))
-        whiten = self._white.with_more(noise.covariance)
-        fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
-        noise = noise.estimated(whiten, fit, self.prior(fit), go_on=True)
-        whiten = self._white.with_more(noise.covariance)
-        fit = refit(twin, whiten, list(effects), fit.state, max_steps=1)
+        fit, noise = refit(twin, whiten, list(effects), state, max_steps=FIRST_STEPS), self.first_noise
+        for start in (None, True):
+            noise = self._noise(whiten, fit, noise.s if start else None)
+            whiten = self._white.with_more(noise.covariance)
+            fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
         return Hypothesis(effects, fit, whiten, noise, noise.value + sum(self.price(effect) for effect in effects))
+
+    def _noise(self, whiten: Whitener, fit: Refit, start: np.ndarray | None) -> SessionNoise:
+        return self.first_noise.estimated(whiten, whiten.back(fit.r), whiten.back(fit.J) * self.prior(fit), start)
+
+    def guess(self, have: Hypothesis, *, without: Effect | None = None, add: Effect | None = None) -> Guess:
+        """A hypothesis with one effect less, one more, or one in another's place, by linear columns; the noise is estimated anew."""
+        effects = tuple(e for e in have.effects if e is not without) + ((add,) if add is not None else ())
+        key = _key(effects)
+        if key in self._known:
+            return Guess(effects, self._known[key].score)
+        if key not in self._guesses:
+            self._guesses[key] = Guess(effects, self._guessed(have, without, add) + sum(self.price(effect) for effect in effects))
+        return self._guesses[key]
+
+    def _guessed(self, have: Hypothesis, without: Effect | None, add: Effect | None) -> float:
+        r, J, prior = have.whiten.back(have.fit.r), have.whiten.back(have.fit.J), self.prior(have.fit)
+        if without is not None:
+            number = next(i for i, effect in enumerate(have.effects) if effect is without)
+            part = claim_slice(have.fit.state.claims, number)
+            r = r - J[:, part] @ have.fit.state.claims[number].theta
+            J, prior = (np.delete(values, part, axis=-1) for values in (J, prior))
+        if add is not None:
+            J = np.concatenate([J, self.columns(add)], axis=1)
+            prior = np.concatenate([prior, np.full(add.parameter.size, add.parameter.plausible)])
+        # Everything moves to where the new columns are best.
+        white_r, white_J = have.whiten(r), have.whiten(J) * prior
+        step = -np.linalg.solve(white_J.T @ white_J + np.eye(len(prior)), white_J.T @ white_r)
+        if add is not None:
+            prior[-add.parameter.size :] *= max(float(np.sqrt(np.mean(step[-add.parameter.size :] ** 2))), 1e-6)
+            white_J = have.whiten(J) * prior
+            step = -np.linalg.solve(white_J.T @ white_J + np.eye(len(prior)), white_J.T @ white_r)
+        J = J * prior
+        return self.first_noise.estimated(have.whiten, r + J @ step, J, have.noise.s, steps=GUESS_STEPS).value
 
     def columns(self, effect: Effect) -> np.ndarray:
         """(n, P) stacked, as one unit of each parameter moves the channels: by the linear model, which is near enough to rank by."""
@@ -105,7 +155,12 @@ class Evidence:
 
     def prior(self, fit: Refit) -> np.ndarray:
         """(p,) prior sigmas of all parameters: of each claim, the rms of its own."""
-        prior = prior_sigmas(self.twin, [claim.effect for claim in fit.state.claims])
+        return self.prior_of(self.twin, fit)
+
+    @staticmethod
+    def prior_of(twin: Twin, fit: Refit) -> np.ndarray:
+        """The same, of any fit."""
+        prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
         for number, claim in enumerate(fit.state.claims):
             part = claim_slice(fit.state.claims, number)
             least = float(np.sqrt(np.mean(np.diag(fit.covariance)[part])))
@@ -129,6 +184,11 @@ class Evidence:
         other._known = {}
         other.nothing = other.of((), None)
         return other
+
+    @property
+    def exact(self) -> list[Hypothesis]:
+        """Those that were weighed exactly."""
+        return list(self._known.values())
 
     def forget(self, ids: frozenset[str]) -> None:
         """Hypotheses with any of these effects are no longer weighed."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from tinygc.effects import Effect
-from tinygc.explanation.naming.evidence import Hypothesis
+from tinygc.explanation.naming.evidence import Guess, Hypothesis
 from tinygc.explanation.twin.refit import Refit
 
 #: -2 log evidence by which a stand-in may be worse and still be said: odds of 20 (2 ln 20)
@@ -37,7 +38,7 @@ class Naming:
     named: list[NamedEffect] = field(default_factory=list)
 
 
-def probabilities(weighed: list[Hypothesis]) -> dict[str, float]:
+def probabilities(weighed: Sequence[Hypothesis | Guess]) -> dict[str, float]:
     """Posterior probability of each id, over all hypotheses that were weighed; "" for nothing at all."""
     scores = np.array([h.score for h in weighed])
     weight = np.exp(-(scores - scores.min()) / 2)
@@ -49,7 +50,7 @@ def probabilities(weighed: list[Hypothesis]) -> dict[str, float]:
     return found
 
 
-def rivals_of(weighed: list[Hypothesis], best: Hypothesis, effect: Effect) -> dict[str, float]:
+def rivals_of(weighed: Sequence[Hypothesis | Guess], best: Hypothesis, effect: Effect) -> dict[str, float]:
     """Of every effect that was weighed in an effect's place, -2 log evidence by which it is worse, by id."""
     others = best.ids - {effect.id}
     found: dict[str, float] = {}

@@ -13,8 +13,9 @@ import numpy as np
 
 from tinygc.effects import Effect
 from tinygc.explanation.naming.candidates import sharpened
-from tinygc.explanation.naming.evidence import Evidence, Hypothesis
+from tinygc.explanation.naming.evidence import Evidence, Guess, Hypothesis
 from tinygc.explanation.naming.selection import left_of, orthonormal
+from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.whitening import Whitener
 
@@ -24,6 +25,8 @@ MOST_TRIALS = 3
 #: -2 log evidence within which a hypothesis is worth going on from, and a rival worth weighing
 WITHIN = 12.0
 BEAM = 2
+#: of -2 log evidence, by which linear columns may misjudge a hypothesis; how many are weighed exactly in a round
+NEAR, MOST_EXACT = 8.0, 3
 #: linear columns promise an exact fit's gain to this share; rivals that are weighed in an effect's place
 LINEAR_SHARE, MOST_LOOKALIKES = 0.1, 3
 
@@ -44,7 +47,7 @@ def search(
         if not found:
             break
         found.sort(key=lambda h: h.score)
-        ahead = _improved(evidence, tried, found[0])
+        ahead = _improved(evidence, found[0])
         if ahead.score >= best.score:
             break
         best = ahead
@@ -86,21 +89,30 @@ def promises(evidence: Evidence, whiten: Whitener, fit: Refit, rest: list[Effect
 
 def rewhitened(have: Hypothesis, whiten: Whitener) -> Refit:
     """The fit of a hypothesis as another covariance sees it."""
-    return (
-        have.fit if whiten is have.whiten else replace(have.fit, **{n: whiten(have.whiten.back(getattr(have.fit, n))) for n in ("r", "J")})
-    )
+    if whiten is have.whiten:
+        return have.fit
+    return replace(have.fit, r=whiten(have.whiten.back(have.fit.r)), J=whiten(have.whiten.back(have.fit.J)))
 
 
 def _with_one_more(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Hypothesis]:
-    return [evidence.of((*have.effects, effect), have) for effect in ranked(evidence, tried, have)]
+    """The best hypotheses with one more effect: the likeliest by its linear columns, and those near it, weighed exactly."""
+    found = guesses(evidence, tried, have)
+    return [evidence.of(g.effects, have) for g in found[:MOST_EXACT] if g.score < found[0].score + NEAR]
 
 
-def _improved(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypothesis:
-    """Elimination and exchange until neither helps."""
+def guesses(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Guess]:
+    """What linear columns promise of every candidate worth weighing beside a hypothesis, the best first."""
+    evidence.will_try(tried)
+    return sorted((evidence.guess(have, add=effect) for effect in ranked(evidence, tried, have)), key=lambda g: g.score)
+
+
+def _improved(evidence: Evidence, best: Hypothesis) -> Hypothesis:
+    """Without those effects that others have made needless."""
     while len(best.effects) > 1:
-        fewer = [evidence.of(tuple(e for e in best.effects if e is not effect), best) for effect in best.effects[:-1]]
-        ahead = min(fewer, key=lambda h: h.score)
-        if ahead.score >= best.score:
+        without = [evidence.guess(best, without=effect) for effect in best.effects]
+        fewer = [evidence.of(guess.effects, best) for guess in without if guess.score < best.score + NEAR / 2]
+        ahead = min([*fewer, best], key=lambda h: h.score)
+        if ahead is best:
             break
         best = ahead
     return best
@@ -111,22 +123,32 @@ def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypo
     for _ in range(MOST_EFFECTS):
         trials = []
         for effect in best.effects:
-            others = evidence.of(tuple(e for e in best.effects if e is not effect), best)
-            gain = others.score - best.score
-            whiten, fit = best.whiten, rewhitened(others, best.whiten)
-            rest = [other for other in tried if other.id not in best.ids]
-            promise = promises(evidence, whiten, fit, rest)
-            own = promises(evidence, whiten, fit, [effect])[0]
-            seen: set[str] = set()
-            for number in np.argsort(-promise):
-                other = rest[number]
-                if promise[number] < min(own, gain) - WITHIN - LINEAR_SHARE * abs(own) or len(seen) >= MOST_LOOKALIKES:
-                    break
-                if other.id not in seen:
-                    seen.add(other.id)
-                    trials.append(evidence.of((*others.effects, sharpened(evidence.twin, whiten, fit, other)), others))
+            own = evidence.guess(best, without=effect).score - best.score
+            for other in _in_place_of(evidence, tried, best, effect, own):
+                guess = evidence.guess(best, without=effect, add=other)
+                if guess.score < best.score + NEAR:
+                    trials.append(evidence.of(guess.effects, best))
         ahead = min([*trials, best], key=lambda h: h.score)
         if ahead is best:
             break
-        best = _improved(evidence, tried, ahead)
+        best = _improved(evidence, ahead)
     return best
+
+
+def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effect: Effect, own: float) -> list[Effect]:
+    """Candidates whose linear columns take up nearly what an effect does that is worth ``own`` in -2 log evidence."""
+    whiten, number = best.whiten, next(i for i, e in enumerate(best.effects) if e is effect)
+    part = claim_slice(best.fit.state.claims, number)
+    r = best.fit.r - best.fit.J[:, part] @ best.fit.state.claims[number].theta
+    fit = replace(best.fit, r=r, J=np.delete(best.fit.J, part, axis=1))
+    others = best.ids - {effect.id}
+    rest = [other for other in tried if other.id not in others and other is not effect and (other.id != effect.id or other.scan is None)]
+    promise, mine = promises(evidence, whiten, fit, rest), promises(evidence, whiten, fit, [effect])[0]
+    found: dict[str, Effect] = {}
+    for number in np.argsort(-promise):
+        if promise[number] < max(mine - WITHIN - LINEAR_SHARE * abs(mine), 0) or len(found) >= MOST_LOOKALIKES:
+            break
+        key = rest[number].id if rest[number].scan is not None else rest[number].equation
+        if key not in found:
+            found[key] = sharpened(evidence.twin, whiten, fit, rest[number])
+    return list(found.values())

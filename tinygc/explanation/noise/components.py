@@ -42,8 +42,10 @@ UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD = 10 * DEG_PER_HOUR, 1.5
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """name; V (n, n) rad^2, (rad/s)^2 and (m/s^2)^2 of the stacked channels for s = 1; usual: s that is as large as white noise, SI, where a
-    search begins; prior: median and spread (ln) of s where something is known beforehand; unit and si: how a person reads s; says."""
+    """One of them.
+
+    name; V (n, n) rad^2, (rad/s)^2 and (m/s^2)^2 of the stacked channels for s = 1; usual: s as large as white noise, SI, where a search
+    begins; prior: median and spread (ln) of s where something is known beforehand; unit and si: how a person reads s; says."""
 
     name: str
     V: np.ndarray

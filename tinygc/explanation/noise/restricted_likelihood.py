@@ -39,6 +39,7 @@ def estimate(
     blocks: list[np.ndarray],
     start: np.ndarray | None = None,
     with_sigma: bool = False,
+    steps: int = STEPS,
 ) -> Estimate:
     """Of residuals r (n,), columns J (n, p) scaled by their priors' sigmas, base covariance (n, n) and V, K of (n, n); usual (K,).
 
@@ -58,7 +59,7 @@ def estimate(
         return value, gradient
 
     bounds = [(0.0 if prior is None else 1e-6, None) for prior in priors]
-    found = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS, "ftol": 1e-6})
+    found = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps, "ftol": 1e-6})
     x = np.where(found.x < NOTHING, 0.0, found.x)
     s = np.sqrt(x) * usual
     return Estimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), float(found.fun))

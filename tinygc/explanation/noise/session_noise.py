@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from tinygc.explanation.noise.components import STILL_RATE, TURN, WANDER, Component, components_of
-from tinygc.explanation.noise.restricted_likelihood import estimate
+from tinygc.explanation.noise.restricted_likelihood import STEPS, estimate
 from tinygc.explanation.noise.undersampling import Undersampling, undersampling
-from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
@@ -50,21 +50,49 @@ class SessionNoise:
         s, wander = found.get(WANDER, (0.0, None))
         return wander is not None and wander.prior is not None and s > wander.prior[0] * np.exp(UNUSUAL * wander.prior[1])
 
-    def estimated(self, whiten: Whitener, fit: Refit, prior: np.ndarray, go_on: bool = False) -> SessionNoise:
-        """The components re-estimated beside what ``fit`` has, whose parameters have these prior sigmas (p,).
+    def to_json(self) -> list[dict]:
+        """``noise.components`` of explain.json and fit.json."""
+        return [
+            {
+                "name": c.name,
+                "size": float(s / c.si),
+                "sigma": float(sigma / c.si) if np.isfinite(sigma) else None,
+                "unit": c.unit,
+                "says": c.says,
+            }
+            for s, sigma, c in zip(self.s, self.sigma, self.components, strict=True)
+        ]
 
-        A name that takes over what a component stood for leaves less of it, so the search begins anew unless it is to go on.
+    @property
+    def words(self) -> str:
+        """Those that are there, in one line."""
+        found = [f"{c.says} ({s / c.si:.2g} {c.unit})" for s, c in zip(self.s, self.components, strict=True) if s > 0]
+        return "; ".join(found) or "none"
+
+    def without(self, name: str) -> SessionNoise:
+        """The same without a component."""
+        kept = [i for i, c in enumerate(self.components) if c.name != name]
+        return replace(self, components=tuple(self.components[i] for i in kept), s=self.s[kept], sigma=self.sigma[kept])
+
+    def estimated(
+        self, whiten: Whitener, r: np.ndarray, J: np.ndarray, start: np.ndarray | None = None, with_sigma: bool = False, steps: int = STEPS
+    ) -> SessionNoise:
+        """The components re-estimated beside columns J (n, p), stacked, in their priors' sigmas, that leave residuals r (n,), stacked.
+
+        A name that takes over what a component stood for leaves less of it.  start: s (K,) where the search begins; with_sigma: whether
+        how well they are known is asked for.
         """
-        usual = np.array([c.usual for c in self.components])
         found = estimate(
-            whiten.back(fit.r),
-            whiten.back(fit.J) * prior,
+            r,
+            J,
             whiten.white,
             [c.V for c in self.components],
-            usual,
+            np.array([c.usual for c in self.components]),
             [c.prior for c in self.components],
             self.blocks,
-            self.s if go_on else None,
+            start,
+            with_sigma,
+            steps,
         )
         return replace(self, s=found.s, sigma=found.sigma, value=found.value)
 
@@ -85,7 +113,7 @@ def _blocks(twin: Twin, whiten: Whitener) -> list[np.ndarray]:
     # Each still goes with the turn that begins at or after it.
     owner = np.searchsorted(twin.first, np.arange(len(twin.stills)))
     found = []
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges):
         last = stop == count
         stills = np.flatnonzero((owner >= start) & ((owner < stop) | last))
         found.append(
@@ -98,3 +126,9 @@ def _blocks(twin: Twin, whiten: Whitener) -> list[np.ndarray]:
             )
         )
     return found
+
+
+def known_whitener(twin: Twin) -> Whitener:
+    """With what is known of a twin's noise before anything is fitted."""
+    whiten = Whitener(twin)
+    return whiten.with_more(first_noise(twin, whiten).covariance)

@@ -11,12 +11,12 @@ rate has less of it than this law says; a factor, estimated from the closure, ca
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from tinygc import closure
-from tinygc.closure.residual import Batch
+from tinygc.attitude import rotation
 from tinygc.explanation.twin.twin import Twin
 
 #: every 2nd, 3rd and 4th reading: more leave too few in a quick turn
@@ -46,21 +46,46 @@ class Undersampling:
 
 
 def undersampling(twin: Twin) -> Undersampling:
-    """Of a session's used segments, by the first linear fit."""
-    rate = twin.problem.first(twin.batch.rate)
-    whole = _ends(twin.batch, rate)
+    """Of a session's used segments, by the first linear fit.
+
+    To first order an end's error is the sum of the rates' errors, turned into the table (``Twin.sensitivity``).  So the attitudes are
+    needed once, and what every k-th reading gives is a plain sum: within 1 % of integrating it (tests/test_undersampling.py).
+    """
+    rate, at_s = _turned(twin)
+    whole = _sum(rate, at_s)
     walk = np.array([np.mean(twin.problem.logs[s.log].noise.angle_random_walk ** 2) for s in twin.segments]) * twin.batch.duration_s
     missed = []
     for step in STEPS:
-        square = np.mean([_apart(whole, _ends(*_every(twin.batch, rate, step, offset))) for offset in range(step)], axis=0)
+        kept = [_every(rate.shape[1], step, offset) for offset in range(step)]
+        apart = [np.mean((_sum(rate[:, rows], at_s[:, rows]) - whole) ** 2, axis=-1) for rows in kept]
         # White noise is thinned out as well: its variance grows with the step.
-        missed.append(np.maximum(square - (step - 1) * walk, 0.0))
+        missed.append(np.maximum(np.mean(apart, axis=0) - (step - 1) * walk, 0.0))
     square = np.array(missed)
     exponent = _exponent(np.mean(square, axis=1))
     weights = np.array(STEPS, dtype=float) ** (2 * exponent) - 1
     predicted = np.mean(square / weights[:, None], axis=0)
     period = float(np.median([movement.dt_s for movement in twin.movements]))
     return Undersampling(np.sqrt(predicted), exponent, np.sqrt(np.mean(square, axis=1)), 1 / period)
+
+
+def _turned(twin: Twin) -> tuple[np.ndarray, np.ndarray]:
+    """(S, T, 2) rad/s about the table's level axes, and (S, T) s from each segment's beginning; padded with zeros that last no time."""
+    batch = twin.batch
+    rate = twin.problem.first(batch.rate)
+    level = np.einsum("stij,stj->sti", rotation.matrix(closure.attitudes(batch, rate))[..., :2, :], rate - batch.earth)
+    at_s = np.concatenate([np.zeros((len(batch), 1)), np.cumsum(batch.dt, axis=1)], axis=1)
+    counts = np.array([segment.stop - segment.start for segment in twin.segments])
+    return np.where(np.arange(rate.shape[1])[None, :, None] < counts[:, None, None], level, 0.0), at_s
+
+
+def _every(count: int, step: int, offset: int) -> np.ndarray:
+    """Rows of every ``step``-th reading beginning with ``offset``, and those at both ends, which are at rest."""
+    return np.unique(np.concatenate([[0], np.arange(offset, count, step), [count - 1]]))
+
+
+def _sum(rate: np.ndarray, at_s: np.ndarray) -> np.ndarray:
+    """(S, 2) rad, by trapezoids."""
+    return np.einsum("st,sti->si", np.diff(at_s, axis=1), rate[:, 1:] + rate[:, :-1]) / 2
 
 
 def _exponent(square: np.ndarray) -> float:
@@ -71,22 +96,3 @@ def _exponent(square: np.ndarray) -> float:
     law = np.log(np.array(STEPS)[None] ** (2 * tried[:, None]) - 1)
     left = np.log(square)[None] - law
     return float(tried[np.argmin(np.var(left, axis=1))])
-
-
-def _every(batch: Batch, rate: np.ndarray, step: int, offset: int) -> tuple[Batch, np.ndarray]:
-    """Every ``step``-th reading beginning with ``offset``, and those at both ends, which are at rest."""
-    count = rate.shape[1]
-    kept = np.unique(np.concatenate([[0], np.arange(offset, count, step), [count - 1]]))
-    at_s = np.concatenate([np.zeros((len(batch), 1)), np.cumsum(batch.dt, axis=1)], axis=1)
-    return replace(batch, rate=batch.rate[:, kept], dt=np.diff(at_s[:, kept], axis=1), earth=batch.earth[:, kept]), rate[:, kept]
-
-
-def _ends(batch: Batch, rate: np.ndarray) -> np.ndarray:
-    """(S, 2 or 3) rad from the reference."""
-    q = closure.end_attitude(batch, rate)
-    return closure.error_angles(closure.residual(q, batch.end, batch.yaw_known))
-
-
-def _apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(S,) mean square per angle of tilt."""
-    return np.mean((a - b)[:, :2] ** 2, axis=1)

@@ -1,1 +1,1 @@
-"""``explain`` where the reference is a truth file: a folder of its own, whose twin has no stills, only the closure between moments."""
+"""``explain`` where the reference is a truth file, with a twin of its own: the closure between moments of truth, no stills."""

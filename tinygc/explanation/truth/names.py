@@ -87,7 +87,7 @@ def _best(evidence: Evidence, tried: list[Effect], slow: Effect, progress: Calla
     if slow.id in best.ids:
         return best
     # Several names where one and a slow bias do nearly as well are too many: a wrong name is worse than none.
-    instead = [h for h in evidence.weighed if slow.id in h.ids and len(h.ids) <= len(best.ids) and h.score < best.score + STAND_IN]
+    instead = [h for h in evidence.exact if slow.id in h.ids and len(h.ids) <= len(best.ids) and h.score < best.score + STAND_IN]
     return min([*instead, best], key=lambda h: (len(h.ids - {slow.id}), h.score))
 
 

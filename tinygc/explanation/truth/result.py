@@ -55,10 +55,7 @@ def truth_to_json(e: TruthExplanation) -> dict:
         },
         "noise": e.problem.instability.to_json()
         | {
-            "components": [
-                {"id": c.name, "size": float(s / c.si), "unit": c.unit, "says": c.says}
-                for s, c in zip(e.noise.s, e.noise.components, strict=True)
-            ]
+            "components": e.noise.to_json(),
         },
         "truth": {
             "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],

@@ -111,9 +111,13 @@ class Twin:
 
     def _undone(self, state: State, log: int, count: int) -> np.ndarray:
         """Rates (N, 3) of one log with the first ``count`` claims undone."""
-        rate = state.model(self.problem.logs[log].samples.gyro)
+        readings = self.problem.logs[log].samples.gyro
         for claim in state.claims[:count]:
-            if claim.effect.kind == "rate":
+            if claim.effect.on_readings:
+                readings = claim.effect.correct(readings, self.movements[log].with_rate(readings), claim.theta)
+        rate = state.model(readings)
+        for claim in state.claims[:count]:
+            if claim.effect.kind == "rate" and not claim.effect.on_readings:
                 rate = claim.effect.correct(rate, self.movements[log].with_rate(rate), claim.theta)
         return rate
 
@@ -244,15 +248,21 @@ class Twin:
         corrected rate, are blind to what all axes have in common.
         """
         claimed = next((i for i, claim in enumerate(state.claims) if claim.effect.id == effect.id), None)
+        if claimed is None and effect.on_readings:
+            readings = [log.samples.gyro for log in self.problem.logs]
+            moved = (effect.columns(movement.with_rate(rate)) for movement, rate in zip(self.movements, readings, strict=True))
+            return [np.einsum("ij,njp->nip", state.model.E, columns) for columns in moved]
         if claimed is None or effect.exact_correct is None:
             return [effect.columns(movement.with_rate(rate)) for movement, rate in zip(self.movements, rates, strict=True)]
         theta, added = state.claims[claimed].theta, []
         for log, movement in enumerate(self.movements):
-            before = self._undone(state, log, claimed)
+            before = self.problem.logs[log].samples.gyro if effect.on_readings else self._undone(state, log, claimed)
+            movement = movement.with_rate(before)
             here = effect.correct(before, movement, theta)
             small = SMALL_SHARE * effect.parameter.plausible
             steps = small * np.eye(len(theta))
-            added.append(np.stack([(here - effect.correct(before, movement, theta + step)) / small for step in steps], axis=-1))
+            columns = np.stack([(here - effect.correct(before, movement, theta + step)) / small for step in steps], axis=-1)
+            added.append(np.einsum("ij,njp->nip", state.model.E, columns) if effect.on_readings else columns)
         return added
 
     def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:

@@ -81,7 +81,7 @@ class Whitener:
     @property
     def sigma(self) -> np.ndarray:
         """(n,) standard deviation of each row before whitening."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.sqrt(np.sum(self._factor**2, axis=1))
 
 
 def _covariance(twin: Twin) -> np.ndarray:

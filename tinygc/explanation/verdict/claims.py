@@ -14,6 +14,9 @@ from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.turn_gravity import TurnGravity
 from tinygc.explanation.verdict.readable import readable
 
+#: of what the registers or gravity within a still show by themselves
+CERTAIN = 0.999
+
 
 @dataclass(frozen=True, eq=False)
 class Claim:
@@ -37,6 +40,30 @@ class Claim:
     rivals: dict[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Considered:
+    """What was weighed and is not borne out: id, its probability; moments that a detector proposed and closure did not bear out, or 0, with
+    the rms tilt (rad) of their segments as they are and with these moments mended."""
+
+    id: str
+    probability: float
+    moments: int = 0
+    closure_rad: tuple[float, float] | None = None
+
+
+def considered_of(mended: Mended, chance: dict[str, float]) -> list[Considered]:
+    """The names, and the moments, that were not borne out; likeliest first."""
+    found = [Considered(name, p) for name, p in chance.items()]
+    for verdict in mended.verdicts:
+        left = len(verdict.events) - len(verdict.accepted)
+        if left:
+            probability = verdict.probability if not verdict.accepted else 0.0
+            found.append(Considered(verdict.id, probability, left, (verdict.before_rad, verdict.tried_rad)))
+    if mended.clipping is not None and not mended.clipping.borne_out:
+        found.append(Considered("gyro.saturation", 0.0, len(mended.clipping.numbers)))
+    return sorted(found, key=lambda each: -each.probability)
+
+
 def mended_claims(mended: Mended) -> list[Claim]:
     """What was found in the registers and stills."""
     claims = []
@@ -44,7 +71,11 @@ def mended_claims(mended: Mended) -> list[Claim]:
         effect = catalogue()[name]
         value = parameters[effect.parameter.name]
         theta = np.array([len(value) if isinstance(value, list) else value * effect.parameter.si], dtype=float)
-        claims.append(Claim(effect, parameters, std, mended.p_value[name], np.inf, (), effect.says(theta), p_is_bound=name in FROM_THE_BAR))
+        probability = next((v.probability for v in mended.verdicts if v.id == name), CERTAIN)
+        bound = name in FROM_THE_BAR
+        claims.append(
+            Claim(effect, parameters, std, mended.p_value[name], np.inf, (), effect.says(theta), p_is_bound=bound, probability=probability)
+        )
     return claims
 
 

@@ -12,7 +12,7 @@ from tinygc.effects import Effect
 from tinygc.explanation.naming.candidates import candidates, selection_of
 from tinygc.explanation.naming.evidence import Evidence, Hypothesis
 from tinygc.explanation.naming.naming import STAND_IN, NamedEffect, Naming, probabilities, rivals_of
-from tinygc.explanation.naming.search import exchanged, search
+from tinygc.explanation.naming.search import exchanged, guesses, search
 from tinygc.explanation.naming.selection import FAMILY_WISE
 from tinygc.explanation.naming.unknown import NAMELESS, slow_candidates, unknown_candidates
 from tinygc.explanation.noise.session_noise import SessionNoise
@@ -20,9 +20,12 @@ from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
+from tinygc.explanation.verdict.veto import BORNE_OUT_P, improvement_p
 
 #: a name is said if it, with what could stand in for it, is more probable than not
 SAID = 0.5
+#: -2 log evidence within which one shape alone is worth weighing instead of all names: a second one may add to it
+INSTEAD = 60.0
 MOST_FINDINGS = 2  #: shapes without a name beside the names: that a page holds
 
 
@@ -44,12 +47,16 @@ class NamingDecision:
         return not self.naming.named and self.p_value <= FAMILY_WISE
 
 
-def decide(twin: Twin, seed: int, progress: Callable[[str], None] = lambda what: None) -> NamingDecision:
-    """Weigh the catalogue's effects against each other, against shapes without a name, and against nothing."""
+def decide(twin: Twin, seed: int, progress: Callable[[str], None] = lambda what: None, begin: tuple[Effect, ...] = ()) -> NamingDecision:
+    """Weigh the catalogue's effects against each other, against shapes without a name, and against nothing.
+
+    begin: effects that a part of the recording has asked for already, where the search may begin.
+    """
     evidence, tried = Evidence(twin), candidates(twin)
     progress("detecting")
     first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
-    best = search(evidence, tried, evidence.nothing, progress=progress)
+    start = min(evidence.nothing, evidence.of(begin, evidence.nothing), key=lambda h: h.score)
+    best = search(evidence, tried, start, progress=progress)
     progress("lookalikes")
     best = exchanged(evidence, tried, best)
     progress("beyond the catalogue")
@@ -61,8 +68,9 @@ def _beyond(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: 
     """Shapes without a name, beside the names and in their place; the lines among them, of which there are hundreds, only where something
     is left that nothing else takes up."""
     shapes = slow_candidates(evidence.twin)
-    found = [search(evidence, shapes, begin, most=MOST_FINDINGS) for begin in ((best, evidence.nothing) if best.effects else (best,))]
-    ahead = min(found, key=lambda h: h.score)
+    ahead = search(evidence, shapes, best, most=MOST_FINDINGS)
+    if best.effects and any(g.score < ahead.score + INSTEAD for g in guesses(evidence, shapes, evidence.nothing)[:1]):
+        ahead = min(ahead, search(evidence, shapes, evidence.nothing, most=MOST_FINDINGS), key=lambda h: h.score)
     if ahead.noise.unusual or (not ahead.effects and first_p < FAMILY_WISE):
         ahead = search(evidence, unknown_candidates(evidence.twin), ahead, most=1)
     if any(effect.id.startswith(NAMELESS) for effect in ahead.effects):
@@ -76,7 +84,12 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
     named = [_named(evidence, best, number, chance, tests) for number in range(len(best.effects))]
-    kept = [n for n in named if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID]
+    prior = evidence.prior(best.fit)
+    kept = [
+        n
+        for number, n in enumerate(named)
+        if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID and improvement_p(twin, best, prior, number) < BORNE_OUT_P
+    ]
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
     fit = best.fit
     if len(kept) < len(best.effects):
@@ -85,9 +98,11 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     considered = {name: p for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
     first = refit(twin, best.whiten, [], twin.start())
     p_value = min([first_p, *(n.p_value for n in kept)])
+    whitened_J = best.whiten.back(fit.J) * evidence.prior(fit)
+    noise = best.noise.estimated(best.whiten, best.whiten.back(fit.r), whitened_J, best.noise.s, with_sigma=True)
     naming = Naming(first, first_p, fit, sorted(names, key=lambda n: -n.gain))
     beyond = [n for n in kept if n not in names]
-    return NamingDecision(naming, beyond, considered, best.whiten, best.noise, p_value)
+    return NamingDecision(naming, beyond, considered, best.whiten, noise, p_value)
 
 
 def _named(evidence: Evidence, best: Hypothesis, number: int, chance: dict[str, float], tests: int) -> NamedEffect:

@@ -20,9 +20,10 @@ from tinygc.explanation.twin.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.twin.within_stills import WithinStills, within_stills
-from tinygc.explanation.verdict.claims import Claim, mended_claims, named_claims, offset_claim
+from tinygc.explanation.verdict.claims import Claim, Considered, considered_of, mended_claims, named_claims, offset_claim
 from tinygc.explanation.verdict.decision import decide
 from tinygc.explanation.verdict.proof import Proof, prove
+from tinygc.explanation.verdict.undersampled import undersampled_claim
 from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
@@ -54,7 +55,7 @@ class Explanation:
     seen_from: dict[str, float] = field(default_factory=dict)
     within: WithinStills | None = None
     noise: SessionNoise | None = None
-    considered: dict[str, float] = field(default_factory=dict)
+    considered: list[Considered] = field(default_factory=list)
 
     def __repr__(self) -> str:
         return f"<Explanation {self.session.name}: {self.verdict}>"
@@ -74,7 +75,7 @@ def explain_session(
     mended = mend(problem, lambda what: progress(what, 2, 6))
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
-    decision = decide(twin, seed, lambda what: progress(what, 4, 6))
+    decision = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference)
     whiten = decision.whiten
     naming = replace(decision.naming, fit=in_gauge(twin, whiten, decision.naming.fit))
     gravity = turn_gravity(twin, naming.fit)
@@ -84,10 +85,11 @@ def explain_session(
     named = named_claims(naming.fit, naming.named, beyond_noise)
     before_the_fit = mended_claims(mended) + offset_claim(gravity, named)
     beyond = named_claims(naming.fit, decision.beyond, beyond_noise)
+    claimed = before_the_fit + named + undersampled_claim(twin, whiten, naming.fit, decision.noise)
     p_value = min([decision.p_value, *(claim.p_value for claim in before_the_fit)])
-    explanation = Explanation(session, problem, mended, twin, whiten, naming, gravity, proof, "", p_value, before_the_fit + named, beyond)
+    explanation = Explanation(session, problem, mended, twin, whiten, naming, gravity, proof, "", p_value, claimed, beyond)
     explanation.noise = decision.noise
-    explanation.considered = decision.considered
+    explanation.considered = considered_of(mended, decision.considered)
     explanation.channel_p, explanation.left = (channel_p_values(twin, whiten, fit.r, fit.J) for fit in (naming.first, naming.fit))
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
@@ -109,10 +111,11 @@ def _heading_not_used(problem: Problem) -> list[Finding]:
 
 
 def _verdict(explanation: Explanation) -> str:
+    unusual = explanation.noise is not None and explanation.noise.unusual
     if not explanation.claimed:
-        unnamed = explanation.p_value <= FAMILY_WISE or explanation.findings or explanation.noise.unusual
+        unnamed = explanation.p_value <= FAMILY_WISE or explanation.findings or unusual
         return "unexplained" if unnamed else "no_mismatch"
-    if explanation.findings or explanation.noise.unusual:
+    if explanation.findings or unusual:
         return "partly_explained"
     if any(claim.equivalent for claim in explanation.claimed):
         return "ambiguous"

@@ -9,7 +9,8 @@ import numpy as np
 from session.detect.segments import Segment
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import closure_angles
-from tinygc.explanation.twin.refit import Refit, refit
+from tinygc.explanation.noise.session_noise import known_whitener
+from tinygc.explanation.twin.refit import Refit, prior_sigmas, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.problem.problem import Problem
@@ -84,7 +85,7 @@ def _before(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarray:
     stills make any fit better, and are not to be credited to what is named."""
     if twin.problem is not original:
         twin = Twin(original)
-        whiten = Whitener(twin)
+        whiten = known_whitener(twin)
     alike = _after(twin, whiten, refit(twin, whiten, [], twin.start()))
     return min(_by_ends(original), alike, key=tilt_rms)
 
@@ -100,12 +101,32 @@ def _by_ends(problem: Problem) -> np.ndarray:
 
 
 def _after(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
-    effects = [claim.effect for claim in fit.state.claims]
-    angles = np.zeros((len(twin.segments), twin.batch.angles))
+    """(S, d) rad of each segment, by the parameters that all rows but its fold's ask for."""
+    prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
+    return left_out(twin, whiten, fit.r, fit.J * prior)[whiten.parts["closure"]].reshape(-1, twin.batch.angles)
+
+
+def left_out(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """(n,) stacked: every row as the parameters predict it that the rows of other folds ask for; a still's by the last of its folds.
+
+    r (n,) and J (n, p) are whitened, at the fit of all rows, J in its priors' sigmas.  Leaving rows out is the same as giving each a free
+    number of its own: d = P_kk^-1 P_k r, with P the precision of the residuals beside the columns; the parameters then move by what the
+    rows no longer pull.  Linear around the whole fit, from which a fold is not far.
+    """
+    inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
+    stacked_J, stacked_r = whiten.back(J), whiten.back(r)
+    found = np.full(len(r), np.nan)
     for held in folds_of(len(twin.segments)):
-        part = refit(twin, whiten, effects, fit.state, rows=fold_rows(twin, whiten, held), max_steps=FOLD_STEPS)
-        angles[held] = twin.residuals(part.state, part.rates).closure[held]
-    return angles
+        rows = np.flatnonzero(~fold_rows(twin, whiten, held))
+        unit = np.zeros((len(r), len(rows)))
+        unit[rows, np.arange(len(rows))] = 1.0
+        free = whiten(unit)
+        across = J.T @ free
+        precision = free.T @ free - across.T @ inverse @ across
+        taken = np.linalg.solve(precision, free.T @ r - across.T @ (inverse @ (J.T @ r)))
+        # The whole fit stands where J' r is balanced by the priors, so only what the left-out rows pulled moves it.
+        found[rows] = stacked_r[rows] + stacked_J[rows] @ (inverse @ (across @ taken))
+    return found
 
 
 def folds_of(count: int, folds: int = FOLDS) -> list[np.ndarray]:
@@ -120,5 +141,7 @@ def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
     rows = np.ones(whiten.parts["length"].stop, dtype=bool)
     rows[(held[:, None] * d + np.arange(d)).ravel()] = False
     if twin.stills:
-        rows[still[np.unique([twin.first[held], twin.last[held]])].ravel()] = False
+        ends = np.unique([twin.first[held], twin.last[held]])
+        rows[still[ends].ravel()] = False
+        rows[whiten.parts["length"].start + ends] = False
     return rows

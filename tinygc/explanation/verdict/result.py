@@ -8,7 +8,7 @@ from session.common.units import DEG, G
 from session.common.version import VERSION
 from session.log.hashes import hash_of_log
 from tinygc.effects import catalogue
-from tinygc.explanation.verdict.claims import Claim
+from tinygc.explanation.verdict.claims import Claim, Considered
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.measured import p_entry
 from tinygc.explanation.verdict.next_step import what_next
@@ -21,7 +21,8 @@ SCHEMA = "tinygc-explain/1"
 
 def to_json(e: Explanation) -> dict:
     """The whole result, JSON-ready."""
-    assert e.within is not None  # an explanation that is told is whole
+    assert e.within is not None
+    assert e.noise is not None  # an explanation that is told is whole
     return {
         "schema": SCHEMA,
         "session": e.session.name,
@@ -34,7 +35,7 @@ def to_json(e: Explanation) -> dict:
         },
         "effects": [_effect(claim) for claim in e.claimed],
         "findings": [_effect(claim) | {"share": claim.share} for claim in e.findings],
-        "considered": [{"id": name, "probability": p} for name, p in e.considered.items()],
+        "considered": [_considered(each) for each in e.considered],
         "fit": {
             "holdout_closure_rms_deg": {
                 "before": tilt_rms(e.proof.before) / DEG,
@@ -54,7 +55,7 @@ def to_json(e: Explanation) -> dict:
             "offset_std_s": e.gravity.sigma_s,
             "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
         },
-        "noise": e.problem.instability.to_json(),
+        "noise": e.problem.instability.to_json() | {"components": e.noise.to_json()},
         "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
         "seen_from": {
             name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
@@ -65,6 +66,11 @@ def to_json(e: Explanation) -> dict:
         "logs": {log.path.name: hash_of_log(log) for log in e.session.logs},
         "version": VERSION,
     }
+
+
+def _considered(each: Considered) -> dict:
+    closure = None if each.closure_rad is None else dict(zip(("before", "after"), (rad / DEG for rad in each.closure_rad), strict=True))
+    return {"id": each.id, "probability": each.probability, "moments": each.moments, "closure_rms_deg": closure}
 
 
 def _effect(claim: Claim) -> dict:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from session.common.errors import FitError
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.mends.mending import mend
-from tinygc.explanation.naming.forward import candidates
+from tinygc.explanation.naming.candidates import candidates
+from tinygc.explanation.naming.evidence import Evidence
 from tinygc.explanation.twin.common_delay import in_gauge
-from tinygc.explanation.twin.refit import Refit, refit
+from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.verdict.decision import decide
@@ -39,13 +40,14 @@ def fit_physics(
     """Fit with these effects, or with what `explain` would name (None).  Raises FitError for an id that cannot be fitted."""
     mended = mend(problem, progress)
     twin = Twin(mended.problem)
-    whiten = Whitener(twin)
     refused = False
     if ids is None:
-        decision = decide(mended, twin, whiten, seed, progress)
-        fit, refused = decision.naming.fit, decision.refused
+        decision = decide(twin, seed, progress, mended.reference)
+        fit, whiten, refused = decision.naming.fit, decision.whiten, decision.refused
     else:
-        fit = refit(twin, whiten, [_effect(twin, name) for name in ids], twin.start())
+        evidence = Evidence(twin)
+        asked = evidence.of(tuple(_effect(twin, name) for name in ids), evidence.nothing)
+        fit, whiten = asked.fit, asked.whiten
     fit = in_gauge(twin, whiten, fit)
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
     model = PhysicsModel(fit.state.model, rate_claims, conditions(mended.problem))
@@ -56,6 +58,8 @@ def _effect(twin: Twin, name: str) -> Effect:
     known = {effect.id: effect for effect in candidates(twin)}
     if name not in catalogue():
         raise FitError(f"--physics: {name!r} is no effect; known are {', '.join(catalogue())}; another folder's: --effects DIR")
+    if catalogue()[name].kind == "motion":
+        raise FitError(f"--physics: {name} is motion that the readings miss: there is nothing to fit, and no model gives it back")
     if name not in known:
         raise FitError(f"--physics: {name} cannot be fitted to this session (it needs what the log lacks, or is found without a fit)")
     if (scan := known[name].scan) is not None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from session.common.errors import FormatError
 from tinygc.effects import AppliedEffect, Conditions, EffectError, effect_of
+from tinygc.effects.effect import READINGS
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
@@ -57,4 +58,6 @@ def _read_claim(entry: dict) -> AppliedEffect:
     effect = effect_of(entry["id"])
     if effect.scan is not None:
         effect = effect.at(float(entry[effect.scan.name]) * effect.scan.si)
+    if entry.get("of") == READINGS and effect.of_readings is not None:
+        effect = effect.of_readings
     return AppliedEffect(effect, np.asarray(entry["theta_si"], dtype=float))

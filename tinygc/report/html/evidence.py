@@ -11,10 +11,10 @@ from typing import Any
 
 from session.common.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from session.log.hashes import input_hashes
+from tinygc.explanation.noise.session_noise import known_whitener
 from tinygc.explanation.truth.explain import explain_truth
 from tinygc.explanation.truth.truth_explanation import TruthExplanation
 from tinygc.explanation.twin.twin import Twin
-from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.verdict.explain import Explanation, explain_session
 from tinygc.fitting.result import FitResult
 from tinygc.fitting.session import fit_session
@@ -126,7 +126,7 @@ def _beyond(fit: FitResult, explanation: Explanation | None, adopted: Adopted) -
     if explanation is not None and adopted.claims:
         return beyond_linear(explanation.twin, explanation.whiten, explanation.naming.fit.state)
     twin = explanation.twin if explanation is not None else Twin(fit.problem)
-    whiten = explanation.whiten if explanation is not None else Whitener(twin)
+    whiten = explanation.whiten if explanation is not None else known_whitener(twin)
     return beyond_linear(twin, whiten)
 
 

@@ -216,7 +216,7 @@ def _proof(e: Explanation, width: int) -> str:
 
 def _tested(e: Explanation) -> str:
     """Which effects were tried and not found: a name that is missing here was not looked for."""
-    from tinygc.explanation.naming.forward import candidates
+    from tinygc.explanation.naming.candidates import candidates
 
     tried = sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed})
     return paragraph(

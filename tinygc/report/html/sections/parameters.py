@@ -51,24 +51,30 @@ def section(evidence: Evidence) -> Section:
         html += paragraph(
             "Scale factor asymmetry and g-sensitivity are not measured against a truth file; explain names them if they are large.", "soft"
         )
-    widened = evidence.fit.goodness.excess if evidence.adopted.name == "least_squares" else 1.0
+    widened = evidence.fit.widened if evidence.adopted.name == "least_squares" else 1.0
     if widened > 1:
         html += paragraph(
             "The closure is above its floor: the uncertainties of the linear model are widened by "
             f"{significant(np.sqrt(widened), 2)}, as if what is missing were noise. It need not be.",
             "soft",
         )
-    # The twin that physics is named with allows for a pre-calibration that is slightly off; least squares does not.
+    # A fit without stills between its turns does not reckon with the accelerometer; all others do.
     accelerometer = "an error of the accelerometer’s pre-calibration"
-    has, lacks = (
-        (", 0.1 mg of the accelerometer’s pre-calibration", "a larger error of it") if evidence.adopted.claims else ("", accelerometer)
-    )
+    reckons = bool(evidence.adopted.claims) or evidence.fit.noise is not None
+    has, lacks = (", 0.1 mg of the accelerometer’s pre-calibration", "a larger error of it") if reckons else ("", accelerometer)
     html += paragraph(
-        f"Uncertainties include the noise measured in the stills, the Earth’s heading where it was estimated{has}, and a bias that "
-        f"wanders by {_instability(evidence)}. They do not include {lacks}, nor a bias that is another one after the next switch-on.",
+        f"Uncertainties include the noise measured in the stills, the Earth’s heading where it was estimated{has}, and "
+        f"{_beyond_white(evidence)}. They do not include {lacks}, nor a bias that is another one after the next switch-on.",
         "soft",
     )
     return Section("parameters", "Parameters", html)
+
+
+def _beyond_white(evidence: Evidence) -> str:
+    noise = None if evidence.adopted.claims else evidence.fit.noise
+    if noise is None:
+        return f"a bias that wanders by {_instability(evidence)}"
+    return f"what this recording shows beyond white noise ({escape(noise.words)})"
 
 
 def _instability(evidence: Evidence) -> str:

@@ -1,0 +1,142 @@
+"""Motion faster than half the data rate: what the readings of a turn miss of it, told from fewer of them.
+
+A turn is the sum of its readings.  Every k-th, taken alone, misses more; of a spectrum that falls as a power of frequency,
+
+    |sum of every k-th - sum of all|^2 = (k^2p - 1) E^2,
+
+E what all readings miss.  White noise is thinned out as well, and its share is known: it is taken off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from session.checks.findings import Finding
+from session.common.units import DEG
+from session.detect.segments import why_broken
+from session.detect.stills import Noise, Still
+from session.log.config import Config
+from session.log.logfile import Log
+from session.log.samples import Samples
+
+#: every 2nd, 3rd and 4th reading: more leave too few in a quick turn
+STEPS = (2, 3, 4)
+#: exponents that are searched; hands have 1.35 to 2.5, what noise or a false reading adds has 0.5
+EXPONENTS = (0.25, 4.0)
+LEAST_EXPONENT = 1.0
+#: rows of rest at either end of a turn: every 4th reading then begins and ends at rest
+MARGIN = 4
+#: of the floor: less than that is nothing
+LEAST_SAID = 0.1
+#: fewer turns tell no exponent
+LEAST_TURNS = 5
+#: times the usual turn's error: beyond it, it is that turn's own fault
+MOST = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Missed:
+    """error_rad (S,): what each of S turns misses of its tilt at the data rate, rate_hz; exponent p; floor_rad: rms over the turns of
+    what white noise alone makes of it."""
+
+    error_rad: np.ndarray
+    exponent: float
+    floor_rad: float
+    rate_hz: float
+
+    @property
+    def rms_rad(self) -> float:
+        """Over all turns; a false reading in one of them does not count for more than that turn can."""
+        return float(np.sqrt(np.mean(np.minimum(self.error_rad, MOST * np.median(self.error_rad)) ** 2)))
+
+    @property
+    def rate_needed_hz(self) -> float:
+        """The data rate at which the rms would be down at the floor."""
+        return float(self.rate_hz * (self.rms_rad / self.floor_rad) ** (1 / self.exponent))
+
+
+def check_undersampling(log: Log, stills: list[Still], noise: Noise | None, config: Config) -> list[Finding]:
+    """Against what white noise makes of a turn: angle random walk x sqrt(duration).
+
+    Nothing is said where too few turns tell it, or where what is above that does not grow with the step as motion does.
+    """
+    if noise is None:
+        return []
+    turns = [(a, b) for a, b in pairwise(stills) if why_broken(log.samples, slice(a.stop, b.start + 1), config.sensor) is None]
+    missed = missed_of_turns(log.samples, turns, noise, config.protocol.segment_s)
+    if missed is None:
+        return []
+    where, what, half_hz = log.path.name, "fast motion", missed.rate_hz / 2
+    error, floor = (f"{angle / DEG:.2g}°" for angle in (missed.rms_rad, missed.floor_rad))
+    if missed.rms_rad <= missed.floor_rad:
+        by = f"by about {error} rms" if missed.rms_rad > LEAST_SAID * missed.floor_rad else "nothing"
+        says = f"turns miss {by} of what is faster than {half_hz:.3g} Hz, half the data rate; white noise makes {floor}"
+        return [Finding("ok", where, what, says)]
+    if missed.exponent < LEAST_EXPONENT:
+        return []
+    says = (
+        f"motion faster than {half_hz:.3g} Hz, half the data rate: turns miss by about {error} rms that no calibration removes "
+        f"(less if the sensor filters it); white noise makes {floor}"
+    )
+    do = f"{missed.rate_needed_hz:.0f} Hz would have been enough, or a low-pass below {half_hz:.3g} Hz in the sensor; or turn more smoothly"
+    return [Finding("warning", where, what, says, do)]
+
+
+def missed_of_turns(samples: Samples, turns: list[tuple[Still, Still]], noise: Noise, segment_s: float) -> Missed | None:
+    """What all readings miss of the turns between these pairs of stills; None where they are too few.
+
+    The floor is that of a segment, which lasts ``segment_s`` or as long as the turn.
+    """
+    if len(turns) < LEAST_TURNS:
+        return None
+    # Beyond the stills' mean rate: sums over a log of hours then stay small.
+    rate = samples.gyro - np.mean([still.gyro_mean for turn in turns for still in turn], axis=0)
+    t_s = samples.t_s
+    rows = np.array([[max(a.start, a.stop - 1 - MARGIN), min(b.stop - 1, b.start + MARGIN)] for a, b in turns]).T
+    down = np.array([[a.accel_mean / max(a.gravity_mps2, 1e-12), b.accel_mean / max(b.gravity_mps2, 1e-12)] for a, b in turns])
+    lasts_s = t_s[rows[1]] - t_s[rows[0]]
+    walk = np.mean(noise.angle_random_walk**2)
+    whole = _sums(rate, t_s, rows, 1, 0)
+    square = np.empty((len(STEPS), len(turns)))
+    for number, step in enumerate(STEPS):
+        apart = [_tilt_square(_sums(rate, t_s, rows, step, offset) - whole, down) for offset in range(step)]
+        square[number] = np.mean(apart, axis=0) - 2 * (step - 1) * walk * lasts_s
+    exponent = _exponent(square)
+    weights = np.array(STEPS, dtype=float) ** (2 * exponent) - 1
+    error = np.sqrt(np.maximum(np.mean(square / weights[:, None], axis=0), 0.0)) if exponent else np.zeros(len(turns))
+    return Missed(error, exponent, float(np.sqrt(2 * walk * np.mean(np.maximum(lasts_s, segment_s)))), 1 / samples.period_s)
+
+
+def _sums(rate: np.ndarray, t_s: np.ndarray, rows: np.ndarray, step: int, offset: int) -> np.ndarray:
+    """(S, 3) rad: the readings (N, 3) rad/s from the first to the last of rows (2, S), every ``step``-th and both ends, by trapezoids."""
+    kept = np.arange(offset, len(rate), step)
+    some, at_s = rate[kept], t_s[kept]
+    running = np.concatenate([np.zeros((1, 3)), np.cumsum((some[1:] + some[:-1]) * (np.diff(at_s) / 2)[:, None], axis=0)])
+    first, last = rows
+    begin, end = np.searchsorted(kept, first), np.searchsorted(kept, last, side="right") - 1
+    before = (rate[first] + some[begin]) * ((at_s[begin] - t_s[first]) / 2)[:, None]
+    after = (rate[last] + some[end]) * ((t_s[last] - at_s[end]) / 2)[:, None]
+    return running[end] - running[begin] + before + after
+
+
+def _tilt_square(vector: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """(S,) of vectors (S, 3) in body axes, without their part along gravity (S, 2, 3) before and after the turn.
+
+    Of a turn about one axis both are the same, and the same as at any moment between: its attitudes are not needed.
+    """
+    return np.sum(vector**2, axis=1) - np.mean(np.einsum("sij,sj->si", down, vector) ** 2, axis=1)
+
+
+def _exponent(square: np.ndarray) -> float:
+    """p of squares (K, S) that follow k^2p - 1, by least squares of their logarithms over the usual turns; 0 where nothing is beyond
+    noise."""
+    size = square.sum(axis=0)
+    mean = square[:, size <= MOST**2 * max(float(np.median(size)), 0.0)].mean(axis=1) if (size > 0).any() else np.zeros(len(square))
+    if not (mean > 0).all():
+        return 0.0
+    tried = np.linspace(*EXPONENTS, 151)
+    law = np.log(np.array(STEPS)[None] ** (2 * tried[:, None]) - 1)
+    return float(tried[np.argmin(np.var(np.log(mean)[None] - law, axis=1))])

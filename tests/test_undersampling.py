@@ -1,0 +1,219 @@
+"""What readings miss of motion that is faster than half their rate: the law against a fine integral, and the first look's line."""
+
+import shutil
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import DEG, Table, config, session_of
+from looks import G, look, of
+
+from session.checks.first_look import check_folder
+from session.checks.undersampling import check_undersampling, missed_of_turns
+from session.detect.stills import Noise, Still
+from session.log.folder import read_session
+from session.log.logfile import Log
+from session.log.samples import Samples
+from session.public.__main__ import main
+from tinygc import closure
+from tinygc.closure.residual import Batch
+from tinygc.explanation.noise.undersampling import undersampling
+from tinygc.explanation.twin.twin import Twin
+from tinygc.problem.build import build_problem
+
+ROOT = Path(__file__).resolve().parent.parent
+#: Hz of the fine grid, and fine samples of a turn and of the rest on either side of it
+FINE_HZ, TURN, REST = 2000, 5120, 2560
+TURNS = 160
+QUIET = Noise(np.full(3, 1e-9), np.full(3, 1e-9))
+STEPS = {62.5: 32, 100.0: 20, 200.0: 10}
+
+
+def motion(exponent: float, seed: int, below_hz: float = np.inf, dps: float = 60.0) -> np.ndarray:
+    """Rates (TURNS, N, 3) rad/s on the fine grid: random, their spectrum (1 + (f / 2 Hz)²)^(-p/2), within a bell; none above a limit."""
+    rng = np.random.default_rng(seed)
+    f = np.fft.rfftfreq(TURN, 1 / FINE_HZ)
+    random = rng.normal(size=(TURNS, 3, len(f))) + 1j * rng.normal(size=(TURNS, 3, len(f)))
+    waves = np.fft.irfft(random * (1 + (f / 2) ** 2) ** (-exponent / 2) * (f < below_hz), axis=-1)
+    t = np.arange(TURN) / FINE_HZ
+    turns = waves * np.exp(-(((t - t.mean()) / 0.23) ** 2) / 2)  # 0.7 Hz wide: nothing leaks above the limit
+    turns *= dps * DEG / np.abs(turns).max(axis=-1).mean()
+    return np.pad(turns.transpose(0, 2, 1), ((0, 0), (REST, REST), (0, 0)))
+
+
+def sampled(fine: np.ndarray, rate_hz: float, mdps: float = 0.0) -> tuple[Samples, list[Still]]:
+    """One log of all turns, level, and the stills between them; white noise of one-sided density."""
+    gyro = fine[:, :: STEPS[rate_hz]].reshape(-1, 3)
+    gyro = gyro + np.random.default_rng(1).normal(size=gyro.shape) * mdps * 1e-3 * DEG * np.sqrt(rate_hz / 2)
+    t_ns = np.rint(np.arange(len(gyro)) / rate_hz * 1e9).astype(np.int64)
+    down = np.array([0, 0, -G])
+    edge, whole = REST // STEPS[rate_hz], fine.shape[1] // STEPS[rate_hz]
+    nothing = np.zeros(3)
+    stills = []
+    for turn in range(TURNS + 1):
+        start, stop = max(turn * whole - edge, 0), min(turn * whole + edge, len(gyro))
+        stills.append(Still(start, stop, start / rate_hz, 1.0, nothing, nothing, nothing, down, nothing, nothing, 25.0))
+    return Samples(t_ns, gyro, np.broadcast_to(down, gyro.shape), None), stills
+
+
+def tilt_missed(fine: np.ndarray, rate_hz: float) -> float:
+    """rms rad of tilt over the turns: the sum of readings less the fine integral."""
+    step = STEPS[rate_hz]
+    error = fine[:, ::step].sum(axis=1) * step / FINE_HZ - fine.sum(axis=1) / FINE_HZ
+    return float(np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1))))
+
+
+def twin_of(fine: np.ndarray, rate_hz: float) -> SimpleNamespace:
+    """As much of a twin as the law asks for."""
+    rate = fine[:, :: STEPS[rate_hz]]
+    level = np.tile([1.0, 0, 0, 0], (len(rate), 1))
+    batch = Batch(rate, np.full((len(rate), rate.shape[1] - 1), 1 / rate_hz), np.zeros_like(rate), level, level, False)
+    problem = SimpleNamespace(first=lambda measured: measured, logs=[SimpleNamespace(noise=QUIET)])
+    segments = [SimpleNamespace(log=0, start=0, stop=rate.shape[1])] * len(rate)
+    return SimpleNamespace(batch=batch, problem=problem, segments=segments, movements=[SimpleNamespace(dt_s=1 / rate_hz)])
+
+
+def looked(samples: Samples, stills: list[Still], mdps: float = 5.0):
+    """What the first look says of fast motion; the sensor's noise as it is."""
+    noise = Noise(np.full(3, mdps * 1e-3 * DEG), np.full(3, 1e-9))
+    return check_undersampling(Log(Path("log0001.csv"), samples, raw=False), stills, noise, config(gyro_fs_dps=2000.0))
+
+
+@pytest.mark.parametrize("rate_hz", STEPS)
+@pytest.mark.parametrize("exponent", [1.4, 1.8, 2.4])
+def test_the_error_of_readings_is_predicted_from_fewer_of_them(exponent, rate_hz):
+    """Against the fine integral, both by the first look's sums and by those in the table's axes."""
+    fine = motion(exponent, seed=2)
+    true = tilt_missed(fine, rate_hz)
+    samples, stills = sampled(fine, rate_hz)
+    missed = missed_of_turns(samples, list(pairwise(stills)), QUIET, 5.0)
+    told = undersampling(twin_of(fine, rate_hz))
+    for found, p in ((missed.rms_rad, missed.exponent), (told.rms_rad, told.exponent)):
+        assert 1 / 1.3 < found / true < 1.3
+        assert p == pytest.approx(exponent, abs=0.15)
+    assert missed.rate_hz == pytest.approx(rate_hz)
+    assert told.rate_hz == pytest.approx(rate_hz)
+
+
+def test_sums_in_the_tables_axes_are_what_integrating_every_kth_reading_gives():
+    """To first order; turns of 60 dps go far from where they began."""
+    twin = twin_of(motion(1.6, seed=4), 62.5)
+    batch, told = twin.batch, undersampling(twin)
+    assert np.degrees(np.abs(closure.end_attitude(batch, batch.rate)[:, 1:]).max()) > 10
+
+    def tilts(rows: np.ndarray) -> np.ndarray:
+        at_s = np.arange(batch.rate.shape[1]) / 62.5
+        some = replace(batch, rate=batch.rate[:, rows], dt=np.tile(np.diff(at_s[rows]), (len(batch), 1)), earth=batch.earth[:, rows])
+        return closure.error_angles(closure.residual(closure.end_attitude(some, some.rate), batch.end, False))
+
+    count = batch.rate.shape[1]
+    whole = tilts(np.arange(count))
+    apart = [tilts(np.unique([0, *range(offset, count, 2), count - 1])) - whole for offset in range(2)]
+    assert told.missed_rad[0] == pytest.approx(np.sqrt(np.mean(np.square(apart))), rel=0.05)
+
+
+def test_motion_below_a_quarter_of_half_the_data_rate_misses_nothing():
+    """Every 4th of 200 readings a second still sees all of what ends at 20 Hz."""
+    fine = motion(1.4, seed=3, below_hz=20)
+    samples, stills = sampled(fine, 200.0)
+    missed = missed_of_turns(samples, list(pairwise(stills)), QUIET, 5.0)
+    open_ended = tilt_missed(motion(1.4, seed=3), 200.0)
+    assert missed.rms_rad < 1e-3 * open_ended
+    assert undersampling(twin_of(fine, 200.0)).rms_rad < 1e-3 * open_ended
+    (line,) = looked(samples, stills)
+    assert line.level == "ok"
+    assert "miss nothing of what is faster than 100 Hz" in line.says
+
+
+def test_white_noise_is_no_motion():
+    """Ten times as much of it as the motion makes: its own share is taken off."""
+    still = np.zeros((TURNS, TURN + 2 * REST, 3))
+    samples, stills = sampled(still, 62.5, mdps=50.0)
+    for noise in (50.0, 25.0):  # and twice what the stills have, as where a hand trembles
+        assert all(line.level == "ok" for line in looked(samples, stills, noise))
+
+
+@pytest.mark.parametrize("rate_hz", [62.5, 100.0])
+def test_the_line_says_how_much_and_what_would_have_been_enough(rate_hz):
+    fine = motion(1.6, seed=5)
+    samples, stills = sampled(fine, rate_hz, mdps=5.0)
+    (line,) = looked(samples, stills)
+    assert line.level == "warning"
+    assert f"faster than {rate_hz / 2:.3g} Hz" in line.says
+    said = float(line.says.split("about ")[1].split("°")[0])
+    assert said == pytest.approx(tilt_missed(fine, rate_hz) / DEG, rel=0.3)
+    assert f"a low-pass below {rate_hz / 2:.3g} Hz" in line.do
+
+
+def test_the_data_rate_that_would_have_been_enough_is():
+    """At 200 Hz the error is down at a floor for which 62.5 Hz asked for 200."""
+    fine = motion(1.8, seed=6)
+    samples, stills = sampled(fine, 62.5)
+    missed = missed_of_turns(samples, list(pairwise(stills)), QUIET, 5.0)
+    there = replace(missed, floor_rad=tilt_missed(fine, 200.0))
+    assert there.rate_needed_hz == pytest.approx(200, rel=0.2)
+
+
+def test_a_false_reading_is_no_motion():
+    samples, stills = sampled(motion(1.6, seed=7, below_hz=8), 100.0, mdps=5.0)
+    gyro = samples.gyro.copy()
+    gyro[[stills[3].stop + 40, stills[9].stop + 60], 1] += 300 * DEG
+    assert all(line.level == "ok" for line in looked(replace(samples, gyro=gyro), stills))
+
+
+def test_a_false_reading_beside_motion_changes_little():
+    fine = motion(1.6, seed=7)
+    samples, stills = sampled(fine, 62.5, mdps=5.0)
+    gyro = samples.gyro.copy()
+    gyro[stills[3].stop + 40, 0] += 500 * DEG
+    (line,) = looked(replace(samples, gyro=gyro), stills)
+    assert float(line.says.split("about ")[1].split("°")[0]) == pytest.approx(tilt_missed(fine, 62.5) / DEG, rel=0.3)
+
+
+def test_few_turns_and_turns_with_a_gap_say_nothing():
+    samples, stills = sampled(motion(1.4, seed=8), 62.5, mdps=5.0)
+    assert looked(samples, stills[:5]) == []
+    late = samples.t_ns + np.cumsum(np.isin(np.arange(len(samples)), [still.stop + 30 for still in stills])) * 10**9
+    assert looked(replace(samples, t_ns=late), stills) == []
+
+
+def test_a_session_of_smooth_turns_is_left_in_peace():
+    line = of(look(session_of(Table().tumble(14, seed=5).samples())), "fast motion")
+    assert line.level == "ok"
+
+
+@pytest.mark.parametrize("name", ["xsens", "concealed/case016", "concealed/case020", "injected/case06"])
+def test_recordings_whose_motion_is_slow_enough_are_left_in_peace(shared, name):
+    """Vibration, false readings and lost samples among them."""
+    if not (shared / name).exists():
+        pytest.skip(f"no recordings: {name} is not there")
+    assert all(line.level == "ok" for line in check_folder(shared / name) if line.what == "fast motion")
+
+
+@pytest.mark.slow
+def test_all_recordings_of_the_other_bench_are_left_in_peace(shared):
+    folders = [ROOT / "data" / "session1", *sorted((shared / "concealed").glob("case*"))]
+    lines = [line for folder in folders for line in check_folder(folder) if line.what == "fast motion"]
+    assert lines
+    assert all(line.level == "ok" for line in lines)
+
+
+@pytest.mark.slow
+def test_eight_sensors_on_one_hand_miss_the_same(shared, tmp_path):
+    """62.5 Hz: nothing of the sensor is in it, and the sums in the table's axes agree."""
+    source = shared / "mimu" / "exp_2.npz"
+    if not source.exists():
+        pytest.skip(f"no recordings: {source} is not there")
+    shutil.copyfile(source, tmp_path / source.name)
+    assert main(["mimu", str(tmp_path)]) == 0
+    said = []
+    for unit in range(8):
+        line = of(check_folder(tmp_path / "sessions" / f"e2u{unit}"), "fast motion")
+        assert line.level == "warning"
+        said.append(float(line.says.split("about ")[1].split("°")[0]))
+    assert np.std(said) < 0.05 * np.mean(said)
+    told = undersampling(Twin(build_problem(read_session(tmp_path / "sessions" / "e2u1"))))
+    assert said[1] == pytest.approx(told.rms_rad / DEG, rel=0.2)

@@ -1,0 +1,26 @@
+"""Motion faster than half the data rate.  A sum of readings misses it, turn by turn at random: no rate is added, and nothing undoes it.
+
+Who claims it has it from what fewer readings miss: predicted_deg is the rms over the turns at the recording's own data rate, and beside
+it stand rates_hz and closure_deg, one for each thinned-out rate, and the exponent in the rate (``tinygc.effects.picture.DATA_RATE``).
+"""
+
+from session.common.units import DEG
+from tinygc.effects import Effect, NoC, Parameter, nothing
+from tinygc.effects.picture import DATA_RATE
+
+EFFECT = Effect(
+    id="motion.undersampled",
+    equation="motion faster than half the data rate turns the body by what no sum of readings holds; from every k-th it grows as k^p",
+    parameter=Parameter("predicted_deg", (), "deg", DEG, plausible=DEG),
+    seen_in=("turn",),
+    kind="motion",
+    columns=nothing(1),
+    says=lambda theta: (
+        f"motion faster than half the data rate: turns miss by {float(theta[0]) / DEG:.2g}° rms that no model of the sensor gives back; "
+        "record faster, or filter below half the data rate before sampling"
+    ),
+    splits="record the same turns at twice the data rate: this error falls by 2^p",
+    regime=("angular acceleration", "rad/s²"),
+    picture=DATA_RATE,
+    device=NoC("what the readings miss is in none of them"),
+)

@@ -50,7 +50,9 @@ WATCHED = {
         "verdict.decision": "LEFT_P RIGHT_SHARE",
     },
     "truth": {
-        "truth.explain": "MOST_EFFECTS LATER_FAMILY_WISE LATER_SHARE FRAME_RAD FRAME_SIGMAS FRAME_LEAVES STEPS_TRIED WANDER_S IMPLAUSIBLE",
+        "truth.explain": "FRAME_RAD FRAME_SIGMAS FRAME_LEAVES",
+        "truth.names": "WANDER_S",
+        "truth.truth_explanation": "IMPLAUSIBLE",
         "truth.wrong_moments": "JUMP OPPOSITE",
         "truth.evidence": "SHORT_S FORCE_WINDOW_S",
     },

@@ -181,7 +181,7 @@ class Evidence:
         components = tuple(c for c in noise.components if c.name != component)
         other.first_noise = replace(noise, components=components, s=noise.s[kept], sigma=noise.sigma[kept])
         other.first_whiten = self._white.with_more(other.first_noise.covariance)
-        other._known = {}
+        other._known, other._guesses = {}, {}
         other.nothing = other.of((), None)
         return other
 
@@ -193,6 +193,7 @@ class Evidence:
     def forget(self, ids: frozenset[str]) -> None:
         """Hypotheses with any of these effects are no longer weighed."""
         self._known = {key: h for key, h in self._known.items() if not h.ids & ids}
+        self._guesses = {key: guess for key, guess in self._guesses.items() if not guess.ids & ids}
 
     def will_try(self, tried: list[Effect]) -> None:
         """Shapes without a scan that share a name: each is one of so many."""

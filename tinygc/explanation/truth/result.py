@@ -185,7 +185,7 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
     rows = [
         ("closure", f"{len(e.problem.used)} segments, {e.closure_rms[0] / DEG:.3f}° rms before, {e.closure_rms[1] / DEG:.3f}° after"),
         ("", f"of segments held out {e.held_out_rms[0] / DEG:.3f}° before, {e.held_out_rms[1] / DEG:.3f}° after"),
-        ("noise", ", ".join(f"{c.says}: {s / c.si:.2g} {c.unit}" for s, c in zip(e.noise.s, e.noise.components, strict=True) if s > 0)),
+        ("noise", _noise(e)),
         ("truth", f"{len(e.jumps)} wrong moments; closure per angle by length, degrees: {grown}"),
         ("", f"by this growth {e.truth_rad / DEG:.3f}° a moment of truth, {e.walk_rad / DEG:.3f}°/√s"),
         ("", _own_noise(e)),
@@ -201,6 +201,11 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
         rows.append(("rest", f"{rests.seconds:.0f} s; {zero}"))
         rows.append(("", f"vibration {rests.vibration_g2[0]:.4f} g² there, {rests.vibration_g2[1]:.4f} in motion"))
     return [(of, says if "nan" not in says else f"{says.split(' ')[0]}: not known, too few segments") for of, says in rows]
+
+
+def _noise(e: TruthExplanation) -> str:
+    sizes = [f"{c.says}: {s / c.si:.2g} {c.unit}" for s, c in zip(e.noise.s, e.noise.components, strict=True) if s > 0]
+    return "; ".join(sizes) or "nothing beside the gyro's white noise"
 
 
 def _own_noise(e: TruthExplanation) -> str:

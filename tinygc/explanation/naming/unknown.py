@@ -129,7 +129,7 @@ def _curve(variable: str, unit: str, scaled: OfMovement, order: int) -> Effect:
 
 
 def _attitude(order: int) -> Effect:
-    powers = [p for n in range(1, order + 1) for p in _powers(n)]
+    powers = [p for n in range(2, order + 1) for p in _powers(n)]  # what is linear has a name: g-sensitivity
 
     def basis(movement: Movement) -> np.ndarray:
         down = without_vibration(movement.force_g, movement.dt_s)  # whose square is a matter of vibration, not of attitude
@@ -140,7 +140,7 @@ def _attitude(order: int) -> Effect:
 
     return _finding(
         "attitude",
-        f"ω += polynomial of the specific force, order {order}",
+        f"ω += polynomial of the specific force, orders 2 to {order}",
         3 * len(powers),
         "the zero-rate offset depends on attitude in a way that no g-sensitivity has",
         ("attitude", "g"),

@@ -7,13 +7,14 @@ smooth curve over attitude, time, temperature or rate, two axes that move togeth
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from session.common.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude.earth import EarthRate
-from tinygc.effects import Effect, Movement, Parameter, Reach, diagonal, per_axis, without_vibration
+from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, diagonal, per_axis, without_vibration
 from tinygc.effects.conditions import HAND_S
 from tinygc.effects.picture import WORLD
 from tinygc.effects.reach import NOWHERE
@@ -47,14 +48,13 @@ def unknown_candidates(twin: Twin) -> list[Effect]:
     """Shapes to try on this recording."""
     duration = twin.movements[0].duration_s
     # Within the sampling of the stills a line above their rate shows folded; the segments still see it.
-    fast = [_periodic(frequency) for frequency in np.arange(0.5 / _interval(twin), 3.0, 1 / duration)]
-    return slow_candidates(twin) + fast
+    return slow_candidates(twin) + _lines(np.arange(0.5 / _interval(twin), 3.0, 1 / duration))
 
 
 def slow_candidates(twin: Twin) -> list[Effect]:
     """Those that follow a slow variable or the movement: all but the lines above the stills' rate, of which there are hundreds."""
     duration = twin.movements[0].duration_s
-    found = [_periodic(1 / period) for period in np.geomspace(2.2 * _interval(twin), duration, 40)]
+    found = _lines(1 / np.geomspace(duration, 2.2 * _interval(twin), 40))
     found += [_curve("time", "s", lambda m: 2 * m.t_s / m.duration_s - 1, order) for order in ORDERS]
     if np.isfinite(twin.movements[0].temp_c).all():
         low, high = (f([f(movement.temp_c) for movement in twin.movements]) for f in (np.min, np.max))
@@ -101,6 +101,12 @@ def _finding(
         inputs=inputs,
         reach=reach,
     )
+
+
+def _lines(frequencies_hz: np.ndarray) -> list[Effect]:
+    """Lines at these frequencies, rising; between them they can be sharpened."""
+    scan = Scan("frequency_hz", "Hz", make=_periodic, grid=lambda movements: frequencies_hz)
+    return replace(_periodic(float(frequencies_hz[0])), scan=scan).variants(frequencies_hz) if len(frequencies_hz) else []
 
 
 def _periodic(frequency_hz: float) -> Effect:

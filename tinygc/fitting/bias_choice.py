@@ -16,7 +16,7 @@ from tinygc.problem.problem import Problem
 from tinygc.problem.still_bias import with_still_bias
 
 #: one-sided, of the held-out errors in pairs: the stills must be better by more than chance
-BETTER_P = 0.16
+BETTER_P = 0.05
 
 
 @dataclass(frozen=True, eq=False)

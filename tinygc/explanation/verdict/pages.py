@@ -22,6 +22,8 @@ from tinygc.explanation.verdict.titles import VERDICTS
 from tinygc.explanation.verdict.where import where
 
 MOST_SAID = 6
+#: a name that is less probable is not worth a line; the JSON has all
+LEAST_CHANCE = 0.01
 
 
 def explanation_page(e: Explanation) -> Group:
@@ -32,12 +34,17 @@ def explanation_page(e: Explanation) -> Group:
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
     for claim in e.claimed:
         parts.append(
-            Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value, claim.p_is_bound)}")
+            Text.assemble(
+                (f"{claim.effect.id}  ", "bold cyan"),
+                claim.effect.equation,
+                f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value, claim.p_is_bound)}",
+            )
         )
         parts.append(Text(f"  {claim.says}"))
         parts += [Text(f"  {line}") for line in parameter_lines(claim)]
         if claim.equivalent:
-            parts.append(Text(f"  could as well be: {', '.join(claim.equivalent)}", "yellow"))
+            shown = (f"{name} ({chance_words(claim.rivals[name])})" if name in claim.rivals else name for name in claim.equivalent)
+            parts.append(Text(f"  could as well be: {', '.join(shown)}", "yellow"))
         parts.append(Text(""))
     for claim in e.findings:
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, f"   p {p_words(claim.p_value)}"))
@@ -49,6 +56,9 @@ def explanation_page(e: Explanation) -> Group:
         _stamps(e),
         Text(""),
     ]
+    parts += _considered(e)
+    if e.noise is not None:
+        parts.append(Text(f"noise beyond white, which everything is judged against: {e.noise.words}"))
     if not e.problem.instability.source.startswith("typical"):
         parts.append(Text(f"bias instability, which noise allows for: {e.problem.instability.words}"))
     parts += [*_where(e), _proof(e)]
@@ -57,6 +67,27 @@ def explanation_page(e: Explanation) -> Group:
     if following := what_next(e):
         parts.append(Text.assemble(("next: ", "bold"), following))
     return Group(*parts)
+
+
+def chance_words(probability: float) -> str:
+    """``0.87``, ``> 0.999`` or ``< 0.001``."""
+    return "> 0.999" if probability > 0.999 else "< 0.001" if probability < 0.001 else f"{probability:.3g}"
+
+
+def _considered(e: Explanation) -> list[Text]:
+    """What fired, or was weighed, and is not borne out."""
+    lines = []
+    for each in e.considered[:MOST_SAID]:
+        if each.closure_rad is not None:
+            before, after = (rad / DEG for rad in each.closure_rad)
+            lines.append(
+                f"{each.id} at {each.moments} moments: their segments close at {before:.3f}° as they are, {after:.3f}° with them mended"
+            )
+        elif each.moments:
+            lines.append(f"{each.id}: {each.moments} segments reach a level, and close like the others")
+        elif each.probability >= LEAST_CHANCE:
+            lines.append(f"{each.id}: probability {chance_words(each.probability)}")
+    return [Text("considered, and not borne out:"), *(Text(f"  {line}") for line in lines)] if lines else []
 
 
 def parameter_lines(claim: Claim) -> list[str]:

@@ -24,6 +24,8 @@ from tinygc.explanation.twin.twin import Twin
 NAMELESS = "unknown."
 #: orders of the smooth curves
 ORDERS = (2, 3, 4, 5)
+#: time constants of a settling that are tried: neighbours differ by half of themselves or so, and are sharpened
+WARM_UPS = 10
 #: powers of the rate, each whether it changes sign with the rate
 RATE_POWERS = ((1.5, True), (2, False), (2, True), (5, True))
 #: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
@@ -55,6 +57,7 @@ def slow_candidates(twin: Twin) -> list[Effect]:
     """Those that follow a slow variable or the movement: all but the lines above the stills' rate, of which there are hundreds."""
     duration = twin.movements[0].duration_s
     found = _lines(1 / np.geomspace(duration, 2.2 * _interval(twin), 40))
+    found += _warm_ups(np.geomspace(2 * _interval(twin), duration, WARM_UPS))
     found += [_curve("time", "s", lambda m: 2 * m.t_s / m.duration_s - 1, order) for order in ORDERS]
     if np.isfinite(twin.movements[0].temp_c).all():
         low, high = (f([f(movement.temp_c) for movement in twin.movements]) for f in (np.min, np.max))
@@ -117,6 +120,21 @@ def _periodic(frequency_hz: float) -> Effect:
     equation = f"ω += a cos(2π f t) + b sin(2π f t), f = {frequency_hz:.4f} Hz"
     says = f"the zero-rate offset oscillates with a period of {1 / frequency_hz:.1f} s"
     return _finding("periodic", equation, 6, says, ("time", "s"), basis=basis, inputs=("time",))
+
+
+def _warm_ups(seconds: np.ndarray) -> list[Effect]:
+    """The zero settles as a body does that warms up, with these time constants, rising; where no temperature was logged, nobody knows."""
+    scan = Scan("time_constant_s", "s", make=_warm_up, grid=lambda movements: seconds)
+    return replace(_warm_up(float(seconds[0])), scan=scan).variants(seconds)
+
+
+def _warm_up(time_constant_s: float) -> Effect:
+    def basis(movement: Movement) -> np.ndarray:
+        return np.exp(-movement.t_s / time_constant_s)[:, None]
+
+    equation = f"ω += b exp(−t / τ), τ = {time_constant_s:.0f} s"
+    says = f"the zero-rate offset settles within some {time_constant_s:.0f} s, as of a sensor that warms up: log its temperature"
+    return _finding("warm_up", equation, 3, says, ("time", "s"), basis=basis, inputs=("time",))
 
 
 def _curve(variable: str, unit: str, scaled: OfMovement, order: int) -> Effect:

@@ -20,6 +20,7 @@ from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
+from tinygc.explanation.verdict.proof import held_out, linear_held_out, tilt_rms
 from tinygc.explanation.verdict.veto import BORNE_OUT_P, improvement_p
 
 #: a name is said if it, with what could stand in for it, is more probable than not
@@ -32,7 +33,8 @@ MOST_FINDINGS = 2  #: shapes without a name beside the names: that a page holds
 @dataclass(frozen=True, eq=False)
 class NamingDecision:
     """naming: the names that are kept, with the fit; beyond: shapes without a name; considered: names that were weighed and are not
-    borne out, with their probability; whiten and noise: the covariance of all that; p_value of the detection."""
+    borne out, with their probability; whiten and noise: the covariance of all that; p_value of the
+    detection; before (S, d) rad: the linear model's held-out angles, where anything is kept."""
 
     naming: Naming
     beyond: list[NamedEffect]
@@ -40,6 +42,7 @@ class NamingDecision:
     whiten: Whitener
     noise: SessionNoise
     p_value: float
+    before: np.ndarray | None = None
 
     @property
     def refused(self) -> bool:
@@ -90,10 +93,11 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
         for number, n in enumerate(named)
         if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID and improvement_p(twin, best, prior, number) < BORNE_OUT_P
     ]
+    fit = best.fit if len(kept) == len(best.effects) else _refitted(twin, best, kept)
+    before = linear_held_out(twin.problem, twin, best.whiten) if kept and twin.stills else None
+    if before is not None:
+        kept, fit = _no_worse(twin, best, kept, fit, tilt_rms(before))
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
-    fit = best.fit
-    if len(kept) < len(best.effects):
-        fit = refit(twin, best.whiten, [n.effect for n in kept], best.fit.state)
     ids = {n.effect.id for n in kept}
     considered = {name: p for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
     first = refit(twin, best.whiten, [], twin.start())
@@ -102,7 +106,20 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     noise = best.noise.estimated(best.whiten, best.whiten.back(fit.r), whitened_J, best.noise.s, with_sigma=True)
     naming = Naming(first, first_p, fit, sorted(names, key=lambda n: -n.gain))
     beyond = [n for n in kept if n not in names]
-    return NamingDecision(naming, beyond, considered, best.whiten, noise, p_value)
+    return NamingDecision(naming, beyond, considered, best.whiten, noise, p_value, before)
+
+
+def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:
+    return refit(twin, best.whiten, [n.effect for n in kept], best.fit.state)
+
+
+def _no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, before: float) -> tuple[list[NamedEffect], Refit]:
+    """What closes the segments that the fit never saw no worse than the linear model does, ``before`` rad; what takes up
+    least goes first."""
+    while kept and tilt_rms(held_out(twin, best.whiten, fit)) > before:
+        kept = sorted(kept, key=lambda n: -n.gain)[:-1]
+        fit = _refitted(twin, best, kept)
+    return kept, fit
 
 
 def _named(evidence: Evidence, best: Hypothesis, number: int, chance: dict[str, float], tests: int) -> NamedEffect:

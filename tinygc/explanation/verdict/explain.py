@@ -80,7 +80,7 @@ def explain_session(
     naming = replace(decision.naming, fit=in_gauge(twin, whiten, decision.naming.fit))
     gravity = turn_gravity(twin, naming.fit)
     progress("proof on held-out segments", 5, 6)
-    proof = prove(problem, twin, whiten, naming.fit)
+    proof = prove(problem, twin, whiten, naming.fit, decision.before)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
     before_the_fit = mended_claims(mended) + offset_claim(gravity, named)

@@ -53,12 +53,14 @@ def tilt_rms(angles: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
 
 
-def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit) -> Proof:
-    """Hold out every tenth segment, with the stills at its ends, in turn."""
+def prove(original: Problem, twin: Twin, whiten: Whitener, fit: Refit, before: np.ndarray | None = None) -> Proof:
+    """Hold out every tenth segment, with the stills at its ends, in turn.  before (S, d) rad: of the linear model, where it is known."""
     changed = bool(fit.state.claims) or twin.problem is not original
-    after = _after(twin, whiten, fit)
+    if changed and (before is None or twin.problem is not original):
+        before = linear_held_out(original, twin, whiten)
+    after = held_out(twin, whiten, fit)
     return Proof(
-        before=_before(original, twin, whiten) if changed else after,
+        before=before if changed and before is not None else after,
         after=after,
         before_numbers=[segment.number for segment in original.used],
         after_numbers=_numbers_before(original, twin),
@@ -80,13 +82,13 @@ def _numbers_before(original: Problem, twin: Twin) -> list[int]:
     return numbers
 
 
-def _before(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarray:
+def linear_held_out(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarray:
     """By the linear model: fitted to the ends alone, or to all that ``after`` is fitted to, whichever closes better; the rates of the
     stills make any fit better, and are not to be credited to what is named."""
     if twin.problem is not original:
         twin = Twin(original)
         whiten = known_whitener(twin)
-    alike = _after(twin, whiten, refit(twin, whiten, [], twin.start()))
+    alike = held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
     return min(_by_ends(original), alike, key=tilt_rms)
 
 
@@ -100,7 +102,7 @@ def _by_ends(problem: Problem) -> np.ndarray:
     return angles
 
 
-def _after(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
+def held_out(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
     """(S, d) rad of each segment, by the parameters that all rows but its fold's ask for."""
     prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
     return left_out(twin, whiten, fit.r, fit.J * prior)[whiten.parts["closure"]].reshape(-1, twin.batch.angles)

@@ -59,7 +59,7 @@ def considered_of(mended: Mended, chance: dict[str, float]) -> list[Considered]:
         if left:
             probability = verdict.probability if not verdict.accepted else 0.0
             found.append(Considered(verdict.id, probability, left, (verdict.before_rad, verdict.tried_rad)))
-    if mended.clipping is not None and not mended.clipping.borne_out:
+    if mended.clipping is not None and not mended.clipping.borne_out and np.isfinite(mended.clipping.excess):
         found.append(Considered("gyro.saturation", 0.0, len(mended.clipping.numbers)))
     return sorted(found, key=lambda each: -each.probability)
 

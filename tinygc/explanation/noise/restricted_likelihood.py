@@ -8,11 +8,12 @@ what is correlated over more than a block says little of the components and cost
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, minimize
 
 #: steps of the search; it begins where the last one ended
 STEPS = 12
@@ -58,11 +59,23 @@ def estimate(
             gradient[k] += apart / prior[1] / max(x[k], 1e-12)
         return value, gradient
 
-    bounds = [(0.0 if prior is None else 1e-6, None) for prior in priors]
-    found = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps, "ftol": 1e-6})
+    def cost_of_root(root: np.ndarray) -> tuple[float, np.ndarray]:
+        value, gradient = cost(root**2)
+        return value, gradient * 2 * root
+
+    least = np.array([0.0 if prior is None else 1e-6 for prior in priors])
+    # A component of twenty times its usual size is twenty steps away, as a variance four hundred; but at zero a root's slope is none, and
+    # only the variance's says whether the component is there.
+    near = _lowest(cost_of_root, np.sqrt(begin), np.sqrt(least), steps).x ** 2
+    found = _lowest(cost, near, least, steps)
     x = np.where(found.x < NOTHING, 0.0, found.x)
     s = np.sqrt(x) * usual
     return Estimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), float(found.fun))
+
+
+def _lowest(cost: Callable, begin: np.ndarray, least: np.ndarray, steps: int) -> OptimizeResult:
+    bounds = [(float(low), None) for low in least]
+    return minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps, "ftol": 1e-6})
 
 
 def _cost(x: np.ndarray, parts: list, p: int) -> tuple[float, np.ndarray]:

@@ -1,0 +1,94 @@
+"""Segments that a fit has never seen: what the shortcut predicts of them is what exact refits do, and only a true effect improves it."""
+
+import numpy as np
+import pytest
+from explained_sessions import both, g_sensitive
+from simulated_twins import make_twin_of
+
+from tinygc.effects import catalogue
+from tinygc.explanation.naming.evidence import Evidence
+from tinygc.explanation.twin.refit import prior_sigmas, refit
+from tinygc.explanation.verdict.proof import fold_rows, folds_of, left_out
+from tinygc.explanation.verdict.veto import BORNE_OUT_P, improvement_p, per_segment
+
+twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
+TRUE = "gyro.g_sensitivity"
+#: none of which is there
+FITTED_TO_NOISE = (TRUE, "gyro.scale_nonlinearity", "gyro.scale_asymmetry", "gyro.bandwidth")
+SEEDS = range(1, 6)
+
+
+@pytest.fixture(scope="module")
+def evidence_of(twin_of):
+    return lambda distort, segments, seed=5: Evidence(twin_of(distort, segments=segments, seed=seed)[0])
+
+
+def weighed(evidence, *names):
+    return evidence.of(tuple(catalogue()[name] for name in names), evidence.nothing)
+
+
+def improvement(evidence, names, number=0) -> float:
+    have = weighed(evidence, *names)
+    return improvement_p(evidence.twin, have, evidence.prior(have.fit), number)
+
+
+@pytest.mark.parametrize(("distort", "names"), [(None, ()), (g_sensitive, (TRUE,)), (both, (TRUE, "gyro.scale_asymmetry"))])
+def test_leaving_out_by_algebra_is_refitting_without_those_rows(evidence_of, distort, names):
+    """Ten exact refits, each without the rows of its fold: the same to 1 % of the rms of what is left, in every channel."""
+    evidence = evidence_of(distort, 20)
+    twin, have = evidence.twin, weighed(evidence, *names)
+    effects, whiten = list(have.effects), have.whiten
+    fit = refit(twin, whiten, effects, have.fit.state)
+    shortcut = left_out(twin, whiten, fit.r, fit.J * prior_sigmas(twin, effects))
+    exact = np.full(len(shortcut), np.nan)
+    for held in folds_of(len(twin.segments)):
+        rows = fold_rows(twin, whiten, held)
+        part = refit(twin, whiten, effects, fit.state, rows=rows)
+        exact[~rows] = twin.residuals(part.state, part.rates).stacked()[~rows]
+    assert np.isfinite(exact).all()  # every row is left out once
+    inside = whiten.back(fit.r)
+    for part in whiten.parts.values():
+        rms = np.sqrt(np.mean(exact[part] ** 2))
+        assert np.sqrt(np.mean((shortcut - exact)[part] ** 2)) < 0.01 * rms
+        # Rows that were fitted to look better than they are.
+        assert np.sqrt(np.mean((inside - exact)[part] ** 2)) > 0.03 * rms
+    assert np.sqrt(np.mean(exact[whiten.parts["closure"]] ** 2)) > 1.1 * np.sqrt(np.mean(inside[whiten.parts["closure"]] ** 2))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_true_effect_improves_what_was_left_out(evidence_of, seed):
+    """Also beside an effect that was fitted to noise."""
+    evidence = evidence_of(g_sensitive, 14, seed)
+    assert improvement(evidence, [TRUE]) < 0.1 * BORNE_OUT_P
+    assert improvement(evidence, [TRUE, "gyro.scale_nonlinearity"]) < 0.1 * BORNE_OUT_P
+
+
+def test_an_effect_fitted_to_noise_does_not_except_by_chance(evidence_of):
+    """Every one of them fits better, with as many numbers as it has; of twenty, chance bears out one."""
+    p, gained = [], []
+    for seed in SEEDS:
+        evidence = evidence_of(None, 14, seed)
+        p += [improvement(evidence, [name]) for name in FITTED_TO_NOISE]
+        nothing = refit(evidence.twin, evidence.nothing.whiten, [], evidence.nothing.fit.state).chi_square
+        fits = [refit(evidence.twin, evidence.nothing.whiten, [catalogue()[name]], evidence.nothing.fit.state) for name in FITTED_TO_NOISE]
+        gained += [nothing - fit.chi_square for fit in fits]
+    assert np.median(gained) > 1
+    assert np.mean(np.array(p) > BORNE_OUT_P) >= 0.85
+    assert np.median(p) > 0.3
+
+
+def test_the_misfit_of_a_segment_is_counted_with_the_still_that_it_begins_at(evidence_of):
+    """A row that is off by so many sigmas counts in the segments that it belongs to, and in no others."""
+    evidence = evidence_of(None, 14, 1)
+    twin, whiten = evidence.twin, evidence.nothing.whiten
+    d = twin.batch.angles
+    for row, segments in (
+        (whiten.parts["closure"].start + 3 * d + 1, [3]),
+        (whiten.parts["still"].start + 3 * twin.first[5] + 2, np.flatnonzero(twin.first == twin.first[5])),
+        (whiten.parts["length"].start + twin.first[7], np.flatnonzero(twin.first == twin.first[7])),
+    ):
+        rows = np.zeros(sum(whiten.sizes))
+        rows[row] = 4 * whiten.sigma[row]
+        counted = per_segment(twin, evidence.nothing, rows)
+        assert counted[segments] == pytest.approx(16)
+        assert counted.sum() == pytest.approx(16 * len(segments))

@@ -1,0 +1,42 @@
+"""The benchmark of thresholds names constants that are there, and changes them wherever they are used."""
+
+import importlib
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+BENCHMARKS = str(ROOT / "benchmarks")
+
+
+@pytest.fixture(scope="module")
+def thresholds():
+    sys.path.insert(0, BENCHMARKS)
+    try:
+        yield importlib.import_module("thresholds")
+    finally:
+        sys.path.remove(BENCHMARKS)
+
+
+@pytest.mark.parametrize("stage", ["mends", "naming", "strong", "truth"])
+def test_every_listed_constant_is_there_and_is_halved_doubled_and_put_back(thresholds, stage):
+    changes = thresholds.settings(stage, None)
+    assert len(changes) == len(set(changes)) > 0
+    for module, name, factor in changes:
+        changed = thresholds.Changed(module, name, factor)
+        before = [getattr(place, name) for place in changed.places]
+        with changed:
+            assert {getattr(place, name) for place in changed.places} == {changed.new}
+        assert [getattr(place, name) for place in changed.places] == before
+        assert changed.new != changed.old
+
+
+def test_a_constant_is_changed_where_it_was_imported_to(thresholds):
+    places = {place.__name__.removeprefix(thresholds.HERE + ".") for place in thresholds.Changed("naming.evidence", "SCALES", 2.0).places}
+    assert places >= {"naming.evidence", "mends.trial"}
+
+
+def test_the_benchmark_says_what_it_does():
+    found = subprocess.run([sys.executable, f"{BENCHMARKS}/thresholds.py", "--help"], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert "mends, naming, strong, truth" in found.stdout

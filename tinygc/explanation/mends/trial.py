@@ -26,6 +26,8 @@ from tinygc.problem.problem import Problem
 LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
 #: log of the likelihood ratio of a row that no sensor gives: it needs no closure
 CERTAIN = 20.0
+#: samples around a false reading over which an effect with a memory spreads it: a cubic spline forgets one by a factor of 3.7 with each
+SMEARED = 10
 #: passes over the events: their share settles in a few
 PASSES = 6
 
@@ -62,8 +64,12 @@ class Trial:
         self.twin = twin = Twin(problem)
         self.state = hypothesis.fit.state
         self.rates = twin.rates(self.state)
+        # Bridged as readings: what undoes a delay smears a false reading over its neighbours.
+        calm = Twin(quiet)
+        self._bridged = calm.rates(self.state)
+        self._smeared = SMEARED if any(claim.effect.reach for claim in self.state.claims) else 0
         whiten = Whitener(twin)
-        noise = first_noise(twin, whiten, undersampling(Twin(quiet)) if len(quiet.used) == len(problem.used) else None)
+        noise = first_noise(twin, whiten, undersampling(calm) if len(quiet.used) == len(problem.used) else None)
         noise = replace(noise, s=np.array([hypothesis.noise.size(c.name) for c in noise.components]))
         whiten = whiten.with_more(noise.covariance)
         columns = whiten.back(design(twin, whiten, self.state, self.rates)[0])[whiten.parts["closure"]]
@@ -86,8 +92,9 @@ class Trial:
         count = segment.stop - segment.start
         rate, dt, earth = full[segment.start : segment.stop].copy(), batch.dt[i, : count - 1], batch.earth[i, :count]
         for event in (e for e in mended if e.id == FALSE):
-            between = interpolation.across(full, event.row - 1, event.row + event.samples, event.samples, cross(event).order)
-            rate[event.row - segment.start :][: event.samples] = between[: max(segment.stop - event.row, 0)]
+            first, last = event.row - self._smeared, event.row + event.samples + self._smeared
+            here = slice(max(first, segment.start), min(last, segment.stop))
+            rate[here.start - segment.start : here.stop - segment.start] = self._bridged[segment.log][here]
         for event in sorted((e for e in mended if e.id == LOST), key=lambda e: -e.row):
             at = event.row - segment.start + 1
             between = interpolation.across(rate, at - 1, at, length, cross(event).order)

@@ -99,7 +99,8 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
         kept, fit = _no_worse(twin, best, kept, fit, tilt_rms(before))
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
     ids = {n.effect.id for n in kept}
-    considered = {name: p for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
+    # What is vetoed may fit the segments that were seen: it is no more probable than not.
+    considered = {name: min(p, SAID) for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
     first = refit(twin, best.whiten, [], twin.start())
     p_value = min([first_p, *(n.p_value for n in kept)])
     whitened_J = best.whiten.back(fit.J) * evidence.prior(fit)

@@ -18,13 +18,15 @@ from tinygc.explanation.verdict.claims import Claim
 
 #: of the floor's rms, below which it is told among the noise and is no claim: it adds a tenth to the closure
 WORTH_SAYING = 0.5
+#: two spreads of the factor's prior: turns that miss by more than this times what fast motion makes miss for another reason
+MOST_FACTOR = float(np.exp(2.0))
 
 
 def undersampled_claim(twin: Twin, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
     """The claim, if the recording bears it out: the noise is less probable without it, whatever each turn may err by otherwise."""
     factor, missed = noise.size(UNDERSAMPLED), noise.missed
     floor = twin.problem.floor.tilt_rms
-    if factor * missed.rms_rad < WORTH_SAYING * floor:
+    if factor * missed.rms_rad < WORTH_SAYING * floor or factor > MOST_FACTOR:
         return []
     J = whiten.back(fit.J) * Evidence.prior_of(twin, fit)
     fewer = noise.without(UNDERSAMPLED)

@@ -163,7 +163,8 @@ class Evidence:
         prior = prior_sigmas(twin, [claim.effect for claim in fit.state.claims])
         for number, claim in enumerate(fit.state.claims):
             part = claim_slice(fit.state.claims, number)
-            least = float(np.sqrt(np.mean(np.diag(fit.covariance)[part])))
+            # At least what the best known of their directions is known to: one that nothing sees says nothing of their size.
+            least = float(np.sqrt(max(np.linalg.eigvalsh(fit.covariance[part, part])[0], 0.0)))
             rms = float(np.sqrt(np.mean(claim.theta**2)))
             prior[part] = min(max(rms, least, 1e-6 * claim.effect.parameter.plausible), claim.effect.parameter.plausible)
         return prior

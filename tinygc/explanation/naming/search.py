@@ -97,7 +97,15 @@ def rewhitened(have: Hypothesis, whiten: Whitener) -> Refit:
 def _with_one_more(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Hypothesis]:
     """The best hypotheses with one more effect: the likeliest by its linear columns, and those near it, weighed exactly."""
     found = guesses(evidence, tried, have)
-    return [evidence.of(g.effects, have) for g in found[:MOST_EXACT] if g.score < found[0].score + NEAR]
+    near = [g for g in found[:MOST_EXACT] if g.score < found[0].score + NEAR]
+    if any(_delays(g.effects[-1]) for g in near):
+        near += [g for g in found if _delays(g.effects[-1]) and g not in near]
+    return [evidence.of(g.effects, have) for g in near]
+
+
+def _delays(effect: Effect) -> bool:
+    """Of delays linear columns say little: of a long one they miss what bends, and between two they see no difference."""
+    return effect.gauge is not None
 
 
 def guesses(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Guess]:
@@ -109,8 +117,13 @@ def guesses(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[G
 def _improved(evidence: Evidence, best: Hypothesis) -> Hypothesis:
     """Without those effects that others have made needless."""
     while len(best.effects) > 1:
-        without = [evidence.guess(best, without=effect) for effect in best.effects]
-        fewer = [evidence.of(guess.effects, best) for guess in without if guess.score < best.score + NEAR / 2]
+        several = sum(map(_delays, best.effects)) > 1  # they stand for one another
+        without = [(effect, evidence.guess(best, without=effect)) for effect in best.effects]
+        fewer = [
+            evidence.of(guess.effects, best)
+            for effect, guess in without
+            if guess.score < best.score + NEAR / 2 or (several and _delays(effect))
+        ]
         ahead = min([*fewer, best], key=lambda h: h.score)
         if ahead is best:
             break
@@ -126,8 +139,7 @@ def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypo
             own = evidence.guess(best, without=effect).score - best.score
             for other in _in_place_of(evidence, tried, best, effect, own):
                 guess = evidence.guess(best, without=effect, add=other)
-                # Of two delays linear columns see no difference: what rounds off and what does not shows in the exact fit alone.
-                if guess.score < best.score + NEAR or (effect.gauge is not None and other.gauge is not None):
+                if guess.score < best.score + NEAR or (_delays(effect) and _delays(other)):
                     trials.append(evidence.of(guess.effects, best))
         ahead = min([*trials, best], key=lambda h: h.score)
         if ahead is best:

@@ -57,15 +57,17 @@ def slow_candidates(twin: Twin) -> list[Effect]:
     """Those that follow a slow variable or the movement: all but the lines above the stills' rate, of which there are hundreds."""
     duration = twin.movements[0].duration_s
     found = _lines(1 / np.geomspace(duration, 2.2 * _interval(twin), 40))
-    found += _warm_ups(np.geomspace(2 * _interval(twin), duration, WARM_UPS))
     found += [_curve("time", "s", lambda m: 2 * m.t_s / m.duration_s - 1, order) for order in ORDERS]
     if np.isfinite(twin.movements[0].temp_c).all():
         low, high = (f([f(movement.temp_c) for movement in twin.movements]) for f in (np.min, np.max))
         if high - low > LEAST_CHANGE_C:
             found += [_curve("temperature", "°C", lambda m: 2 * (m.temp_c - low) / (high - low) - 1, order) for order in ORDERS]
+    else:
+        found += _warm_ups(np.geomspace(2 * _interval(twin), duration, WARM_UPS))
     found += [_attitude(order) for order in (2, 3)]
-    found += [_world(twin.problem.earth, twin.problem.session.config.site.latitude_deg), _products()]
-    found += [_field(twin)]
+    found += [_products(), _field(twin)]
+    if twin.problem.earth.source != "none":  # the Earth itself has a name where its rate is not known
+        found.append(_world(twin.problem.earth, twin.problem.session.config.site.latitude_deg))
     return found + [_rate_curve(power, odd) for power, odd in RATE_POWERS]
 
 

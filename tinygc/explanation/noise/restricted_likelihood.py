@@ -17,6 +17,8 @@ from scipy.optimize import OptimizeResult, minimize
 
 #: steps of the search; it begins where the last one ended
 STEPS = 12
+#: blocks in which sizes are searched for, spread over a long session; the likelihood is that of all (benchmarks/explain_speed.py)
+SEARCHED = 3
 #: of a component's usual size, as a variance: below, it is not there
 NOTHING = 1e-4
 
@@ -49,8 +51,10 @@ def estimate(
     parts = [(r[b], J[b], base[np.ix_(b, b)], [v[np.ix_(b, b)] * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
     begin = np.full(len(V), 0.5) if start is None else np.maximum((start / usual) ** 2, 0.05)
 
-    def cost(x: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = _cost(x, parts, J.shape[1])
+    searched = [parts[i] for i in np.linspace(0, len(parts) - 1, min(len(parts), SEARCHED)).round().astype(int)]
+
+    def cost(x: np.ndarray, of: list = searched, slope: bool = True) -> tuple[float, np.ndarray]:
+        value, gradient = _cost(x, of, J.shape[1], slope)
         for k, prior in enumerate(priors):
             if prior is None:
                 continue
@@ -70,7 +74,8 @@ def estimate(
     found = _lowest(cost, near, least, steps)
     x = np.where(found.x < NOTHING, 0.0, found.x)
     s = np.sqrt(x) * usual
-    return Estimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), float(found.fun))
+    value = float(found.fun) if len(searched) == len(parts) else cost(found.x, parts, False)[0]
+    return Estimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), value)
 
 
 def _lowest(cost: Callable, begin: np.ndarray, least: np.ndarray, steps: int) -> OptimizeResult:
@@ -78,7 +83,7 @@ def _lowest(cost: Callable, begin: np.ndarray, least: np.ndarray, steps: int) ->
     return minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps, "ftol": 1e-6})
 
 
-def _cost(x: np.ndarray, parts: list, p: int) -> tuple[float, np.ndarray]:
+def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.ndarray]:
     information, pull, value = np.eye(p), np.zeros(p), 0.0
     kept = []
     for r, J, base, V in parts:
@@ -92,6 +97,8 @@ def _cost(x: np.ndarray, parts: list, p: int) -> tuple[float, np.ndarray]:
     beta = cho_solve(solved, pull, check_finite=False)
     value += 2 * float(np.sum(np.log(np.diag(solved[0])))) - float(pull @ beta)
     gradient = np.zeros(len(x))
+    if not slope:
+        return value, gradient
     for (_, _, base, V), (factor, CJ, Cr) in zip(parts, kept, strict=True):
         inverse = cho_solve(factor, np.eye(len(base)), check_finite=False)
         y = Cr - CJ @ beta

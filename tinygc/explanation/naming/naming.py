@@ -11,8 +11,8 @@ from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Guess, Hypothesis
 from tinygc.explanation.twin.refit import Refit
 
-#: -2 log evidence by which a stand-in may be worse and still be said: odds of 20 (2 ln 20)
-STAND_IN = 6.0
+#: -2 log evidence by which a stand-in may be worse and still be said: beyond it evidence is "very strong" (Kass & Raftery 1995)
+STAND_IN = 10.0
 
 
 @dataclass(frozen=True, eq=False)

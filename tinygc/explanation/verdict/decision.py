@@ -117,8 +117,11 @@ def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:
 def _no_worse(twin: Twin, best: Hypothesis, kept: list[NamedEffect], fit: Refit, before: float) -> tuple[list[NamedEffect], Refit]:
     """What closes the segments that the fit never saw no worse than the linear model does, ``before`` rad; what takes up
     least goes first."""
-    while kept and tilt_rms(held_out(twin, best.whiten, fit)) > before:
-        kept = sorted(kept, key=lambda n: -n.gain)[:-1]
+    # What lives in the stills alone is judged there.
+    while turning := [n for n in kept if "turn" in n.effect.seen_in]:
+        if tilt_rms(held_out(twin, best.whiten, fit)) <= before:
+            break
+        kept = [n for n in kept if n is not min(turning, key=lambda n: n.gain)]
         fit = _refitted(twin, best, kept)
     return kept, fit
 

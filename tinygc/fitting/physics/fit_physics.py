@@ -11,7 +11,7 @@ from tinygc.explanation.mends.mending import mend
 from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.naming.evidence import Evidence
 from tinygc.explanation.twin.common_delay import in_gauge
-from tinygc.explanation.twin.refit import Refit
+from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.verdict.decision import decide
@@ -44,6 +44,8 @@ def fit_physics(
     if ids is None:
         decision = decide(twin, seed, progress, mended.reference)
         fit, whiten, refused = decision.naming.fit, decision.whiten, decision.refused
+        if decision.beyond:  # what has no name is no part of a model
+            fit = refit(twin, whiten, [named.effect for named in decision.naming.named], twin.start())
     else:
         evidence = Evidence(twin)
         asked = evidence.of(tuple(_effect(twin, name) for name in ids), evidence.nothing)

@@ -62,6 +62,8 @@ def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effec
         at = effect.shape[effect.scan.name] * effect.scan.si
         trials = effect.variants(np.linspace(at - reach, at + reach, 15))
         gains = selection_of(twin, whiten, fit, trials, 0).gains(fit.r)
+        if not gains:  # between its neighbours nothing of it is seen beside what is fitted already
+            return effect
         effect = trials[max(gains, key=gains.__getitem__)]
         reach /= 6
     return effect

@@ -97,6 +97,8 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     before = linear_held_out(twin.problem, twin, best.whiten) if kept and twin.stills else None
     if before is not None:
         kept, fit = _no_worse(twin, best, kept, fit, tilt_rms(before))
+    if not kept:  # all is judged against the noise that there is without any of them
+        best, fit, before = evidence.nothing, evidence.nothing.fit, None
     names = [n for n in kept if not n.effect.id.startswith(NAMELESS)]
     ids = {n.effect.id for n in kept}
     # What is vetoed may fit the segments that were seen: it is no more probable than not.

@@ -27,7 +27,7 @@ ORDERS = (2, 3, 4, 5)
 #: time constants of a settling that are tried: neighbours differ by half of themselves or so, and are sharpened
 WARM_UPS = 10
 #: powers of the rate, each whether it changes sign with the rate
-RATE_POWERS = ((0.25, True), (1.5, True), (2, False), (2, True), (5, True))
+RATE_POWERS = ((1.5, True), (2, False), (2, True), (5, True))
 #: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
 PLAUSIBLE_RPS = 5 * DEG
 #: degC: at a data sheet's 0.005 dps/degC that is 2.5 mdps, a still's own noise

@@ -48,8 +48,8 @@ class Effect:
 
     Exact forms.  exact_correct(measured, movement, theta) -> (N, 3): the rate freed of the effect; without it ``distort`` is undone by
     repeated substitution.  exact_distort(movement, theta) -> (N, 3): the rate with the effect; without it ``columns`` are all.
-    basis(movement) -> (N, K): where the zero of each axis follows K known curves whatever the rate, parameter i * 3 + axis the share
-    of curve i: the same as ``columns``, without the zeros.
+    basis(movement) -> (N, K): where the zero of each axis follows K known curves whatever the rate: the same as ``columns``, without the
+    zeros.  Parameter i * 3 + axis is the share of curve i; a parameter of shape (3, K) has a row for each axis.
 
     Its numbers.  scan: a shape number that is searched for; shape: its value here, by JSON name; derived: what the JSON says instead
     of the parameter; begin: where a refit begins, SI: zero, unless zero is a saddle; known_to: share to which the variable that it
@@ -123,7 +123,7 @@ class Effect:
         if self.exact_distort is not None:
             return self.exact_distort(movement, theta)
         if self.basis is not None:
-            return movement.rate + self.basis(movement) @ theta.reshape(-1, 3)
+            return movement.rate + self.basis(movement) @ self.shares(theta)
         columns = self.columns(movement)
         return movement.rate + (columns.reshape(-1, len(theta)) @ theta).reshape(-1, 3)  # one flat product: many times faster
 
@@ -133,7 +133,7 @@ class Effect:
         if self.exact_correct is not None:
             return self.exact_correct(measured, movement, theta)
         if self.basis is not None:
-            return measured - self.basis(movement) @ theta.reshape(-1, 3)
+            return measured - self.basis(movement) @ self.shares(theta)
         rate, added = measured, None
         for _ in range(PASSES):
             before, added = added, self._distorted(movement.with_rate(rate), theta) - rate
@@ -141,6 +141,15 @@ class Effect:
             if before is not None and np.abs(added - before).max(initial=0.0) < SETTLED_RPS:
                 break  # what does not follow the rate is there at once
         return rate
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether the parameters of a basis are a row for each axis."""
+        return self.parameter.shape[0] == 3 and len(self.parameter.shape) == 2
+
+    def shares(self, theta: np.ndarray) -> np.ndarray:
+        """(K, 3): of each curve of the basis, in each axis."""
+        return theta.reshape(3, -1).T if self.has_rows else theta.reshape(-1, 3)
 
     def shown(self, movement: Movement) -> Movement:
         """What of a movement the effect may read."""

@@ -9,6 +9,7 @@ EFFECT = Effect(
     parameter=Parameter("matrix_dps_per_g", (3, 3), "dps/g", DEG, plausible=1 * DEG),
     seen_in=("still", "turn"),
     columns=lambda movement: full(movement.force_g),
+    basis=lambda movement: movement.force_g,
     says=lambda theta: (
         f"the gyro's zero-rate offset "
         f"moves {abs(largest(theta)) / DEG:.3f} dps per g (most on {axis_of(theta)}): keep gravity's direction in the model"

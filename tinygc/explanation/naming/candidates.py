@@ -43,9 +43,8 @@ def segment_times(twin: Twin) -> np.ndarray:
 
 def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int) -> Selection[int]:
     """The candidates' columns, whitened, against what the fit already has."""
-    columns = {
-        number: whiten(twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked()) for number, effect in enumerate(rest)
-    }
+    stacked = (twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked() for effect in rest)
+    columns = dict(enumerate(whiten.each(stacked)))
     along = frozenset(number for number, effect in enumerate(rest) if effect.kind == "force")
     rows = slice(0, whiten.parts["still"].stop)
     return Selection(fit.J, columns, seed, allowances=whiten.allowances, scale_rows=rows, along=along)

@@ -79,8 +79,8 @@ def promises(evidence: Evidence, whiten: Whitener, fit: Refit, rest: list[Effect
     q = orthonormal(fit.J)
     r = fit.r - q @ (q.T @ fit.r)
     found = np.empty(len(rest))
-    for number, effect in enumerate(rest):
-        basis = left_of(q, whiten(evidence.columns(effect)))
+    for number, (effect, columns) in enumerate(zip(rest, whiten.each(map(evidence.columns, rest)), strict=True)):
+        basis = left_of(q, columns)
         gain, size = float(np.sum((basis.T @ r) ** 2)), max(basis.shape[1], 1)
         # The parameters' scale at its best: each pays the logarithm of its signal over its noise.
         found[number] = gain - size * np.log(max(gain / size, 1.0)) - evidence.price(effect)

@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array
 
 from session.common.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc.closure.bias_wander import wander_covariance
@@ -44,11 +45,13 @@ UNKNOWN_WANDER_RPS, UNKNOWN_SPREAD = 10 * DEG_PER_HOUR, 1.5
 class Component:
     """One of them.
 
-    name; V (n, n) rad^2, (rad/s)^2 and (m/s^2)^2 of the stacked channels for s = 1; usual: s as large as white noise, SI, where a search
-    begins; prior: median and spread (ln) of s where something is known beforehand; unit and si: how a person reads s; says."""
+    name; V (n, n) rad^2, (rad/s)^2 and (m/s^2)^2 of the stacked channels for s = 1, sparse but for what lasts all session; usual: s as
+    large as white noise, SI, where a search begins; prior: median and spread (ln) of s where something is known beforehand; unit and si:
+    how a person reads s; says.
+    """
 
     name: str
-    V: np.ndarray
+    V: np.ndarray | csr_array
     usual: float
     unit: str
     si: float
@@ -63,7 +66,7 @@ def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
     found = [_wander(twin, sizes), _still_rate(twin, sizes), reference, _turn(sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:
         found.append(_undersampled(twin, sizes, missed))
-    return [component for component in found if component.V.any()]
+    return [component for component in found if abs(component.V).max() > 0]
 
 
 def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
@@ -88,11 +91,15 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "the bias wanders", prior)
 
 
+def _diagonal(values: np.ndarray) -> csr_array:
+    return csr_array(diags_array(values))
+
+
 def _still_rate(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     diagonal = np.zeros(sum(sizes))
     diagonal[sizes[0] : sizes[0] + sizes[1]] = 1.0
     white = float(np.median(twin.problem.still_rates.sigma)) if len(twin.stills) else DEG
-    return Component(STILL_RATE, np.diag(diagonal), white, "dps", DEG, "the mean rate of each still errs by itself: rests that creep")
+    return Component(STILL_RATE, _diagonal(diagonal), white, "dps", DEG, "the mean rate of each still errs by itself: rests that creep")
 
 
 def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
@@ -106,7 +113,7 @@ def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     V[: sizes[0], : sizes[0]] = np.kron(shared, tilt)
     length = slice(sizes[0] + sizes[1], sum(sizes))
     V[length, length] = np.eye(sizes[2])
-    return Component(REFERENCE, V, 0.1 * MG, "mg", MG, "the accelerometer errs with attitude, beyond its calibration")
+    return Component(REFERENCE, csr_array(V), 0.1 * MG, "mg", MG, "the accelerometer errs with attitude, beyond its calibration")
 
 
 def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
@@ -118,13 +125,13 @@ def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
             ends.setdefault((s.log, at), np.zeros(len(twin.segments)))[number] += sign
     moments = np.array(list(ends.values()))
     V = np.kron(moments.T @ moments, np.eye(twin.batch.angles))
-    return Component(TRUTH, V, sigma, "deg", DEG, "each moment of truth errs by itself", (sigma, TRUTH_SPREAD))
+    return Component(TRUTH, csr_array(V), sigma, "deg", DEG, "each moment of truth errs by itself", (sigma, TRUTH_SPREAD))
 
 
 def _turn(sizes: tuple[int, int, int], floor: float) -> Component:
     diagonal = np.zeros(sum(sizes))
     diagonal[: sizes[0]] = 1.0
-    return Component(TURN, np.diag(diagonal), floor, "deg", DEG, "each turn errs by itself: the body moved between rest and turn")
+    return Component(TURN, _diagonal(diagonal), floor, "deg", DEG, "each turn errs by itself: the body moved between rest and turn")
 
 
 def _undersampled(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> Component:
@@ -132,5 +139,5 @@ def _undersampled(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
     diagonal = np.zeros(sum(sizes))
     diagonal[: sizes[0]] = np.repeat(missed.predicted_rad**2, d)
     return Component(
-        UNDERSAMPLED, np.diag(diagonal), 1.0, "times what is predicted", 1.0, "motion is faster than half the data rate", (1.0, 1.0)
+        UNDERSAMPLED, _diagonal(diagonal), 1.0, "times what is predicted", 1.0, "motion is faster than half the data rate", (1.0, 1.0)
     )

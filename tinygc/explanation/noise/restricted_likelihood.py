@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import OptimizeResult, minimize
+from scipy.sparse import csr_array
 
 #: steps of the search; it begins where the last one ended
 STEPS = 12
@@ -36,7 +37,7 @@ def estimate(
     r: np.ndarray,
     J: np.ndarray,
     base: np.ndarray,
-    V: list[np.ndarray],
+    V: list[np.ndarray | csr_array],
     usual: np.ndarray,
     priors: list[tuple[float, float] | None],
     blocks: list[np.ndarray],
@@ -48,7 +49,7 @@ def estimate(
 
     blocks: row numbers of each block.  start: s (K,) of an earlier search.
     """
-    parts = [(r[b], J[b], base[np.ix_(b, b)], [v[np.ix_(b, b)] * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
+    parts = [(r[b], J[b], base[np.ix_(b, b)], [_block(v, b) * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
     begin = np.full(len(V), 0.5) if start is None else np.maximum((start / usual) ** 2, 0.05)
 
     searched = [parts[i] for i in np.linspace(0, len(parts) - 1, min(len(parts), SEARCHED)).round().astype(int)]
@@ -76,6 +77,11 @@ def estimate(
     s = np.sqrt(x) * usual
     value = float(found.fun) if len(searched) == len(parts) else cost(found.x, parts, False)[0]
     return Estimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), value)
+
+
+def _block(V: np.ndarray | csr_array, rows: np.ndarray) -> np.ndarray:
+    part = V[np.ix_(rows, rows)]
+    return part if isinstance(part, np.ndarray) else part.toarray()
 
 
 def _lowest(cost: Callable, begin: np.ndarray, least: np.ndarray, steps: int) -> OptimizeResult:

@@ -33,7 +33,7 @@ class SessionNoise:
     @property
     def covariance(self) -> np.ndarray:
         """(n, n) beside white noise."""
-        return sum(s**2 * c.V for s, c in zip(self.s, self.components, strict=True) if s > 0) + np.zeros_like(self.components[0].V)
+        return sum((s**2 * c.V for s, c in zip(self.s, self.components, strict=True) if s > 0), np.zeros(self.components[0].V.shape))
 
     def size(self, name: str) -> float:
         """s of a component, SI; 0 where there is none of this name."""

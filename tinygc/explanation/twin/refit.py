@@ -64,8 +64,10 @@ def refit(
     def cost(r: np.ndarray, state: State) -> float:
         return float(r @ r + np.sum(((state.vector - centre) / prior) ** 2))
 
+    sensitivity = None
     for _ in range(max_steps):
-        J, sensitivity = design(twin, whiten, state, rates)
+        # A step turns the attitudes along a turn by far less than their own size: those of the first step do for all but the last design.
+        J, sensitivity = design(twin, whiten, state, rates, sensitivity)
         scaled = J * prior
         gradient = scaled.T @ r + (state.vector - centre) / prior
         step = -np.linalg.solve(scaled.T @ scaled + np.eye(len(prior)), gradient) * prior
@@ -88,9 +90,11 @@ def refit(
     return Refit(state, r, J, float(r @ r), covariance, rates, sensitivity)
 
 
-def design(twin: Twin, whiten: Whitener, state: State, rates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened columns (n, p) of all parameters, and the sensitivity they rest on."""
-    sensitivity = twin.sensitivity(state, rates)
+def design(
+    twin: Twin, whiten: Whitener, state: State, rates: list[np.ndarray], sensitivity: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened columns (n, p) of all parameters, and the sensitivity they rest on: the state's own, or a near one that is known."""
+    sensitivity = twin.sensitivity(state, rates) if sensitivity is None else sensitivity
     parts = [twin.linear_columns(sensitivity), _horizontal(twin, state), twin.gravity_columns()]
     parts += [twin.effect_columns(claim.effect, state, sensitivity, rates) for claim in state.claims]
     return whiten(np.concatenate([part.stacked() for part in parts], axis=1)), sensitivity

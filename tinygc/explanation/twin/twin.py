@@ -176,7 +176,27 @@ class Twin:
         return padded
 
     def _still_rates(self, rates: list[np.ndarray]) -> np.ndarray:
-        return np.array([rates[log][still.start : still.stop].mean(axis=0) for log, still in self.stills]).reshape(-1, 3)
+        return self._still_means(rates)
+
+    def _still_means(self, by_log: list[np.ndarray]) -> np.ndarray:
+        """(Q, …) of samples (N, …) of each log."""
+        parts = [np.zeros((0, *by_log[0].shape[1:]))]
+        for values, (rows, begin, count) in zip(by_log, self._still_rows, strict=True):
+            if len(begin):
+                sums = np.add.reduceat(values[rows], begin, axis=0)
+                parts.append(sums / count.reshape(-1, *(1,) * (values.ndim - 1)))
+        return np.concatenate(parts)
+
+    @cached_property
+    def _still_rows(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Of each log: rows of all its stills, where each begins among them, and how many each has."""
+        found = []
+        for log in range(len(self.movements)):
+            own = [still for number, still in self.stills if number == log]
+            count = np.array([still.stop - still.start for still in own], dtype=int)
+            rows = np.concatenate([np.arange(still.start, still.stop) for still in own]) if own else np.zeros(0, dtype=int)
+            found.append((rows, np.cumsum(count) - count, count))
+        return found
 
     def _earth_in_stills(self, state: State) -> np.ndarray:
         return self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
@@ -280,8 +300,7 @@ class Twin:
             count = segment.stop - segment.start
             part = by_log[segment.log][segment.start : segment.stop]
             row[:] = turn[:count].transpose(1, 0, 2).reshape(self.batch.angles, -1) @ part.reshape(-1, size)
-        still = np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in self.stills]).reshape(-1, 3, size)
-        return Channels(-design, -still, np.zeros((len(self.stills), size)))
+        return Channels(-design, -self._still_means(by_log), np.zeros((len(self.stills), size)))
 
     def _basis_columns(self, effect: Effect, sensitivity: np.ndarray) -> Channels:
         """``effect_columns`` of an effect that is a basis: each curve is summed once for all axes."""
@@ -293,9 +312,12 @@ class Twin:
             count = segment.stop - segment.start
             summed = turn[:count].reshape(count, -1).T @ by_log[segment.log][segment.start : segment.stop]
             row[:] = summed.reshape(d, 3, curves).transpose(0, 2, 1)
-        mean = np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in self.stills]).reshape(-1, curves)
-        still = (mean[:, None, :, None] * np.eye(3)[:, None]).reshape(len(self.stills), 3, 3 * curves)
-        return Channels(-design.reshape(len(design), d, -1), -still, np.zeros((len(self.stills), 3 * curves)))
+        mean = self._still_means(by_log)
+        still = mean[:, None, :, None] * np.eye(3)[:, None]
+        if effect.has_rows:
+            design, still = design.swapaxes(2, 3), still.swapaxes(2, 3)
+        size = effect.parameter.size
+        return Channels(-design.reshape(-1, d, size), -still.reshape(-1, 3, size), np.zeros((len(self.stills), size)))
 
 
 def _square(sensitivity: np.ndarray) -> np.ndarray:

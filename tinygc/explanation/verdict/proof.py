@@ -117,17 +117,15 @@ def left_out(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> np.n
     """
     inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
     stacked_J, stacked_r = whiten.back(J), whiten.back(r)
+    pulled_J, pulled_r, gradient = whiten.pulled(J), whiten.pulled(r), J.T @ r
     found = np.full(len(r), np.nan)
     for held in folds_of(len(twin.segments)):
         rows = np.flatnonzero(~fold_rows(twin, whiten, held))
-        unit = np.zeros((len(r), len(rows)))
-        unit[rows, np.arange(len(rows))] = 1.0
-        free = whiten(unit)
-        across = J.T @ free
-        precision = free.T @ free - across.T @ inverse @ across
-        taken = np.linalg.solve(precision, free.T @ r - across.T @ (inverse @ (J.T @ r)))
+        across = pulled_J[rows]
+        precision = whiten.precision[np.ix_(rows, rows)] - across @ inverse @ across.T
+        taken = np.linalg.solve(precision, pulled_r[rows] - across @ (inverse @ gradient))
         # The whole fit stands where J' r is balanced by the priors, so only what the left-out rows pulled moves it.
-        found[rows] = stacked_r[rows] + stacked_J[rows] @ (inverse @ (across @ taken))
+        found[rows] = stacked_r[rows] + stacked_J[rows] @ (inverse @ (across.T @ taken))
     return found
 
 

@@ -3,7 +3,8 @@
     python benchmarks/null_sessions.py [--sessions 200] [--noise-factor 1.3] [--seed 0]
 
 Prints the share of sessions whose verdict is not ``no_mismatch``, the Kolmogorov-Smirnov test of the detection p-values against a
-uniform law, and what was named.  --noise-factor: all noise, the bias instability too, that much larger than the datasheet's.
+uniform law, what was named, and the alarms by data rate and by bias instability.  --noise-factor: all noise, the bias instability too,
+that much larger.
 """
 
 from __future__ import annotations
@@ -21,20 +22,23 @@ from scipy import stats
 from session.common.errors import CalibrationError
 from tinygc.simulation.options import SimulationOptions
 
+RATES_HZ = (62.5, 104.0, 208.0, 416.0, 833.0)
+MOST_INSTABILITY_DPH = 10.0
+
 
 def drawn(seed: int, noise_factor: float) -> SimulationOptions:
-    """Options of one null session; white noise 3 to 10 mdps/sqrt(Hz), whose datasheet says 5."""
+    """Options of one null session; white noise 3 to 10 mdps/sqrt(Hz), whose datasheet says 5; bias instability 0 to 10 deg/h."""
     rng = np.random.default_rng([seed, 20260])
     return SimulationOptions(
         seed=seed,
         closure_s=0.0,
         segments=int(rng.integers(20, 61)),
         vigour=float(rng.uniform(0.5, 1.5)),
-        odr_hz=float(rng.choice((104, 208, 416))),
+        odr_hz=float(rng.choice(RATES_HZ)),
         warm_up_c=float(rng.uniform(0, 8)),
         gyro_noise_dps_rthz=float(rng.uniform(0.003, 0.010)) * noise_factor,
         accel_noise_ug_rthz=60.0 * noise_factor,
-        bias_instability_dph=3.0 * noise_factor,
+        bias_instability_dph=float(rng.uniform(0, MOST_INSTABILITY_DPH)) * noise_factor,
     )
 
 
@@ -54,6 +58,7 @@ def explained(job: tuple[int, float]) -> dict:
         "segments": options.segments,
         "odr_hz": options.odr_hz,
         "gyro_noise_dps_rthz": options.gyro_noise_dps_rthz,
+        "bias_instability_dph": options.bias_instability_dph,
         "verdict": result.verdict,
         "p_value": result.p_value,
         "first_p": result.naming.first_p,
@@ -89,11 +94,21 @@ def main() -> None:
         rows.append((f"of the {channel} channel alone", f"{_uniform([result['channel_p'][channel] for result in results]):.3g}"))
     deciles = np.histogram([result["p_value"] for result in results], bins=10, range=(0, 1))[0]
     rows.append(("detection p-values by tenths", " ".join(map(str, deciles))))
+    rows.append(("alarms by Hz", _alarms(results, alarms, "odr_hz", RATES_HZ)))
+    thirds = tuple(np.linspace(0, MOST_INSTABILITY_DPH * args.noise_factor, 4).round(1)[1:])
+    rows.append(("alarms up to a bias instability, °/h", _alarms(results, alarms, "bias_instability_dph", thirds)))
     rows.append(("falsely named", ", ".join(f"{name} {times}" for name, times in names.most_common()) or "nothing"))
     rows.append(("median seconds a session", f"{np.median([result['seconds'] for result in results]):.1f}"))
     print(markdown(("null sessions", f"noise × {args.noise_factor:g}"), rows))
     for result in refused:
         print(f"seed {result['seed']} refused: {result['refused']}")
+
+
+def _alarms(results: list[dict], alarms: list[dict], name: str, edges: tuple[float, ...]) -> str:
+    """``edge: alarms of sessions``, of those whose value lies up to each edge."""
+    groups = zip((-np.inf, *edges[:-1]), edges, strict=True)
+    count = lambda among, low, high: sum(low < each[name] <= high for each in among)  # noqa: E731
+    return ", ".join(f"{high:g}: {count(alarms, low, high)} of {count(results, low, high)}" for low, high in groups)
 
 
 def _uniform(p_values: list[float]) -> float:

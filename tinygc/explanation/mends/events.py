@@ -36,7 +36,7 @@ def proposed(session: Session) -> list[Event]:
             events += [Event(FALSE, number, row, count, accel) for row, count, accel in columns]
             samples = without_glitches(samples, glitches)
         samples = session.calibrated(replace(log, samples=samples))
-        losses = lost_samples.find_losses(lost_samples.find_jumps(samples), samples.duration_s)
+        losses = lost_samples.possible_losses(lost_samples.find_jumps(samples), samples.duration_s)
         events += [Event(LOST, number, row) for row in losses.tolist()]
     return events
 
@@ -55,12 +55,12 @@ def bridged(session: Session, events: list[Event]) -> Session:
 
 @dataclass(frozen=True)
 class Crossing:
-    """How gaps of one length are crossed in one log: order of the polynomial, and the rotation, rad rms per axis, that it misses."""
+    """How a gap is crossed: order of the polynomial, and the rotation, rad rms per axis, that it misses."""
 
     order: int
     missed_rad: float
 
 
-def crossing(samples: Samples, rows: list[int], count: int) -> Crossing:
-    """Of gaps of ``count`` at these rows."""
-    return Crossing(*interpolation.best_order(samples, np.array(rows, dtype=int), count))
+def crossing(samples: Samples, event: Event, length: int) -> Crossing:
+    """Of an event; length: how many samples each loss has, where it is one."""
+    return Crossing(*interpolation.best_order(samples, np.array([event.row]), event.samples or max(length, 1)))

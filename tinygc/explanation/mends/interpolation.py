@@ -12,7 +12,9 @@ from session.log.samples import Samples
 
 SIDE = 4  #: samples on either side that carry the polynomial: two more than the highest order has coefficients
 ORDERS = (1, 3, 5)
-AS_FAST = 0.5  #: share of the speed at the gaps, from which on a place is like them (not critical: benchmarks/thresholds.py)
+#: share of the speed at the gaps, from which on a place is like them, up to its inverse; where that leaves fewer places than
+#: ``FEWEST_TRIALS``, all that are as fast (not critical: benchmarks/thresholds.py)
+AS_FAST, FEWEST_TRIALS = 0.5, 40
 MOST_TRIALS = 400  #: gaps that are tried where nothing is missing: their rms is then known to 4 %
 
 
@@ -27,11 +29,13 @@ def best_order(samples: Samples, rows: np.ndarray, count: int) -> tuple[int, flo
     that it misses."""
     speed = np.linalg.norm(samples.gyro, axis=1)
     reach = count + SIDE
-    usable = speed >= AS_FAST * np.median(speed[rows])
+    here = np.median(speed[rows])
+    usable = speed >= AS_FAST * here
     for row in rows:
         usable[max(row - reach - count, 0) : row + reach + count] = False
     usable[:reach] = usable[len(usable) - 2 * reach :] = False
-    places = np.flatnonzero(usable)
+    alike = np.flatnonzero(usable & (speed <= here / AS_FAST))
+    places = alike if len(alike) >= FEWEST_TRIALS else np.flatnonzero(usable)
     if not len(places):
         return 3, 0.0
     places = places[:: -(-len(places) // MOST_TRIALS)]

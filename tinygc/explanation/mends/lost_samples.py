@@ -27,7 +27,8 @@ JUMP = 12.0
 SPIKE, FLANK = 0.75, 0.2
 #: s: where that scatter is taken (not critical: benchmarks/thresholds.py), and what a sensor's filter takes to start
 NEIGHBOURHOOD_S, START_S = 0.2, 0.1
-ALONE = 8  #: samples on either side of a loss without another jump: as long as the longest false reading
+NEIGHBOURHOOD = 32  #: samples of it at least: the third differences of the longest false reading, eleven, are not half of them
+ALONE = 8  #: samples on either side of a loss without another, or without a greater jump: as long as the longest false reading
 #: a loss shows in the accelerometer, too: most of them by at least this (noise alone: 0.9); where a rate clips it does not
 LOSS_IN_ACCEL = 3.0
 #: losses and false readings are rare: more than one a second is another thing
@@ -86,7 +87,7 @@ def _steps_at(i: int, size: np.ndarray, total: np.ndarray) -> list[tuple[int, np
 
 def _neighbourhood(absolute: np.ndarray, period_s: float) -> np.ndarray:
     """Scatter around each row, from medians: a jump does not hide itself, and a turn's beginning is not one."""
-    step = max(round(NEIGHBOURHOOD_S / period_s), 4)
+    step = max(round(NEIGHBOURHOOD_S / period_s), NEIGHBOURHOOD)
     count = len(absolute) // step
     if count < 5:
         return np.broadcast_to(np.maximum(sigma_of(absolute), 1e-12), absolute.shape)
@@ -96,12 +97,21 @@ def _neighbourhood(absolute: np.ndarray, period_s: float) -> np.ndarray:
 
 
 def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
-    """Rows (L,) after which samples may be missing: steps that stay, in gyro and accelerometer alike."""
+    """Rows (L,) after which samples are missing, by the registers alone: steps that stay, in gyro and accelerometer alike."""
     alone = np.array([np.sum(np.abs(jumps.rows - row) <= ALONE) == 1 for row in jumps.rows], dtype=bool)
     rows, accel = jumps.rows[alone], np.linalg.norm(jumps.size[alone, 3:], axis=1)
     if not len(rows) or np.median(accel) < LOSS_IN_ACCEL or len(rows) > PER_SECOND * duration_s:
         return rows[:0]
     return rows
+
+
+def possible_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
+    """Rows (L,) after which samples may be missing, where closure decides (``trial``): the greatest steps around that stay."""
+    size = np.linalg.norm(jumps.size, axis=1)
+    near = np.abs(jumps.rows[:, None] - jumps.rows) <= ALONE
+    others = np.where(near & ~np.eye(len(size), dtype=bool), size, 0.0).max(axis=1, initial=0.0)
+    rows = jumps.rows[size >= others]
+    return rows if len(rows) <= PER_SECOND * duration_s else rows[:0]
 
 
 def lsb(values: np.ndarray) -> float:
@@ -110,8 +120,11 @@ def lsb(values: np.ndarray) -> float:
     return float(distinct[distinct > 1e-9][0]) if (distinct > 1e-9).any() else 0.0
 
 
-def with_lost(samples: Samples, rows: np.ndarray, count: int, order: int) -> Samples:
-    """``count`` samples put back after each of the rows, by a polynomial through their neighbours, and the later stamps moved on."""
+def with_lost(samples: Samples, rows: np.ndarray, count: int, orders: np.ndarray | int) -> Samples:
+    """``count`` samples put back after each of the rows, by a polynomial through their neighbours, and the later stamps moved on.
+
+    orders: of the polynomials, one for each row or for all."""
+    orders = np.broadcast_to(orders, rows.shape)
     period_ns = round(samples.period_s * NS_PER_S)
     names = ["gyro", "accel"] + (["temp_c"] if samples.temp_c is not None else [])
     pieces: dict[str, list] = {name: [] for name in ["t_ns", *names]}
@@ -125,7 +138,7 @@ def with_lost(samples: Samples, rows: np.ndarray, count: int, order: int) -> Sam
             pieces["t_ns"].append(samples.t_ns[stop - 1] + moved + period_ns * np.arange(1, count + 1))
             for name in names:
                 values = getattr(samples, name)
-                bridged = interpolation.across(values.reshape(len(samples), -1), stop - 1, stop, count, order)
+                bridged = interpolation.across(values.reshape(len(samples), -1), stop - 1, stop, count, int(orders[i]))
                 pieces[name].append(bridged.reshape(count, *values.shape[1:]))
     joined = {name: np.concatenate(parts) for name, parts in pieces.items()}
     return Samples(joined["t_ns"], joined["gyro"], joined["accel"], joined.get("temp_c"))

@@ -21,6 +21,7 @@ from tinygc.explanation.mends.clipping import FEWEST_WHOLE, Clipping, find_clipp
 from tinygc.explanation.mends.common_count import common_count
 from tinygc.explanation.mends.creeping import about_the_vertical, chance_of_creep
 from tinygc.explanation.mends.events import FALSE, LOST, Event, bridged, proposed
+from tinygc.explanation.mends.left_open import left_open
 from tinygc.explanation.mends.trial import Trial, Verdict
 from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.naming.evidence import Evidence, Hypothesis
@@ -99,14 +100,16 @@ def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str]
 
 
 def _reference(problem: Problem, quiet: Problem, false: list[Event], lost: list[Event]) -> Hypothesis:
-    """The physics by which events are judged: of the segments without any; where those are few, of all, as they are or with everything
-    mended, whichever has the greater evidence."""
-    touched = [s.number for s in problem.used if any(s.log == e.log and s.start <= e.row < s.stop for e in (*false, *lost))]
-    if len(problem.used) - len(touched) >= FEWEST_WHOLE:
-        try:
-            return _searched(_again(problem, problem.session, left_out=tuple(touched)))
-        except CalibrationError:
-            pass  # what is left does not hold together
+    """The physics by which events are judged: of the segments that close, with or without any; where those are few, of all, as they are or
+    with everything mended, whichever has the greater evidence."""
+    inside = {e: [s.number for s in problem.used if s.log == e.log and s.start <= e.row < s.stop] for e in (*false, *lost)}
+    touched = {number for numbers in inside.values() for number in numbers}
+    in_rests = [e for e in false if not inside[e]]
+    with suppress(CalibrationError):  # what is left does not hold together
+        is_open = left_open(problem, np.array([s.number in touched for s in problem.used]))
+        if (~is_open).sum() >= FEWEST_WHOLE:
+            open_ones = tuple(s.number for s, each in zip(problem.used, is_open, strict=True) if each)
+            return _searched(_again(problem, bridged(problem.session, in_rests), left_out=open_ones))
     session, count = quiet.session, common_count(quiet, lost) if lost else 0
     if count:
         session, _ = _with_lost(session, [e for e in lost if e.id == LOST], count)
@@ -150,9 +153,9 @@ def _with_lost(session: Session, lost: list[Event], length: int) -> tuple[Sessio
     for number, log in enumerate(session.logs):
         rows = np.array([e.row for e in lost if e.log == number], dtype=int)
         if len(rows):
-            order, missed_rad = interpolation.best_order(log.samples, rows, length)
-            gaps += [Gap(number, int(row) + 1 + i * length, missed_rad) for i, row in enumerate(rows)]
-            log = replace(log, samples=lost_samples.with_lost(log.samples, rows, length, order))
+            orders, missed_rad = zip(*(interpolation.best_order(log.samples, np.array([row]), length) for row in rows), strict=True)
+            gaps += [Gap(number, int(row) + 1 + i * length, missed) for i, (row, missed) in enumerate(zip(rows, missed_rad, strict=True))]
+            log = replace(log, samples=lost_samples.with_lost(log.samples, rows, length, np.array(orders)))
         logs.append(log)
     return replace(session, logs=tuple(logs)), gaps
 

@@ -78,6 +78,7 @@ class Trial:
         full = (whiten.covariance[whiten.parts["closure"], whiten.parts["closure"]] + known).reshape(count, d, count, d)
         self.covariance = full[np.arange(count), :, np.arange(count)]
         self._batch = twin.batch_at(self.state)
+        self._period_s = float(np.median([movement.dt_s for movement in twin.movements]))
 
     def segment_of(self, event: Event) -> int | None:
         """Number among the used segments of the one that an event is in; None in a rest or a rejected turn."""
@@ -109,10 +110,19 @@ class Trial:
         C = self.covariance[i] + sum(cross(event).missed_rad ** 2 for event in mended) * np.eye(len(angles))
         return float(-(angles @ np.linalg.solve(C, angles)) / 2 - np.linalg.slogdet(C)[1] / 2)
 
+    def closes_better(self, i: int, mended: list[Event], otherwise: list[Event], cross: Callable[[Event], Crossing], length: int) -> bool:
+        """Whether segment i misses less with the one than with the other: a wide gap makes nothing of what is missed less of a miss."""
+        sizes = [
+            angles @ np.linalg.solve(self.covariance[i], angles)
+            for angles in (self.angles(i, e, cross, length) for e in (mended, otherwise))
+        ]
+        return bool(sizes[0] < sizes[1])
+
     def lost_each_time(self, losses: list[Event]) -> int:
         """Samples that are missing after each of the events, the same count for all: the one that closes most of them best; 0 for none.
 
-        For this search a loss is one long step.
+        For this search a loss is one long step, and each segment has one at the most, at any of its events, or has none: one without a
+        loss must not decide for the others.
         """
         inside: dict[int, list[int]] = {}
         for event in losses:
@@ -123,22 +133,22 @@ class Trial:
         numbers = np.array(sorted(inside))
         part = replace(self._batch.pick(numbers), rate=self.twin.padded(self.rates)[numbers])
         inverse = np.linalg.inv(self.covariance[numbers])
-        period_s = float(np.median([movement.dt_s for movement in self.twin.movements]))
+        rows = [inside[int(i)] for i in numbers]
 
-        def chi_square(count: int) -> np.ndarray:
+        def chi_square(count: int, turn: int) -> np.ndarray:
             dt = part.dt.copy()
-            for row, i in zip(dt, numbers, strict=True):
-                row[inside[int(i)]] += count * period_s
+            for row, events in zip(dt, rows, strict=True):
+                row[events[turn % len(events)]] += count * self._period_s
             angles = closure.error_angles(closure.segment_residuals(replace(part, dt=dt), part.rate))
             return np.einsum("si,sij,sj->s", angles, inverse, angles)
 
-        as_it_is = chi_square(0)
+        as_it_is = chi_square(0, 0)
 
         def cost(count: int) -> float:
-            # Of each segment, that it has lost samples or has not: one that has not must not decide for the others.
-            return float(-2 * np.sum(np.logaddexp(-chi_square(count) / 2, -as_it_is / 2)))
+            tried = [as_it_is, *(chi_square(count, turn) for turn in range(max(map(len, rows))))]
+            return float(-2 * np.sum(np.logaddexp.reduce([-chi / 2 for chi in tried], axis=0)))
 
-        return lowest(cost, round(LONGEST_LOSS_S / period_s))
+        return lowest(cost, round(LONGEST_LOSS_S / self._period_s))
 
     def _tilt_rms(self, mended: dict[int, list[Event]], cross: Callable[[Event], Crossing], length: int) -> float:
         """rad, of segments with these of their events mended."""
@@ -149,14 +159,8 @@ class Trial:
         """Events of one id, with ``others``, of another id, mended already."""
         length = self.lost_each_time(events) if name == LOST else 0
         where = [self.segment_of(event) for event in events]
-        crossings = {
-            (log, count): crossing(self.twin.problem.logs[log].samples, [e.row for e in events if e.log == log], count)
-            for log, count in {(e.log, e.samples or max(length, 1)) for e in [*events, *others]}
-        }
-
-        def cross(event: Event) -> Crossing:
-            return crossings[event.log, event.samples or max(length, 1)]
-
+        crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, length) for event in [*events, *others]}
+        cross = crossings.__getitem__
         chance = np.array([1.0 if event.accel else 0.5 for event in events])
         share, ratios = 0.5, np.zeros(len(events))
         for _ in range(PASSES if name == FALSE or length else 0):
@@ -167,7 +171,7 @@ class Trial:
                 beside = [e for e in others if self.segment_of(e) == i]
                 beside += [e for k, e in enumerate(events) if where[k] == i and k != j and chance[k] > 0.5]
                 with_it, without = (self.log_likelihood(i, mended, cross, length) for mended in ([*beside, event], beside))
-                ratios[j] += with_it - without
+                ratios[j] += with_it - without if self.closes_better(i, [*beside, event], beside, cross, length) else -CERTAIN
             before = chance
             chance = 1 / (1 + np.exp(-np.clip(ratios + np.log(share / (1 - share)), -50, 50)))
             share = float((chance.sum() + 0.5) / (len(chance) + 1))
@@ -176,8 +180,9 @@ class Trial:
         accepted = [event for event, p in zip(events, chance, strict=True) if p > 0.5] if name == FALSE or length else []
         touched = sorted({i for i in where if i is not None})
         here = {i: [e for e in accepted if self.segment_of(e) == i] for i in touched}
+        tries = round(LONGEST_LOSS_S / self._period_s) if name == LOST else 1
         closed = sum(self.log_likelihood(i, here[i], cross, length) - self.log_likelihood(i, [], cross, length) for i in touched)
-        log_ratio = float(closed) + CERTAIN * sum(e.accel for e in accepted)
+        log_ratio = float(closed) + CERTAIN * sum(e.accel for e in accepted) - np.log(tries)  # of lengths, one was the best
         none: dict[int, list[Event]] = {i: [] for i in touched}
         all_here = {i: [e for e in events if self.segment_of(e) == i] for i in touched}
         rms = [self._tilt_rms(mended, cross, length) for mended in (none, all_here)]

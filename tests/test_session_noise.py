@@ -8,6 +8,7 @@ from simulated_twins import make_twin_of
 
 from tinygc.explanation.noise import session_noise
 from tinygc.explanation.noise.components import REFERENCE, STILL_RATE, TURN, UNDERSAMPLED, WANDER
+from tinygc.explanation.noise.restricted_likelihood import Prior
 from tinygc.explanation.noise.session_noise import first_noise
 from tinygc.explanation.noise.undersampling import undersampling
 from tinygc.explanation.twin.refit import design, prior_sigmas
@@ -133,7 +134,7 @@ def test_a_session_in_blocks_says_what_it_says_as_a_whole(session, monkeypatch):
 def test_what_is_known_of_the_wander_is_left_where_the_recording_is_silent(session):
     """A tenth of the wander that would be as large as white noise cannot be seen; eight times what is known can, and is not overruled."""
     faint, usual = 0.1 * session.usual[WANDER], session.usual[WANDER]
-    silent = session.estimated({}, session.with_prior(WANDER, (faint, 0.5)), seeds=range(6))[WANDER]
+    silent = session.estimated({}, session.with_prior(WANDER, Prior(faint, 0.5)), seeds=range(6))[WANDER]
     np.testing.assert_allclose(silent[0], faint, rtol=0.1)
-    loud = session.estimated({WANDER: 8 * usual}, session.with_prior(WANDER, (usual, 0.5)), seeds=range(6))[WANDER]
+    loud = session.estimated({WANDER: 8 * usual}, session.with_prior(WANDER, Prior(usual, 0.5)), seeds=range(6))[WANDER]
     assert (loud[0] > 3 * usual).all()

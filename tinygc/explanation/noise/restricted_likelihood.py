@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -22,6 +23,20 @@ STEPS = 12
 SEARCHED = 3
 #: of a component's usual size, as a variance: below, it is not there
 NOTHING = 1e-4
+
+
+class Prior(NamedTuple):
+    """What is known of a size s beforehand: its median, and how far it may be from it, ln; upwards, if that is another."""
+
+    median: float
+    spread: float
+    spread_above: float | None = None
+
+    def apart(self, s: float) -> tuple[float, float]:
+        """ln(s / median) in spreads, and the spread on its side."""
+        off = float(np.log(s / self.median))
+        spread = self.spread if self.spread_above is None or off < 0 else self.spread_above
+        return off / spread, spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +54,7 @@ def estimate(
     base: np.ndarray,
     V: list[np.ndarray | csr_array],
     usual: np.ndarray,
-    priors: list[tuple[float, float] | None],
+    priors: list[Prior | None],
     blocks: list[np.ndarray],
     start: np.ndarray | None = None,
     with_sigma: bool = False,
@@ -59,9 +74,10 @@ def estimate(
         for k, prior in enumerate(priors):
             if prior is None:
                 continue
-            apart = (0.5 * np.log(max(x[k], 1e-12)) + np.log(usual[k] / prior[0])) / prior[1]
+            least = max(float(x[k]), 1e-12)
+            apart, spread = prior.apart(float(np.sqrt(least) * usual[k]))
             value += apart**2
-            gradient[k] += apart / prior[1] / max(x[k], 1e-12)
+            gradient[k] += apart / spread / least
         return value, gradient
 
     def cost_of_root(root: np.ndarray) -> tuple[float, np.ndarray]:

@@ -48,7 +48,7 @@ class SessionNoise:
             if name in found and found[name][0] > found[name][1].usual:
                 return True
         s, wander = found.get(WANDER, (0.0, None))
-        return wander is not None and wander.prior is not None and s > wander.prior[0] * np.exp(UNUSUAL * wander.prior[1])
+        return wander is not None and wander.prior is not None and s > wander.prior.median * np.exp(UNUSUAL * wander.prior.spread)
 
     def to_json(self) -> list[dict]:
         """``noise.components`` of explain.json and fit.json."""

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from session.common.units import DEG
 from tinygc.effects import catalogue
 from tinygc.explanation.naming.evidence import Evidence
-from tinygc.explanation.noise.components import UNDERSAMPLED
+from tinygc.explanation.noise.components import FACTOR_SPREAD, UNDERSAMPLED
 from tinygc.explanation.noise.session_noise import SessionNoise
 from tinygc.explanation.noise.undersampling import STEPS
 from tinygc.explanation.twin.refit import Refit
@@ -19,7 +19,7 @@ from tinygc.explanation.verdict.claims import Claim
 #: of the floor's rms, below which it is told among the noise and is no claim: it adds a tenth to the closure
 WORTH_SAYING = 0.5
 #: two spreads of the factor's prior: turns that miss by more than this times what fast motion makes miss for another reason
-MOST_FACTOR = float(np.exp(2.0))
+MOST_FACTOR = float(np.exp(2 * FACTOR_SPREAD))
 
 
 def undersampled_claim(twin: Twin, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:

@@ -15,7 +15,7 @@ from tinygc.problem.problem import Problem
 
 #: times the typical size of a closure: of two angles of noise, one in 5000 is so far out
 OPEN = 3.5
-#: share of the segments that is kept, and of a normal law's closures the typical size among these over that of all
+#: share of the segments that is kept at first, and of a normal law's closures the typical size among these over that of all
 KEPT, SIZE_OF_KEPT = 0.6, 0.71
 #: of concentration, which settles in a few
 ROUNDS = 12
@@ -27,18 +27,25 @@ def left_open(problem: Problem, touched: np.ndarray) -> np.ndarray:
     starts = [np.arange(len(touched)), np.flatnonzero(~touched)]
     sizes = [_concentrated(problem, start, count) for start in starts if len(start) >= count or start is starts[0]]
     size = min(sizes, key=lambda each: np.sum(np.sort(each)[:count] ** 2))
-    return touched & (size > OPEN * np.median(np.sort(size)[:count]) / SIZE_OF_KEPT)
+    found = touched & (size > OPEN * np.median(np.sort(size)[:count]) / SIZE_OF_KEPT)
+    size = _closure(problem, np.flatnonzero(~found))  # so few as were kept are easily fitted too well
+    return found & (size > OPEN * np.median(size[~found]))
 
 
 def _concentrated(problem: Problem, kept: np.ndarray, count: int) -> np.ndarray:
-    """(S,) closure of each segment over its floor, by the fit of the ``count`` that close best, found from those that are kept first."""
-    batch, sigma = problem.batch, problem.floor.sigma
-    size = np.zeros(len(batch))
+    """(S,) ``_closure`` by the fit of the ``count`` that close best, found from those that are kept first."""
+    size = np.zeros(len(problem.batch))
     for _ in range(ROUNDS):
-        model = fit_least_squares(batch.pick(kept), sigma[kept], problem.first, still_rates=problem.still_rates).model
-        size = np.linalg.norm(closure_angles(batch, model) / sigma.reshape(len(batch), -1), axis=1)
+        size = _closure(problem, kept)
         best = np.sort(np.argsort(size)[:count])
         if np.array_equal(best, kept):
             break
         kept = best
     return size
+
+
+def _closure(problem: Problem, kept: np.ndarray) -> np.ndarray:
+    """(S,) of each segment over its floor, by the fit of those that are kept."""
+    batch, sigma = problem.batch, problem.floor.sigma
+    model = fit_least_squares(batch.pick(kept), sigma[kept], problem.first, still_rates=problem.still_rates).model
+    return np.linalg.norm(closure_angles(batch, model) / sigma.reshape(len(batch), -1), axis=1)

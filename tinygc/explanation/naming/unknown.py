@@ -28,6 +28,8 @@ ORDERS = (2, 3, 4, 5)
 WARM_UPS = 10
 #: powers of the rate, each whether it changes sign with the rate
 RATE_POWERS = ((1.5, True), (2, False), (2, True), (5, True))
+#: in the equation of those that do
+SIGNED = "sign(ω_i)"
 #: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
 PLAUSIBLE_RPS = 5 * DEG
 #: degC: at a data sheet's 0.005 dps/degC that is 2.5 mdps, a still's own noise
@@ -69,6 +71,13 @@ def slow_candidates(twin: Twin) -> list[Effect]:
     if twin.problem.earth.source != "none":  # the Earth itself has a name where its rate is not known
         found.append(_world(twin.problem.earth, twin.problem.session.config.site.latitude_deg))
     return found + [_rate_curve(power, odd) for power, odd in RATE_POWERS]
+
+
+def curves_like(twin: Twin, shape: Effect) -> list[Effect]:
+    """Further terms of the smooth curve that a shape is one of, itself among them; none where it is no such curve."""
+    if "curve_over_" not in shape.id:
+        return []
+    return [other for other in slow_candidates(twin) if other.id == shape.id and (SIGNED in other.equation) == (SIGNED in shape.equation)]
 
 
 def _interval(twin: Twin) -> float:
@@ -224,7 +233,7 @@ def _rate_curve(power: float, odd: bool) -> Effect:
         u = movement.rate / movement.fs_rps
         return diagonal(movement.fs_rps * (np.sign(u) if odd else 1.0) * np.abs(u) ** power)
 
-    shape = f"sign(ω_i) |ω_i / FS|^{power:g}" if odd else f"|ω_i / FS|^{power:g}"
+    shape = f"{SIGNED} |ω_i / FS|^{power:g}" if odd else f"|ω_i / FS|^{power:g}"
     return _finding(
         "curve_over_rate",
         f"ω_i += c_i FS {shape}",

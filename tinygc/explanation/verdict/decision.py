@@ -20,6 +20,7 @@ from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
+from tinygc.explanation.verdict.part_of_a_curve import part_of_a_curve
 from tinygc.explanation.verdict.proof import held_out, linear_held_out, tilt_rms
 from tinygc.explanation.verdict.veto import BORNE_OUT_P, improvement_p
 
@@ -91,7 +92,9 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     kept = [
         n
         for number, n in enumerate(named)
-        if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID and improvement_p(twin, best, prior, number) < BORNE_OUT_P
+        if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID
+        and improvement_p(twin, best, prior, number) < BORNE_OUT_P
+        and not part_of_a_curve(evidence, best, number)
     ]
     fit = best.fit if len(kept) == len(best.effects) else _refitted(twin, best, kept)
     before = linear_held_out(twin.problem, twin, best.whiten) if kept and twin.stills else None

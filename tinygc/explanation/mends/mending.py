@@ -100,20 +100,22 @@ def _tried(problem: Problem, clipping: Clipping | None, progress: Callable[[str]
 
 
 def _reference(problem: Problem, quiet: Problem, false: list[Event], lost: list[Event]) -> Hypothesis:
-    """The physics by which events are judged: of the segments that close, with or without any; where those are few, of all, as they are or
-    with everything mended, whichever has the greater evidence."""
+    """The physics by which events are judged: of the segments that close, with or without any.  Where those are few, or do not close as a
+    sensor's do, also of all, as they are and with everything mended; whichever has the greater evidence for each of its values."""
     inside = {e: [s.number for s in problem.used if s.log == e.log and s.start <= e.row < s.stop] for e in (*false, *lost)}
     touched = {number for numbers in inside.values() for number in numbers}
     in_rests = [e for e in false if not inside[e]]
+    tried = []
     with suppress(CalibrationError):  # what is left does not hold together
         is_open = left_open(problem, np.array([s.number in touched for s in problem.used]))
         if (~is_open).sum() >= FEWEST_WHOLE:
             open_ones = tuple(s.number for s, each in zip(problem.used, is_open, strict=True) if each)
-            return _searched(_again(problem, bridged(problem.session, in_rests), left_out=open_ones))
-    session, count = quiet.session, common_count(quiet, lost) if lost else 0
-    if count:
-        session, _ = _with_lost(session, [e for e in lost if e.id == LOST], count)
-    tried = [_searched(problem), _searched(_again(problem, session))]
+            tried.append(_searched(_again(problem, bridged(problem.session, in_rests), left_out=open_ones)))
+    if not tried or tried[0].noise.unusual:
+        session, count = quiet.session, common_count(quiet, lost) if lost else 0
+        if count:
+            session, _ = _with_lost(session, lost, count)
+        tried += [_searched(problem), _searched(_again(problem, session))]
     return min(tried, key=lambda h: h.score / max(len(h.fit.r), 1))
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from tinygc import closure
 from tinygc.explanation.mends import interpolation
 from tinygc.explanation.mends.events import FALSE, LOST, Crossing, Event, crossing
+from tinygc.explanation.mends.together import Choice, chance_of_each, choices
 from tinygc.explanation.naming.evidence import PRIOR_ODDS, SCALES, Hypothesis
 from tinygc.explanation.noise.session_noise import first_noise
 from tinygc.explanation.noise.undersampling import undersampling
@@ -104,19 +105,20 @@ class Trial:
         one = replace(batch.pick(slice(i, i + 1)), rate=rate[None], dt=dt[None], earth=earth[None])
         return closure.error_angles(closure.segment_residuals(one, one.rate))[0]
 
-    def log_likelihood(self, i: int, mended: list[Event], cross: Callable[[Event], Crossing], length: int) -> float:
-        """Of segment i's closure with these of its events mended, and what their gaps may hide allowed for."""
-        angles = self.angles(i, mended, cross, length)
-        C = self.covariance[i] + sum(cross(event).missed_rad ** 2 for event in mended) * np.eye(len(angles))
-        return float(-(angles @ np.linalg.solve(C, angles)) / 2 - np.linalg.slogdet(C)[1] / 2)
+    def _choices(
+        self, i: int, own: list[Event], others: list[Event], cross: Callable[[Event], Crossing], length: int
+    ) -> dict[Choice, float]:
+        """Log-likelihood of each choice of segment i's own events, with ``others`` mended in any case."""
 
-    def closes_better(self, i: int, mended: list[Event], otherwise: list[Event], cross: Callable[[Event], Crossing], length: int) -> bool:
-        """Whether segment i misses less with the one than with the other: a wide gap makes nothing of what is missed less of a miss."""
-        sizes = [
-            angles @ np.linalg.solve(self.covariance[i], angles)
-            for angles in (self.angles(i, e, cross, length) for e in (mended, otherwise))
-        ]
-        return bool(sizes[0] < sizes[1])
+        def value(choice: Choice) -> tuple[float, float]:
+            mended = [*others, *(own[k] for k in choice)]
+            angles = self.angles(i, mended, cross, length)
+            C = self.covariance[i] + sum(cross(event).missed_rad ** 2 for event in mended) * np.eye(len(angles))
+            likelihood = -(angles @ np.linalg.solve(C, angles)) / 2 - np.linalg.slogdet(C)[1] / 2
+            likelihood += CERTAIN * sum(own[k].accel for k in choice)
+            return float(likelihood), float(angles @ np.linalg.solve(self.covariance[i], angles))
+
+        return choices(len(own), value)
 
     def lost_each_time(self, losses: list[Event]) -> int:
         """Samples that are missing after each of the events, the same count for all: the one that closes most of them best; 0 for none.
@@ -161,28 +163,29 @@ class Trial:
         where = [self.segment_of(event) for event in events]
         crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, length) for event in [*events, *others]}
         cross = crossings.__getitem__
-        chance = np.array([1.0 if event.accel else 0.5 for event in events])
-        share, ratios = 0.5, np.zeros(len(events))
-        for _ in range(PASSES if name == FALSE or length else 0):
-            for j, (event, i) in enumerate(zip(events, where, strict=True)):
-                ratios[j] = CERTAIN if event.accel else 0.0
-                if i is None:
-                    continue
+        inside = {i: [k for k, at in enumerate(where) if at == i] for i in sorted({i for i in where if i is not None})}
+        likely, can_be = {}, name == FALSE or length > 0
+        if can_be:
+            for i, own in inside.items():
                 beside = [e for e in others if self.segment_of(e) == i]
-                beside += [e for k, e in enumerate(events) if where[k] == i and k != j and chance[k] > 0.5]
-                with_it, without = (self.log_likelihood(i, mended, cross, length) for mended in ([*beside, event], beside))
-                ratios[j] += with_it - without if self.closes_better(i, [*beside, event], beside, cross, length) else -CERTAIN
-            before = chance
-            chance = 1 / (1 + np.exp(-np.clip(ratios + np.log(share / (1 - share)), -50, 50)))
+                likely[i] = self._choices(i, [events[k] for k in own], beside, cross, length)
+        share, chance = 0.5, np.zeros(len(events))
+        for _ in range(PASSES if can_be else 0):
+            # Where no closure decides it is what the others are, but for a row that no sensor gives.
+            before, chance = chance, np.array([1.0 if event.accel else share for event in events])
+            for i, own in inside.items():
+                chance[own] = chance_of_each(len(own), likely[i], share)
             share = float((chance.sum() + 0.5) / (len(chance) + 1))
             if ((before > 0.5) == (chance > 0.5)).all():
                 break
-        accepted = [event for event, p in zip(events, chance, strict=True) if p > 0.5] if name == FALSE or length else []
-        touched = sorted({i for i in where if i is not None})
-        here = {i: [e for e in accepted if self.segment_of(e) == i] for i in touched}
-        tries = round(LONGEST_LOSS_S / self._period_s) if name == LOST else 1
-        closed = sum(self.log_likelihood(i, here[i], cross, length) - self.log_likelihood(i, [], cross, length) for i in touched)
-        log_ratio = float(closed) + CERTAIN * sum(e.accel for e in accepted) - np.log(tries)  # of lengths, one was the best
+        accepted = [event for event, p in zip(events, chance, strict=True) if p > 0.5]
+        best = {i: frozenset(n for n, k in enumerate(own) if chance[k] > 0.5) for i, own in inside.items()}
+        nothing: Choice = frozenset()
+        closed = sum(likely[i].get(best[i], likely[i][nothing]) - likely[i][nothing] for i in likely)
+        tries = round(LONGEST_LOSS_S / self._period_s) if name == LOST else 1  # of lengths, one was the best
+        in_rests = CERTAIN * sum(e.accel for e, at in zip(events, where, strict=True) if at is None and e in accepted)
+        log_ratio = float(closed) + in_rests - np.log(tries)
+        touched = list(inside)
         none: dict[int, list[Event]] = {i: [] for i in touched}
         all_here = {i: [e for e in events if self.segment_of(e) == i] for i in touched}
         rms = [self._tilt_rms(mended, cross, length) for mended in (none, all_here)]

@@ -14,6 +14,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq
 
 from tinygc.effects import Effect
 from tinygc.explanation.naming.candidates import scanned
@@ -107,7 +108,15 @@ class Evidence:
             noise = self._noise(whiten, fit, noise.s if start else None)
             whiten = self._white.with_more(noise.covariance)
             fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
-        return Hypothesis(effects, fit, whiten, noise, noise.value + sum(self.price(effect) for effect in effects))
+        return Hypothesis(effects, fit, whiten, noise, noise.value + sum(self.price(effect) for effect in effects) + self._implausible(fit))
+
+    def _implausible(self, fit: Refit) -> float:
+        """theta' D^-1 theta beyond what ``price`` has of it: a claim that is larger than plausible pays by its square."""
+        prior, found = self.prior(fit), 0.0
+        for number, claim in enumerate(fit.state.claims):
+            size = float(np.sum((claim.theta / prior[claim_slice(fit.state.claims, number)]) ** 2))
+            found += max(size - claim.effect.parameter.size, 0.0)
+        return found
 
     def _noise(self, whiten: Whitener, fit: Refit, start: np.ndarray | None) -> SessionNoise:
         return self.first_noise.estimated(whiten, whiten.back(fit.r), whiten.back(fit.J) * self.prior(fit), start)
@@ -172,8 +181,7 @@ class Evidence:
     def price(self, effect: Effect) -> float:
         """Twice the logarithm of what a name costs before it is looked at: its prior odds, its scale, the shapes that were tried under its
         name, and the parameters' own place within their prior."""
-        shapes = self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect))
-        return 2 * float(np.log(SCALES / PRIOR_ODDS) + np.log(shapes)) + effect.parameter.size
+        return price(effect, self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect)))
 
     def without(self, component: str) -> Evidence:
         """The same recording, where the noise has no such component."""
@@ -199,6 +207,18 @@ class Evidence:
     def will_try(self, tried: list[Effect]) -> None:
         """Shapes without a scan that share a name: each is one of so many."""
         self._shapes |= Counter(effect.id for effect in tried)
+
+
+def price(effect: Effect, shapes: int) -> float:
+    """``Evidence.price`` of an effect of which so many shapes are tried."""
+    return 2 * float(np.log(SCALES / PRIOR_ODDS) + np.log(shapes)) + effect.parameter.size
+
+
+def least_gain(effect: Effect, shapes: int) -> float:
+    """Chi-square that an effect must take up to be as probable as nothing: each parameter also pays the logarithm of its signal over its
+    noise."""
+    size = effect.parameter.size
+    return float(brentq(lambda gain: gain - size * np.log(gain / size) - price(effect, shapes), size, 1e4))
 
 
 def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:

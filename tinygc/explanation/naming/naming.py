@@ -47,7 +47,7 @@ def probabilities(weighed: Sequence[Hypothesis | Guess]) -> dict[str, float]:
     for h, w in zip(weighed, weight, strict=True):
         for name in h.ids or ("",):
             found[name] = found.get(name, 0.0) + float(w)
-    return found
+    return {name: min(p, 1.0) for name, p in found.items()}
 
 
 def rivals_of(weighed: Sequence[Hypothesis | Guess], best: Hypothesis, effect: Effect) -> dict[str, float]:

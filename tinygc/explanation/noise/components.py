@@ -38,6 +38,8 @@ TYPICAL_SPREAD, GIVEN_SPREAD = 0.5, 0.1
 LEAST_UNDERSAMPLING = 0.1
 #: ln: undersampling is predicted within a factor of 1.5 (benchmarks/real_recordings.py); a filter below half the data rate leaves less
 FACTOR_SPREAD, FILTERED_SPREAD = 0.4, 1.0
+#: two of these spreads: turns that miss by more than this times what fast motion makes miss for another reason
+MOST_FACTOR = float(np.exp(2 * FACTOR_SPREAD))
 #: ln: a truth's sigma is stated to an order of magnitude: of the public ones, some are 30 times as good, some as bad as they say
 TRUTH_SPREAD = 1.5
 #: a bias that wanders beside a truth where nothing says by how much: a MEMS gyroscope's, to an order of magnitude
@@ -102,7 +104,7 @@ def _still_rate(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     diagonal = np.zeros(sum(sizes))
     diagonal[sizes[0] : sizes[0] + sizes[1]] = 1.0
     white = float(np.median(twin.problem.still_rates.sigma)) if len(twin.stills) else DEG
-    return Component(STILL_RATE, _diagonal(diagonal), white, "dps", DEG, "the mean rate of each still errs by itself: rests that creep")
+    return Component(STILL_RATE, _diagonal(diagonal), white, "dps", DEG, "the mean rate of each still errs by itself")
 
 
 def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
@@ -134,7 +136,7 @@ def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
 def _turn(sizes: tuple[int, int, int], floor: float) -> Component:
     diagonal = np.zeros(sum(sizes))
     diagonal[: sizes[0]] = 1.0
-    return Component(TURN, _diagonal(diagonal), floor, "deg", DEG, "each turn errs by itself: the body moved between rest and turn")
+    return Component(TURN, _diagonal(diagonal), floor, "deg", DEG, "each turn errs by itself")
 
 
 def _undersampled(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> Component:

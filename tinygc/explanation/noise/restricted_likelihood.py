@@ -132,21 +132,20 @@ def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.nd
 
 
 def _sigma(cost: object, x: np.ndarray) -> np.ndarray:
-    """(K,) of the square root of x, from the curvature along each; of one at zero, the size at which the likelihood has lost a sigma."""
+    """(K,) of the square root of x, from the curvature of all together; of one at zero, the size at which the likelihood has lost a
+    sigma."""
     assert callable(cost)
-    sigma = np.zeros(len(x))
-    for k, xk in enumerate(x):
-        step = max(0.3 * xk, 0.02)
-        up = x.copy()
-        up[k] += step
-        curvature = (cost(up)[1][k] - cost(x)[1][k]) / step
-        if curvature <= 0:
-            sigma[k] = np.inf
-        elif xk > NOTHING:
-            sigma[k] = np.sqrt(2 / curvature) / (2 * np.sqrt(xk))
-        else:
-            slope = max(cost(x)[1][k], 0.0)
-            # slope x + curvature x^2 / 2 = 1
-            reach = (np.sqrt(slope**2 + 2 * curvature) - slope) / curvature
-            sigma[k] = np.sqrt(reach)
+    here, steps = cost(x)[1], np.maximum(0.3 * x, 0.02)
+    curvature = np.array([(cost(x + step * unit)[1] - here) / step for step, unit in zip(steps, np.eye(len(x)), strict=True)])
+    curvature = (curvature + curvature.T) / 2
+    sigma = np.full(len(x), np.inf)
+    there = np.flatnonzero((x > NOTHING) & (np.diag(curvature) > 0))
+    # Each is less well known beside the others than if they were known.
+    variance = 2 * np.diag(np.linalg.pinv(curvature[np.ix_(there, there)], hermitian=True))
+    alone = 2 / np.diag(curvature)[there]
+    sigma[there] = np.sqrt(np.maximum(variance, alone)) / (2 * np.sqrt(x[there]))
+    for k in np.flatnonzero((x <= NOTHING) & (np.diag(curvature) > 0)):
+        slope, bend = max(here[k], 0.0), curvature[k, k]
+        # slope x + bend x^2 / 2 = 1
+        sigma[k] = np.sqrt((np.sqrt(slope**2 + 2 * bend) - slope) / bend)
     return sigma

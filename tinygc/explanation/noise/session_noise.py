@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.stats import chi2, norm
 
-from tinygc.explanation.noise.components import STILL_RATE, TURN, WANDER, Component, components_of
+from tinygc.explanation.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, WANDER, Component, components_of
 from tinygc.explanation.noise.restricted_likelihood import STEPS, estimate
 from tinygc.explanation.noise.undersampling import Undersampling, undersampling
 from tinygc.explanation.twin.twin import Twin
@@ -47,8 +48,25 @@ class SessionNoise:
         for name in (TURN, STILL_RATE):
             if name in found and found[name][0] > found[name][1].usual:
                 return True
+        if self.size(UNDERSAMPLED) > MOST_FACTOR:
+            return True
         s, wander = found.get(WANDER, (0.0, None))
         return wander is not None and wander.prior is not None and s > wander.prior.median * np.exp(UNUSUAL * wander.prior.spread)
+
+    def unusual_p(self, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> float:
+        """Probability that a sensor's own noise looks as unusual; 1 where it does not.  r (n,), J (n, p): as in ``estimated``, which gave
+        these sizes.
+
+        Likelihood ratio of each component that is too large against none, whose estimate is zero half the time (Self & Liang 1987).
+        """
+        if not self.unusual:
+            return 1.0
+        most = {TURN: 1.0, STILL_RATE: 1.0, UNDERSAMPLED: MOST_FACTOR}
+        large = [c.name for s, c in zip(self.s, self.components, strict=True) if c.name in most and s > most[c.name] * c.usual]
+        gains = [self.without(name).estimated(whiten, r, J, self.without(name).s).value - self.value for name in large]
+        # Of what is known beforehand, the prior says how rare it is.
+        p = [float(chi2.sf(max(gain, 0.0), 1)) / 2 for gain in gains] or [2 * float(norm.sf(UNUSUAL))]
+        return min(1.0, len(p) * min(p))
 
     def to_json(self) -> list[dict]:
         """``noise.components`` of explain.json and fit.json."""

@@ -6,7 +6,8 @@ falls as a power of frequency it grows as a power p of the step.  What all readi
     |end(every k-th) - end(all)|^2 = (k^2p - 1) E^2,
 
 E the closure error of all readings.  p is common to the recording, E is each turn's own.  A sensor that filters below half its data
-rate has less of it than this law says; a factor, estimated from the closure, carries that.
+rate has less of it than this law says; a factor, estimated from the closure, carries that.  What noise or false readings add grows with
+p = 0.5 and is no motion.
 """
 
 from __future__ import annotations
@@ -15,14 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.checks.undersampling import EXPONENTS, LEAST_EXPONENT, MOST, STEPS
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.explanation.twin.twin import Twin
-
-#: every 2nd, 3rd and 4th reading: more leave too few in a quick turn
-STEPS = (2, 3, 4)
-#: exponents that a hand's turns have (recordings: 1.4 to 2.6); smoother ones have more
-EXPONENTS = (1.0, 4.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +37,9 @@ class Undersampling:
         """Of tilt, over all turns: both angles together."""
         return float(np.sqrt(2 * np.mean(self.predicted_rad**2)))
 
-    def rate_needed_hz(self, allowed_rad: float) -> float:
-        """The data rate at which the rms of tilt would be as small as this."""
-        return float(self.rate_hz * max(self.rms_rad / allowed_rad, 1e-12) ** (1 / self.exponent))
+    def rate_needed_hz(self, missed_rad: float, allowed_rad: float) -> float:
+        """The data rate at which the rms of tilt would be down to this, where it is ``missed_rad`` at the recording's own."""
+        return float(self.rate_hz * max(missed_rad / allowed_rad, 1e-12) ** (1 / self.exponent))
 
 
 def undersampling(twin: Twin) -> Undersampling:
@@ -61,9 +58,12 @@ def undersampling(twin: Twin) -> Undersampling:
         # White noise is thinned out as well: its variance grows with the step.
         missed.append(np.maximum(np.mean(apart, axis=0) - (step - 1) * walk, 0.0))
     square = np.array(missed)
-    exponent = _exponent(np.mean(square, axis=1))
+    size = square.sum(axis=0)
+    usual = size <= MOST**2 * np.median(size)  # what is beyond is a turn's own fault
+    exponent = _exponent(np.mean(square[:, usual], axis=1))
     weights = np.array(STEPS, dtype=float) ** (2 * exponent) - 1
-    predicted = np.mean(square / weights[:, None], axis=0)
+    predicted = np.mean(square / weights[:, None], axis=0) * (exponent >= LEAST_EXPONENT)
+    predicted = np.minimum(predicted, MOST**2 * np.median(predicted))
     period = float(np.median([movement.dt_s for movement in twin.movements]))
     return Undersampling(np.sqrt(predicted), exponent, np.sqrt(np.mean(square, axis=1)), 1 / period)
 
@@ -92,7 +92,7 @@ def _exponent(square: np.ndarray) -> float:
     """p of (K,) mean squares that follow k^2p - 1, by least squares of their logarithms."""
     if not (square > 0).all():
         return 2.0
-    tried = np.linspace(*EXPONENTS, 121)
+    tried = np.linspace(*EXPONENTS, 151)
     law = np.log(np.array(STEPS)[None] ** (2 * tried[:, None]) - 1)
     left = np.log(square)[None] - law
     return float(tried[np.argmin(np.var(left, axis=1))])

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -23,11 +24,14 @@ BLOCK_S = 0.025
 FILTERS_PERIODS = 0.5
 #: of a sandwich over some 40 segments, whose tails are Student's: once in 100 000
 SIGMAS = 5.0
+#: as of every other claim (``verdict/veto.py``)
+BORNE_OUT_P = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class TurnGravity:
-    """lever_m (3,); offset_s, positive where the gyro is late; sigma_s; rms of the difference before and after, m/s^2; bar_s."""
+    """lever_m (3,); offset_s, positive where the gyro is late; sigma_s; rms of the difference before and after, m/s^2; bar_s; turns, how
+    many; held_out_p: chance that the offset improves turns that were left out as much (Wilcoxon's signed ranks)."""
 
     lever_m: np.ndarray
     offset_s: float
@@ -35,11 +39,13 @@ class TurnGravity:
     before_mps2: float
     after_mps2: float
     bar_s: float
+    turns: int
+    held_out_p: float
 
     @property
     def is_offset(self) -> bool:
         """Whether the two clocks differ by more than chance."""
-        return abs(self.offset_s) > self.bar_s
+        return abs(self.offset_s) > self.bar_s and self.held_out_p < BORNE_OUT_P
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +66,19 @@ class TurnEquations:
         """(S,) what a solution leaves of each square."""
         left = self.square - 2 * self.right @ solution + np.einsum("sij,i,j->s", self.normal, solution, solution)
         return np.maximum(left, 0.0)
+
+    def improvement_p(self) -> float:
+        """Probability that chance makes the offset improve each turn as much, lever arm and offset fitted to all others."""
+        normal, right = self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
+        arm = np.einsum("sij,sj->si", np.linalg.pinv(normal[:, :3, :3], hermitian=True), right[:, :3])
+        both = np.einsum("sij,sj->si", np.linalg.pinv(normal, hermitian=True), right)
+        gains = self._left_each(np.pad(arm, ((0, 0), (0, 1)))) - self._left_each(both)
+        return float(stats.wilcoxon(gains, alternative="greater").pvalue) if len(gains) > 1 and np.any(gains) else 1.0
+
+    def _left_each(self, solutions: np.ndarray) -> np.ndarray:
+        """(S,) what each turn's own solution (S, 4) leaves of its square."""
+        squares = np.einsum("sij,si,sj->s", self.normal, solutions, solutions)
+        return self.square - 2 * np.einsum("si,si->s", self.right, solutions) + squares
 
     def square_at(self, offset_s: float) -> np.ndarray:
         """(S,) what is left with a given offset, the lever arm fitted to it."""
@@ -113,6 +132,8 @@ def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
         before_mps2=float(np.sqrt(equations.square.sum() / count)),
         after_mps2=float(np.sqrt(equations.left(solution).sum() / count)),
         bar_s=max(FILTERS_PERIODS * period, SIGMAS * sigma),
+        turns=len(equations.count),
+        held_out_p=equations.improvement_p(),
     )
 
 

@@ -9,6 +9,7 @@ from scipy import stats
 
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.mends.mending import FROM_THE_BAR, Mended
+from tinygc.explanation.naming.evidence import PRIOR_ODDS, SCALES
 from tinygc.explanation.naming.naming import NamedEffect
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.turn_gravity import TurnGravity
@@ -16,6 +17,8 @@ from tinygc.explanation.verdict.readable import readable
 
 #: of what the registers or gravity within a still show by themselves
 CERTAIN = 0.999
+#: lever arm and offset
+OF_GRAVITY = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +99,13 @@ def offset_claim(gravity: TurnGravity, named: list[Claim]) -> list[Claim]:
     lags = sorted(name for name in names if name in known and _delays(known[name]))
     effect = known["timing.gyro_accel_offset"]
     sigma = float(np.hypot(gravity.sigma_s, gravity.bar_s / 3))
-    p_value = float(2 * stats.norm.sf(abs(gravity.offset_s) / gravity.sigma_s))
-    return [
-        Claim(
-            effect, {"seconds": gravity.offset_s}, {"seconds": sigma}, p_value, 0.0, tuple(lags), effect.says(np.array([gravity.offset_s]))
-        )
-    ]
+    # The sigma is from the scatter of so many turns: Student's tail, and its likelihood against the price of any name.
+    freedom, t = max(gravity.turns - OF_GRAVITY, 1), gravity.offset_s / gravity.sigma_s
+    p_value = float(2 * stats.t.sf(abs(t), freedom))
+    gain = freedom * np.log1p(t**2 / freedom)
+    probability = float(1 / (1 + np.exp(-(gain - 2 * np.log(SCALES / PRIOR_ODDS) - 1) / 2)))
+    parameters, std, says = {"seconds": gravity.offset_s}, {"seconds": sigma}, effect.says(np.array([gravity.offset_s]))
+    return [Claim(effect, parameters, std, p_value, 0.0, tuple(lags), says, probability=probability)]
 
 
 def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> list[Claim]:

@@ -20,22 +20,27 @@ from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
+from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.part_of_a_curve import part_of_a_curve
 from tinygc.explanation.verdict.proof import held_out, linear_held_out, tilt_rms
-from tinygc.explanation.verdict.veto import BORNE_OUT_P, improvement_p
+from tinygc.explanation.verdict.undersampled import undersampled_claim
+from tinygc.explanation.verdict.veto import borne_out
 
 #: a name is said if it, with what could stand in for it, is more probable than not
 SAID = 0.5
 #: -2 log evidence within which one shape alone is worth weighing instead of all names: a second one may add to it
 INSTEAD = 60.0
+#: false alarms of noise that is no sensor's: a fifth of what the shapes are allowed (benchmarks/null_sessions.py)
+UNUSUAL_P = 0.01
 MOST_FINDINGS = 2  #: shapes without a name beside the names: that a page holds
 
 
 @dataclass(frozen=True, eq=False)
 class NamingDecision:
     """naming: the names that are kept, with the fit; beyond: shapes without a name; considered: names that were weighed and are not
-    borne out, with their probability; whiten and noise: the covariance of all that; p_value of the
-    detection; before (S, d) rad: the linear model's held-out angles, where anything is kept."""
+    borne out, with their probability; whiten and noise: the covariance of all that; undersampled: the claim about the turns' own noise;
+    unusual: whether the rest of that noise is no sensor's; p_value of the detection; before (S, d) rad: the linear model's held-out
+    angles, where anything is kept."""
 
     naming: Naming
     beyond: list[NamedEffect]
@@ -43,12 +48,14 @@ class NamingDecision:
     whiten: Whitener
     noise: SessionNoise
     p_value: float
+    undersampled: list[Claim]
+    unusual: bool
     before: np.ndarray | None = None
 
     @property
     def refused(self) -> bool:
         """There is a mismatch, and no name for it."""
-        return not self.naming.named and self.p_value <= FAMILY_WISE
+        return not self.naming.named and not self.undersampled and (self.p_value <= FAMILY_WISE or self.unusual)
 
 
 def decide(twin: Twin, seed: int, progress: Callable[[str], None] = lambda what: None, begin: tuple[Effect, ...] = ()) -> NamingDecision:
@@ -88,12 +95,11 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     twin, weighed = evidence.twin, evidence.weighed
     chance = probabilities(weighed)
     named = [_named(evidence, best, number, chance, tests) for number in range(len(best.effects))]
-    prior = evidence.prior(best.fit)
     kept = [
         n
         for number, n in enumerate(named)
         if n.probability + sum(n.rivals[name] for name in n.equivalent) >= SAID
-        and improvement_p(twin, best, prior, number) < BORNE_OUT_P
+        and borne_out(evidence, best, number)
         and not part_of_a_curve(evidence, best, number)
     ]
     fit = best.fit if len(kept) == len(best.effects) else _refitted(twin, best, kept)
@@ -107,12 +113,14 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int) ->
     # What is vetoed may fit the segments that were seen: it is no more probable than not.
     considered = {name: min(p, SAID) for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
     first = refit(twin, best.whiten, [], twin.start())
-    p_value = min([first_p, *(n.p_value for n in kept)])
-    whitened_J = best.whiten.back(fit.J) * evidence.prior(fit)
-    noise = best.noise.estimated(best.whiten, best.whiten.back(fit.r), whitened_J, best.noise.s, with_sigma=True)
+    r, J = best.whiten.back(fit.r), best.whiten.back(fit.J) * evidence.prior(fit)
+    noise = best.noise.estimated(best.whiten, r, J, best.noise.s, with_sigma=True)
+    undersampled = undersampled_claim(twin, best.whiten, fit, noise)
+    p_value = min([first_p, *(n.p_value for n in kept), *(claim.p_value for claim in undersampled)])
+    unusual = noise.unusual_p(best.whiten, r, J) < UNUSUAL_P
     naming = Naming(first, first_p, fit, sorted(names, key=lambda n: -n.gain))
     beyond = [n for n in kept if n not in names]
-    return NamingDecision(naming, beyond, considered, best.whiten, noise, p_value, before)
+    return NamingDecision(naming, beyond, considered, best.whiten, noise, p_value, undersampled, unusual, before)
 
 
 def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from session.common.units import DEG
 from tinygc.effects import catalogue
 from tinygc.explanation.naming.evidence import Evidence
-from tinygc.explanation.noise.components import FACTOR_SPREAD, UNDERSAMPLED
+from tinygc.explanation.noise.components import MOST_FACTOR, UNDERSAMPLED
 from tinygc.explanation.noise.session_noise import SessionNoise
 from tinygc.explanation.noise.undersampling import STEPS
 from tinygc.explanation.twin.refit import Refit
@@ -18,8 +18,6 @@ from tinygc.explanation.verdict.claims import Claim
 
 #: of the floor's rms, below which it is told among the noise and is no claim: it adds a tenth to the closure
 WORTH_SAYING = 0.5
-#: two spreads of the factor's prior: turns that miss by more than this times what fast motion makes miss for another reason
-MOST_FACTOR = float(np.exp(2 * FACTOR_SPREAD))
 
 
 def undersampled_claim(twin: Twin, whiten: Whitener, fit: Refit, noise: SessionNoise) -> list[Claim]:
@@ -41,13 +39,16 @@ def undersampled_claim(twin: Twin, whiten: Whitener, fit: Refit, noise: SessionN
     rates = missed.rate_hz / np.array([1, *STEPS])
     closure = np.sqrt(own**2 + np.concatenate([[0.0], 2 * missed.missed_rad**2]))
     size = factor * missed.rms_rad
+    beyond = own**2 - floor**2
+    each = factor * np.sqrt(2) * missed.predicted_rad
     parameters = {
         "predicted_deg": size / DEG,
+        "share": float(min(size**2 / beyond, 1.0)) if beyond > 0 else 1.0,
+        "turns": [s.number for s, angle in zip(twin.segments, each, strict=True) if angle > floor],
         "rates_hz": rates.tolist(),
         "closure_deg": (closure / DEG).tolist(),
         "exponent": -missed.exponent,
     }
-    needed = missed.rate_hz * (size / floor) ** (1 / missed.exponent)
-    says = f"{effect.says(np.array([size]))}; {needed:.0f} Hz would have been enough"
+    says = f"{effect.says(np.array([size]))}; {missed.rate_needed_hz(size, floor):.0f} Hz would have been enough"
     std = {"predicted_deg": sigma * missed.rms_rad / DEG if np.isfinite(sigma) else missed.rms_rad / DEG}
     return [Claim(effect, parameters, std, float(chi2.sf(max(gain, 0.0), 1)), max(gain, 0.0), (), says, probability=probability)]

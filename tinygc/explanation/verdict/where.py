@@ -110,7 +110,10 @@ def _values(e: Explanation, claim: Claim, regime: Variable) -> np.ndarray:
         return times
     if regime.variable == "attitude":
         return regime.of_stills(e.twin)
-    values = np.concatenate([regime.of_samples(movement) for movement in e.twin.movements])
+    by_log = [regime.of_samples(movement) for movement in e.twin.movements]
+    if claim.effect.kind == "motion":  # in the turns that are used, and nowhere else
+        by_log = [by_log[s.log][s.start : s.stop] for s in e.twin.segments]
+    values = np.concatenate(by_log)
     strong = _where_strong(e, claim)
     return values[values > 0.5 * np.quantile(values, 0.999)] if strong is None else values[strong]
 

@@ -38,6 +38,11 @@ def fit_physics(
     problem: Problem, ids: tuple[str, ...] | None, seed: int = 0, progress: Callable[[str], None] = lambda what: None
 ) -> PhysicsFit:
     """Fit with these effects, or with what `explain` would name (None).  Raises FitError for an id that cannot be fitted."""
+    if problem.session.truths is not None:
+        raise FitError(
+            f"{problem.session.name}: --physics is fitted to stills and turns; the reference here is a truth file: "
+            "`calibrate.py explain` says what it shows"
+        )
     mended = mend(problem, progress)
     twin = Twin(mended.problem)
     refused = False

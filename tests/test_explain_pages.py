@@ -1,8 +1,13 @@
 """What the terminal's page says: numbers to two digits of their std, words for signs, nothing where there is nothing."""
 
+from types import SimpleNamespace
+
 import pytest
 
+from session.common.units import DEG
+from tinygc.explanation.verdict.claims import Considered
 from tinygc.explanation.verdict.measured import measured
+from tinygc.explanation.verdict.weighed import MOST_SAID, considered_lines, equivalent_words, noise_rows, rival_words
 
 
 @pytest.mark.parametrize(
@@ -26,3 +31,37 @@ def test_a_value_ends_where_two_digits_of_its_std_end(value, std, text):
 def test_a_value_without_a_std_has_five_digits(std):
     assert measured(3.14159265, std) == "3.1416"
     assert measured(12.0, std) == "12"
+
+
+NAMES = [Considered(f"gyro.name{number}", 0.4 - 0.05 * number) for number in range(4)]
+TINY = [Considered(f"gyro.tiny{number}", 1e-6) for number in range(20)]
+
+
+def test_what_a_detector_proposed_is_told_before_names_and_tiny_ones_never():
+    lost = Considered("timing.dropped_samples", 0.0, 28, (0.5 * DEG, 0.5 * DEG))
+    false = Considered("data.glitches", 0.0, 1, (0.5 * DEG, 2 * DEG))
+    level = Considered("gyro.saturation", 0.0, 3)
+    assert considered_lines(SimpleNamespace(considered=[*NAMES, *TINY, lost, false, level])) == [
+        "timing.dropped_samples at 28 moments: closure there is 0.500°, and no number of lost samples makes it better",
+        "data.glitches at 1 moment: closure there is 0.500° as recorded, 2.000° once mended",
+        "gyro.saturation: 3 segments reach a level, and close like the others",
+        "gyro.name0: probability 0.4",
+        "gyro.name1: probability 0.35",
+        "gyro.name2: probability 0.3",
+    ]
+    assert considered_lines(SimpleNamespace(considered=TINY)) == []
+    assert MOST_SAID == 6
+
+
+def test_rivals_are_told_with_their_probability():
+    claim = SimpleNamespace(rivals={"a.tiny": 1e-9, "a.rival": 0.1, "a.like": 0.3}, equivalent=("a.like", "a.unweighed"))
+    assert rival_words(claim) == ["a.rival (0.1)"]
+    assert equivalent_words(claim) == ["a.like (0.3)", "a.unweighed"]
+
+
+def test_noise_is_told_with_its_sigma_where_that_is_known():
+    one = {"name": "noise.turn", "size": 0.0123, "unit": "deg", "says": "each turn errs"}
+    noise = SimpleNamespace(to_json=lambda: [one | {"sigma": 0.004}, one | {"sigma": None}])
+    sizes = [size for _, size, _ in noise_rows(SimpleNamespace(noise=noise))]
+    assert sizes == ["0.0123 ± 0.0040 deg", "0.0123 deg"]
+    assert noise_rows(SimpleNamespace(noise=None)) == []

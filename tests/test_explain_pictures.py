@@ -1,6 +1,8 @@
 """Pictures of explanations: each cause has a panel of its own that shows it, with numbers that are those of the claim."""
 
+import re
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,11 +11,16 @@ from matplotlib.figure import Figure
 
 from session.common.units import DEG
 from tinygc.effects import Effect, Parameter, catalogue, diagonal
-from tinygc.explanation.pictures.panels import PAIRS, draw_claim
+from tinygc.explanation.pictures.panels import PAIRS, draw_claim, in_stills
 from tinygc.explanation.pictures.panels.palette import BEFORE, PALE
+from tinygc.explanation.pictures.picture import figure_of
+from tinygc.explanation.pictures.turn_values import per_parameter, strongest
 from tinygc.explanation.twin.turn_gravity import turn_equations
 from tinygc.explanation.twin.variable import READ, Variable, variable_of
 from tinygc.explanation.verdict.explain import explain_session
+from tinygc.explanation.verdict.pages import explanation_page
+from tinygc.library.text import as_text
+from tinygc.report.html.sections.explanation import section
 
 session = pytest.fixture(make_session, scope="module", name="session")
 explained = pytest.fixture(make_explained, scope="module", name="explained")
@@ -21,7 +28,7 @@ explained = pytest.fixture(make_explained, scope="module", name="explained")
 
 def drawn(explanation, number: int):
     """The axes of a claim's first (0) or second (1) panel."""
-    (claim,) = explanation.claimed
+    (claim,) = [*explanation.claimed, *explanation.findings]
     panels = Figure().subplots(1, 2)
     draw_claim(explanation, claim, *panels)
     return panels[number]
@@ -94,6 +101,39 @@ def test_the_earth_gathers_in_the_table(explained):
     ((north, down),) = line(axes, "mean before")
     assert np.hypot(north, down) == pytest.approx(15.04 / 3.6, abs=1.0)
     assert np.abs(line(axes, "mean after")).max() < 1.0
+
+
+@pytest.mark.slow
+def test_a_shape_without_a_name_is_there_before_and_gone_after(explained):
+    """The fit holds it as it holds a name: what it leaves is after, and its curve lies on what was before."""
+    explanation, _ = explained("oscillating")
+    assert (explanation.claimed, [claim.effect.id for claim in explanation.findings]) == ([], ["unknown.periodic"])
+    axes = drawn(explanation, 0)
+    curves = [each.get_xydata() for each in axes.lines if len(each.get_xydata()) == in_stills.GRID]
+    points = [each.get_xydata() for each in axes.lines if len(each.get_xydata()) == len(explanation.twin.stills)]
+    for curve, before, after in zip(curves, points[::2], points[1::2], strict=True):
+        off = before[:, 1] - np.interp(before[:, 0], *curve.T)
+        assert np.std(before[:, 1]) > 30 > 10 > np.std(after[:, 1])  # mdps; an amplitude of 50 to 80
+        assert off == pytest.approx(after[:, 1], abs=3)
+    says, recorded = np.concatenate([each.get_xydata() for each in drawn(explanation, 1).lines[:3]]).T
+    assert np.polyfit(says, recorded, 1)[0] == pytest.approx(1, abs=0.05)
+    (claim,) = explanation.findings
+    for entry in strongest(explanation, claim):  # turn by turn as well
+        of = per_parameter(explanation, claim, entry)
+        assert np.std(of.before - of.law) < 0.5 * np.std(of.before)
+        assert np.std(of.after) < 0.5 * np.std(of.before)
+
+
+@pytest.mark.slow
+def test_what_shapes_without_a_name_do_to_the_closure_is_told(explained):
+    """On the picture, on the page, in the report."""
+    explanation, _ = explained("oscillating")
+    closure = figure_of(explanation).axes[2]
+    assert [text.get_text().split(",")[0] for text in closure.get_legend().get_texts()] == ["before", "after", "floor"]
+    assert re.search(r"held-out closure: \S+ before, \S+ after", as_text(explanation_page(explanation)))
+    html = section(SimpleNamespace(explanation=explanation)).html
+    for words in ("Ring: with what is named", "Recorded in each still against what unknown.periodic says", "Proof: closure of segments"):
+        assert words in html
 
 
 def test_an_effect_of_a_matrix_is_drawn_along_its_strongest_column():

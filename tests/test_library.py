@@ -72,6 +72,9 @@ def test_what_is_hidden_is_found_and_drawn(tmp_path):
     assert why.verdict == "explained"
     (effect,) = why.effects
     assert effect.id == "gyro.g_sensitivity"
+    assert effect.probability > 0.9
+    assert all(0 <= chance < 0.1 for chance in effect.rivals.values())
+    assert why.considered == why.to_json()["considered"]
     off = np.subtract(effect.parameters["matrix_dps_per_g"], HIDDEN[effect.id]["matrix_dps_per_g"])
     assert (np.abs(off) < 4 * np.array(effect.std["matrix_dps_per_g"])).all()
     figure = why.plot(tmp_path / "why.png")
@@ -216,6 +219,9 @@ def test_settings_that_arrays_cannot_have_are_refused(settings, complaint):
 
 def test_an_explanation_of_arrays_wants_a_folder(tmp_path):
     why = tinygc.explain(tinygc.simulate(segments=12, closure_s=0.0, seed=4).session)
+    assert {"noise.bias_wander", "noise.turn"} <= {component["name"] for component in why.noise}
+    assert all(component.keys() == {"name", "size", "sigma", "unit", "says"} for component in why.noise)
+    assert all({"id", "probability", "moments"} <= each.keys() for each in why.considered)
     with pytest.raises(CalibrationError, match="has no folder of its own"):
         why.save(pictures=False)
     assert (why.save(tmp_path / "new" / "explain", pictures=False) / "explain.json").exists()

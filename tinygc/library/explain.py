@@ -34,13 +34,16 @@ Progress = Callable[[str, int, int], None]
 @dataclass(frozen=True, eq=False)
 class FoundEffect:
     """An effect that is claimed, or a finding without a name: its id and equation; parameters and their std by JSON name, in the units of
-    that name; p_value, or None where none is known; equivalent: ids of what could stand in for it; says: one sentence."""
+    that name; p_value, or None where none is known; probability: of the name, after all that was weighed; rivals: probability of what was
+    weighed in its place, by id; equivalent: ids of what could stand in for it; says: one sentence."""
 
     id: str
     equation: str
     parameters: dict[str, Any]
     std: dict[str, Any]
     p_value: float | None
+    probability: float
+    rivals: dict[str, float]
     equivalent: tuple[str, ...]
     says: str
 
@@ -82,6 +85,17 @@ class Why:
     def findings(self) -> tuple[FoundEffect, ...]:
         """What was found and has no name."""
         return tuple(_found(entry) for entry in self.table.get("findings", ()))
+
+    @property
+    def considered(self) -> list[dict[str, Any]]:
+        """What was weighed and is not borne out, likeliest first: ``id``, ``probability``; against gravity or dials also ``moments`` that a
+        detector proposed, and ``closure_rms_deg`` of their segments, ``before`` and ``after`` they are mended, or None."""
+        return self.table["considered"]
+
+    @property
+    def noise(self) -> list[dict[str, Any]]:
+        """Components of the noise beyond white: ``name``, ``size``, ``sigma`` (None: not known), ``unit``, ``says``."""
+        return self.table["noise"]["components"]
 
     @property
     def next(self) -> str | None:
@@ -136,5 +150,6 @@ def explain(
 
 
 def _found(entry: dict) -> FoundEffect:
-    told: dict[str, Any] = {name: entry.get(name) for name in ("id", "equation", "parameters", "std", "p_value", "says")}
+    names = ("id", "equation", "parameters", "std", "p_value", "probability", "rivals", "says")
+    told: dict[str, Any] = {name: entry.get(name) for name in names}
     return FoundEffect(**told, equivalent=tuple(entry.get("equivalent", ())))

@@ -1,4 +1,8 @@
-"""What a picture of an explanation shows of the twin's channels: what is left in them, and what a named effect says of it."""
+"""What a picture of an explanation shows of the twin's channels: what is left in them, and what an effect says of it.
+
+The fit holds all that is drawn against a variable, with a name or without one.  So what it leaves is after, and with the effect added
+again it is before.
+"""
 
 from __future__ import annotations
 
@@ -53,22 +57,14 @@ def added_in_stills(e: Explanation, claim: Claim, values: np.ndarray | None = No
 def recorded_in_stills(e: Explanation, claim: Claim) -> np.ndarray:
     """(Q, 3) dps that the recording has in each still of what the effect should explain."""
     _, after = rates_per_still(e)
-    return after + added_in_stills(e, claim) if claim in e.claimed else after
-
-
-def left_in_stills(e: Explanation, claim: Claim) -> np.ndarray:
-    """(Q, 3) dps that the recording has in each still beyond the prediction, with the claim in it; a finding, which no fit goes on with,
-    is taken off as it was found."""
-    _, after = rates_per_still(e)
-    return after if claim in e.claimed else after - added_in_stills(e, claim)
+    return after + added_in_stills(e, claim)
 
 
 def added_to_closure(e: Explanation, claim: Claim) -> tuple[np.ndarray, np.ndarray]:
     """(S, d) rad that an effect adds to the closure of each segment, to first order, and what the recording has of it."""
     fit = e.naming.fit
     added = -e.twin.effect_columns(claim.effect, fit.state, fit.sensitivity, fit.rates).closure @ theta(e, claim)
-    left = e.twin.residuals(fit.state, fit.rates).closure
-    return added, left + added if claim in e.claimed else left
+    return added, e.twin.residuals(fit.state, fit.rates).closure + added
 
 
 def closure_as_recorded(e: Explanation) -> dict[int, float]:

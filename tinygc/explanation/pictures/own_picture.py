@@ -11,7 +11,6 @@ from tinygc.effects import EffectError, PictureData
 from tinygc.explanation.pictures.channel_values import (
     added_in_stills,
     added_to_closure,
-    left_in_stills,
     rates_per_still,
     theta,
     variable_for,
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 def picture_data(e: Explanation, claim: Claim) -> PictureData:
     """What there is to draw of a claim that adds to the rates."""
-    variable, (before, _) = variable_for(e, claim), rates_per_still(e)
+    variable, (before, after) = variable_for(e, claim), rates_per_still(e)
     closure_says, closure_recorded = added_to_closure(e, claim)
     return PictureData(
         theta=theta(e, claim),
@@ -38,7 +37,7 @@ def picture_data(e: Explanation, claim: Claim) -> PictureData:
         of_segments=variable.of_segments(e.twin),
         stills_s=Variable("time").of_stills(e.twin),
         before=before * DEG,
-        after=left_in_stills(e, claim) * DEG,
+        after=after * DEG,
         says=added_in_stills(e, claim) * DEG,
         numbers=np.array([segment.number for segment in e.twin.segments]),
         closure_says=closure_says,

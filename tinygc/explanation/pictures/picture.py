@@ -17,6 +17,7 @@ from tinygc.explanation.twin.channels import own_residuals
 from tinygc.explanation.twin.variable import Variable
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.proof import tilt_rms
+from tinygc.explanation.verdict.residuals import is_refitted
 from tinygc.explanation.verdict.titles import VERDICTS
 
 if TYPE_CHECKING:
@@ -55,8 +56,8 @@ def figure_of(e: Explanation) -> Figure:
 
 def _closure(e: Explanation, axes: Axes) -> None:
     """Held-out closure per segment: before, after, floor."""
-    series = [("before", BEFORE, BEFORE, e.proof.before_numbers, e.proof.before)] if e.claimed else []
-    series += [("after" if e.claimed else "held out", AFTER, "none", e.proof.after_numbers, e.proof.after)]
+    series = [("before", BEFORE, BEFORE, e.proof.before_numbers, e.proof.before)] if e.proof.changed else []
+    series += [("after" if e.proof.changed else "held out", AFTER, "none", e.proof.after_numbers, e.proof.after)]
     for name, colour, face, numbers, angles in series:
         closure = np.linalg.norm(angles[:, :2], axis=1) / DEG
         axes.semilogy(numbers, closure, "o-", mfc=face, color=colour, lw=0.7, label=f"{name}, {tilt_rms(angles) / DEG:.4f}° rms")
@@ -70,7 +71,7 @@ def _closure(e: Explanation, axes: Axes) -> None:
 def _stills_in_time(e: Explanation, axes: Axes) -> None:
     """Rate in each still over the session: where drifts and steps show."""
     before, after = rates_per_still(e)
-    t_s, refitted = Variable("time").of_stills(e.twin), bool(e.naming.fit.state.claims)
+    t_s, refitted = Variable("time").of_stills(e.twin), is_refitted(e)
     for i, axis in enumerate("xyz"):
         if refitted:
             axes.plot(t_s, before[:, i] * 1e3, "-", color=AXES[axis], lw=0.8, alpha=0.6)
@@ -91,7 +92,7 @@ def _lengths_in_time(e: Explanation, axes: Axes) -> None:
 
 def _channels(e: Explanation, axes: Axes) -> None:
     """The channels' sigmas: what is left in each beside what noise alone leaves."""
-    refitted = bool(e.naming.fit.state.claims)
+    refitted = is_refitted(e)
     fits = [("before", BEFORE, e.naming.first), ("after", AFTER, e.naming.fit)] if refitted else [("", AFTER, e.naming.fit)]
     names = {"closure": "closure", "still": "rate in stills", "length": "gravity's length"}
     at, width, greatest = np.arange(len(e.whiten.parts)), 0.8 / len(fits), 0.0

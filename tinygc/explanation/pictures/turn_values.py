@@ -50,37 +50,21 @@ def turn_columns(e: Explanation, claim: Claim) -> np.ndarray:
     return -e.twin.effect_columns(claim.effect, fit.state, fit.sensitivity, fit.rates).closure
 
 
-def turn_sigma(e: Explanation, claim: Claim) -> np.ndarray:
-    """(S, d) rad: the floor of each angle of closure, widened as the claims' own sigmas are, by what is left with the claim in it."""
+def turn_sigma(e: Explanation) -> np.ndarray:
+    """(S, d) rad: the floor of each angle of closure, widened as the claims' own sigmas are, by what is left."""
     fit = e.naming.fit
-    r = fit.r if claim in e.claimed else fit.r + _taken_off(e, claim)[1]
-    widen = max(1.0, float(r @ r) / max(len(r) - fit.J.shape[1], 1))
+    widen = max(1.0, float(fit.r @ fit.r) / max(len(fit.r) - fit.J.shape[1], 1))
     return e.twin.problem.floor.sigma * np.sqrt(widen)
 
 
-def left_by_turn(e: Explanation, claim: Claim) -> np.ndarray:
-    """(S, d) rad that the fit leaves with all of the effect in it; a finding, which no fit goes on with, is taken off as it was found."""
-    left = e.twin.residuals(e.naming.fit.state, e.naming.fit.rates).closure
-    return left if claim in e.claimed else left + _taken_off(e, claim)[0]
+def left_by_turn(e: Explanation) -> np.ndarray:
+    """(S, d) rad that the fit leaves with all of its effects in it."""
+    return e.twin.residuals(e.naming.fit.state, e.naming.fit.rates).closure
 
 
-def _taken_off(e: Explanation, claim: Claim) -> tuple[np.ndarray, np.ndarray]:
-    """What a finding changes of the closure (S, d) rad, and of all whitened channels (n,), the rest of the fit following to first order."""
-    twin, fit = e.twin, e.naming.fit
-    changed = twin.effect_columns(claim.effect, fit.state, fit.sensitivity, fit.rates)
-    whitened = e.whiten(changed.stacked() @ theta(e, claim))
-    step = -fit.covariance @ (fit.J.T @ whitened)
-    parts = [twin.linear_columns(fit.sensitivity).closure, twin.earth_columns().closure @ fit.state.axes.T, twin.gravity_columns().closure]
-    parts += [twin.effect_columns(held.effect, fit.state, fit.sensitivity, fit.rates).closure for held in fit.state.claims]
-    return changed.closure @ theta(e, claim) + np.concatenate(parts, axis=-1) @ step, whitened + fit.J @ step
-
-
-def without(e: Explanation, claim: Claim, columns: np.ndarray, entries: Sequence[int]) -> np.ndarray:
+def without(e: Explanation, claim: Claim, entries: Sequence[int]) -> np.ndarray:
     """(S, d) rad of closure once these parameters are zero, exactly, and all else is as the fit has it."""
-    state, values = e.naming.fit.state, theta(e, claim)
-    if claim not in e.claimed:
-        return left_by_turn(e, claim) + columns[:, :, entries] @ values[list(entries)]
-    some = values.copy()
+    state, some = e.naming.fit.state, theta(e, claim).copy()
     some[list(entries)] = 0.0
     claims = tuple(replace(each, theta=some) if each.effect.id == claim.effect.id else each for each in state.claims)
     return e.twin.residuals(replace(state, claims=claims)).closure
@@ -94,7 +78,7 @@ def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Va
     nowhere and are left out; which ones does not depend on what they ask for.
     """
     fit, twin = e.naming.fit, e.twin
-    columns, sigma = turn_columns(e, claim), turn_sigma(e, claim)
+    columns, sigma = turn_columns(e, claim), turn_sigma(e)
     movements = [movement.with_rate(rate) for movement, rate in zip(twin.movements, fit.rates, strict=True)]
     carried = twin.padded([CARRIERS[carrier](movement) for movement in movements])[:, :, axis]
     of_samples = fit.sensitivity[:, :, :, axis] * carried[:, :, None]
@@ -103,7 +87,7 @@ def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Va
     along = _padded_scalar(e, [_along(variable, movement, axis) for movement in movements])
     mean = np.sum(weight * along, axis=1)
     unit = np.einsum("sd,sd->s", share, columns[:, :, axis])
-    before, after = (np.einsum("sd,sd->s", share, angles) for angles in (without(e, claim, columns, [axis]), left_by_turn(e, claim)))
+    before, after = (np.einsum("sd,sd->s", share, angles) for angles in (without(e, claim, [axis]), left_by_turn(e)))
     keep = _telling(own_sigma) & np.isfinite(mean)
     span = np.array([np.min(along[keep]), np.max(along[keep])]) if keep.any() else np.zeros(2)
     one = np.eye(3)[axis]
@@ -122,13 +106,13 @@ def per_parameter(e: Explanation, claim: Claim, entry: int) -> OfTurns:
 
     Added-variable: a straight line through zero whose slope is the parameter.
     """
-    columns, sigma = turn_columns(e, claim), turn_sigma(e, claim)
+    columns, sigma = turn_columns(e, claim), turn_sigma(e)
     own = columns[:, :, entry]
     size = np.linalg.norm(own, axis=1)
     largest = np.argmax(np.abs(own), axis=1)
     signed = size * np.sign(own[np.arange(len(own)), largest])
     ahead = np.divide(own, signed[:, None], out=np.zeros_like(own), where=size[:, None] > 0)
-    before, after = (np.einsum("sd,sd->s", ahead, angles) for angles in (without(e, claim, columns, [entry]), left_by_turn(e, claim)))
+    before, after = (np.einsum("sd,sd->s", ahead, angles) for angles in (without(e, claim, [entry]), left_by_turn(e)))
     noise = np.sqrt(np.sum((ahead * sigma) ** 2, axis=1))
     keep = size > 0
     return OfTurns(signed[keep], before[keep], after[keep], noise[keep], (signed * theta(e, claim)[entry])[keep])
@@ -136,7 +120,7 @@ def per_parameter(e: Explanation, claim: Claim, entry: int) -> OfTurns:
 
 def strongest(e: Explanation, claim: Claim, most: int = 3) -> list[int]:
     """Parameters that move the closure most, in sigmas of noise, in their own order."""
-    moved = turn_columns(e, claim) * theta(e, claim) / turn_sigma(e, claim)[:, :, None]
+    moved = turn_columns(e, claim) * theta(e, claim) / turn_sigma(e)[:, :, None]
     power = np.sum(moved**2, axis=(0, 1))
     return sorted(int(entry) for entry in np.argsort(power)[::-1][:most])
 

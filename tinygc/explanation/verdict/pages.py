@@ -19,11 +19,10 @@ from tinygc.explanation.verdict.next_step import what_next
 from tinygc.explanation.verdict.proof import tilt_rms
 from tinygc.explanation.verdict.residuals import HEADING, is_refitted, residual_table
 from tinygc.explanation.verdict.titles import VERDICTS
+from tinygc.explanation.verdict.weighed import chance_words, considered_lines, equivalent_words, noise_rows, rival_words
 from tinygc.explanation.verdict.where import where
 
-MOST_SAID = 6
-#: a name that is less probable is not worth a line; the JSON has all
-LEAST_CHANCE = 0.01
+MOST_SAID = 6  #: segments that are worst
 
 
 def explanation_page(e: Explanation) -> Group:
@@ -43,12 +42,13 @@ def explanation_page(e: Explanation) -> Group:
         parts.append(Text(f"  {claim.says}"))
         parts += [Text(f"  {line}") for line in parameter_lines(claim)]
         if claim.equivalent:
-            shown = (f"{name} ({chance_words(claim.rivals[name])})" if name in claim.rivals else name for name in claim.equivalent)
-            parts.append(Text(f"  could as well be: {', '.join(shown)}", "yellow"))
-        parts.append(Text(""))
+            parts.append(Text(f"  could as well be: {', '.join(equivalent_words(claim))}", "yellow"))
+        parts += [*_rivals(claim), Text("")]
     for claim in e.findings:
-        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, f"   p {p_words(claim.p_value)}"))
-        parts.append(Text(f"  {claim.says}; it carries {100 * (claim.share or 0):.0f} % of the misfit\n"))
+        chance = f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value)}"
+        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, chance))
+        parts.append(Text(f"  {claim.says}; it carries {100 * (claim.share or 0):.0f} % of the misfit"))
+        parts += [*_rivals(claim), Text("")]
     parts += [
         Text(HEADING, "italic"),
         _channels(e),
@@ -57,8 +57,7 @@ def explanation_page(e: Explanation) -> Group:
         Text(""),
     ]
     parts += _considered(e)
-    if e.noise is not None:
-        parts.append(Text(f"noise beyond white, which everything is judged against: {e.noise.words}"))
+    parts += _noise(e)
     if not e.problem.instability.source.startswith("typical"):
         parts.append(Text(f"bias instability, which noise allows for: {e.problem.instability.words}"))
     parts += [*_where(e), _proof(e)]
@@ -69,25 +68,23 @@ def explanation_page(e: Explanation) -> Group:
     return Group(*parts)
 
 
-def chance_words(probability: float) -> str:
-    """``0.87``, ``> 0.999`` or ``< 0.001``."""
-    return "> 0.999" if probability > 0.999 else "< 0.001" if probability < 0.001 else f"{probability:.3g}"
+def _rivals(claim: Claim) -> list[Text]:
+    rivals = rival_words(claim)
+    return [Text(f"  weighed in its place: {', '.join(rivals)}")] if rivals else []
 
 
 def _considered(e: Explanation) -> list[Text]:
     """What fired, or was weighed, and is not borne out."""
-    lines = []
-    for each in e.considered[:MOST_SAID]:
-        if each.closure_rad is not None:
-            before, after = (rad / DEG for rad in each.closure_rad)
-            lines.append(
-                f"{each.id} at {each.moments} moments: their segments close at {before:.3f}° as they are, {after:.3f}° with them mended"
-            )
-        elif each.moments:
-            lines.append(f"{each.id}: {each.moments} segments reach a level, and close like the others")
-        elif each.probability >= LEAST_CHANCE:
-            lines.append(f"{each.id}: probability {chance_words(each.probability)}")
+    lines = considered_lines(e)
     return [Text("considered, and not borne out:"), *(Text(f"  {line}") for line in lines)] if lines else []
+
+
+def _noise(e: Explanation) -> list[Text | Table]:
+    """The components with their sizes."""
+    table = Table(box=None, show_header=False)
+    for row in noise_rows(e):
+        table.add_row(*row)
+    return [Text("noise beyond white, which everything is judged against:"), table] if table.row_count else []
 
 
 def parameter_lines(claim: Claim) -> list[str]:
@@ -171,7 +168,7 @@ def seconds_words(seconds: list[float] | None) -> str:
 
 def _proof(e: Explanation) -> Text:
     before, after, floor = (x / DEG for x in (tilt_rms(e.proof.before), tilt_rms(e.proof.after), e.proof.floor_rms))
-    if not e.claimed:
+    if not e.proof.changed:
         return Text(f"held-out closure: {before:.4f}°, floor {floor:.4f}°")
     removed = f"; {100 * e.proof.removed:.1f} % of the excess is gone" if e.proof.removed is not None else ""
     return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")

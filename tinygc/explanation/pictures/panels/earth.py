@@ -8,7 +8,7 @@ import numpy as np
 
 from session.common.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude import rotation
-from tinygc.explanation.pictures.channel_values import left_in_stills, recorded_in_stills, theta
+from tinygc.explanation.pictures.channel_values import rates_per_still, recorded_in_stills, theta
 from tinygc.explanation.pictures.panels.palette import AFTER, BEFORE, FLOOR
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
@@ -24,10 +24,8 @@ def in_the_table(e: Explanation, claim: Claim, axes: Axes, as_the_earths: bool =
     turn, fixed = rotation.matrix(e.twin.q_tb), theta(e, claim)
     size = np.hypot(*fixed[:2])
     ahead = np.array([*fixed[:2], 0]) / size if size > 0 else np.array([1.0, 0, 0])
-    for name, colour, fill, rates in (
-        ("before", BEFORE, BEFORE, recorded_in_stills(e, claim)),
-        ("after", AFTER, "none", left_in_stills(e, claim)),
-    ):
+    _, left = rates_per_still(e)
+    for name, colour, fill, rates in (("before", BEFORE, BEFORE, recorded_in_stills(e, claim)), ("after", AFTER, "none", left)):
         in_table = np.einsum("qij,qj->qi", turn, rates) * 1e3
         x, y = in_table @ ahead, in_table[:, 2]
         axes.plot(x, y, "o", color=colour, mfc=fill, ms=4, alpha=0.6)

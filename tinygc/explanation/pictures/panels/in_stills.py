@@ -9,7 +9,7 @@ import numpy as np
 from session.common.units import DEG
 from tinygc.explanation.pictures.channel_values import (
     added_in_stills,
-    left_in_stills,
+    rates_per_still,
     recorded_in_stills,
     theta,
     variable_for,
@@ -39,7 +39,7 @@ def along(e: Explanation, claim: Claim, axes: Axes) -> None:
     own = variable.variable == "attitude" and values.size == 3
     if variable.variable == "attitude" and values.size == 9:
         values = np.where(np.arange(9) % 3 == variable.axis, values, 0.0)
-    left = left_in_stills(e, claim)
+    _, left = rates_per_still(e)
     recorded = left + added_in_stills(e, claim, values)
     for i, axis in enumerate("xyz"):
         along_axis = Variable("attitude", i) if own else variable
@@ -51,7 +51,7 @@ def along(e: Explanation, claim: Claim, axes: Axes) -> None:
             curve = at_constant(claim.effect, values, e.twin.movements[0], along_axis, i, at) / DEG
             axes.plot(at, curve * 1e3, color=AXES[axis], lw=1.5)
         number = i if values.size == 3 else 3 * i + (variable.axis or 0)
-        value = told_value(claim, number) if values.size in (3, 9) else ""
+        value = told_value(claim, number) if claim.effect.parameter.shape in ((3,), (3, 3)) else ""
         axes.plot([], [], "o-", color=AXES[axis], label=f"{axis}: {value}" if value else axis)
     axes.plot([], [], "o", mfc="none", color="black", label="after")
     axes.axhline(0, color=FLOOR, lw=0.8)

@@ -9,7 +9,6 @@ from tinygc.effects.picture import ENERGY_LAW, LAG_LAW, SCALE_LAW, TURNS
 from tinygc.explanation.pictures.axis_laws import AxisLaws, axis_laws
 from tinygc.explanation.pictures.channel_values import (
     added_in_stills,
-    left_in_stills,
     rates_per_still,
     recorded_in_stills,
     told,
@@ -21,6 +20,7 @@ from tinygc.explanation.verdict.next_step import what_next
 from tinygc.explanation.verdict.pages import parameter_lines, seconds_words, variable_words
 from tinygc.explanation.verdict.residuals import HEADING, is_refitted, residual_table
 from tinygc.explanation.verdict.titles import VERDICTS
+from tinygc.explanation.verdict.weighed import chance_words, considered_lines, equivalent_words, noise_rows, rival_words
 from tinygc.explanation.verdict.where import where
 from tinygc.report.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.report.html.evidence import Evidence
@@ -46,6 +46,8 @@ def section(evidence: Evidence) -> Section | None:
     html += _place(e)
     html += _channels(e)
     html += _pictures(e)
+    html += _considered(e)
+    html += _noise(e)
     html += _tested(e)
     if following := what_next(e):
         html += paragraph(f"<strong>Next:</strong> {escape(following)}.")
@@ -55,11 +57,15 @@ def section(evidence: Evidence) -> Section | None:
 def _claim(claim: Claim, before: str = "") -> str:
     says = escape(claim.says[:1].upper() + claim.says[1:])
     html = f'<div class="found"><h3>{escape(claim.effect.id)}</h3>{paragraph(f"{before}{says}.")}'
-    html += paragraph(f"<code>{escape(claim.effect.equation)}</code>, {probability(claim.p_value)}", "soft")
+    chance = escape(f"probability {chance_words(claim.probability)}")
+    html += paragraph(f"<code>{escape(claim.effect.equation)}</code>, {chance}, {probability(claim.p_value)}", "soft")
     if claim.parameters:
         html += code("\n".join(parameter_lines(claim)))
     if claim.equivalent:
-        html += paragraph(f"This recording cannot tell it from {escape(', '.join(claim.equivalent))}: {escape(claim.effect.splits)}.")
+        names = ", ".join(equivalent_words(claim))
+        html += paragraph(f"This recording cannot tell it from {escape(names)}: {escape(claim.effect.splits)}.")
+    if rivals := rival_words(claim):
+        html += paragraph(f"Weighed in its place, with their probabilities: {escape(', '.join(rivals))}.")
     return html + "</div>"
 
 
@@ -107,17 +113,17 @@ def _pictures(e: Explanation) -> str:
         html += figure(
             lambda width: _stills_along(e, claim, width),
             "Where it lives: the mean rate in each still, less what the model predicts. Filled: linear model. Ring: with what is named."
-            if e.claimed or e.findings
+            if is_refitted(e)
             else "The mean rate in each still, less what the model predicts.",
             AXIS_KEYS,
         )
-    if claim is not None and not turning and "still" in claim.effect.seen_in and claim in e.claimed:
+    if claim is not None and not turning and "still" in claim.effect.seen_in:
         html += figure(
             lambda width: _said_against_recorded(e, claim, width),
             f"Recorded in each still against what {escape(claim.effect.id)} says.",
             AXIS_KEYS,
         )
-    if e.claimed:
+    if e.proof.changed:
         before, after = (degrees(tilt_rms(x)) for x in (e.proof.before, e.proof.after))
         gone = f" {100 * e.proof.removed:.1f} % of the excess over the floor is gone." if e.proof.removed is not None else ""
         html += figure(
@@ -137,7 +143,7 @@ def _stills_along(e: Explanation, claim: Claim | None, width: int) -> str:
     variable = variable_for(e, claim)
     x = variable.of_stills(e.twin)
     before, after = rates_per_still(e)
-    before, after = 1e3 * before, 1e3 * (after if claim is None else left_in_stills(e, claim))
+    before, after = 1e3 * before, 1e3 * after
     chart = Chart(
         width,
         270,
@@ -146,10 +152,9 @@ def _stills_along(e: Explanation, claim: Claim | None, width: int) -> str:
         f"Rate in each still along {variable.words}",
     )
     chart.across(0, "floor", style="axis")
-    named = bool(e.claimed or e.findings)
     for i, axis in enumerate("xyz"):
         chart.dots(x, before[:, i], axis)
-        if named:
+        if is_refitted(e):
             chart.dots(x, after[:, i], axis, ring=True)
     return chart.svg()
 
@@ -212,6 +217,19 @@ def _proof(e: Explanation, width: int) -> str:
         [f"segment {n}: {significant(v)}°" for n, v in zip(e.proof.after_numbers, after, strict=True)],
     )
     return chart.svg()
+
+
+def _considered(e: Explanation) -> str:
+    """What fired, or was weighed, and is not borne out, as the page of ``explain`` has it."""
+    lines = "".join(f"<li>{escape(line)}</li>" for line in considered_lines(e))
+    return paragraph("Considered, and not borne out:") + f"<ul>{lines}</ul>" if lines else ""
+
+
+def _noise(e: Explanation) -> str:
+    """Components of the noise, each with its size ± one standard deviation."""
+    rows = [(escape(name), escape(size), escape(says)) for name, size, says in noise_rows(e)]
+    caption = "Noise beyond white, which everything here is judged against: estimated from this recording, ± one standard deviation."
+    return table(("component", "size", "what it is"), rows, caption) if rows else ""
 
 
 def _tested(e: Explanation) -> str:

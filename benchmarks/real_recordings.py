@@ -1,22 +1,25 @@
-"""``explain`` on every real recording beside the checkout: verdict, names, held-out closure before and after, and what is said wrongly.
+"""``explain`` on every real recording beside the checkout; prints what docs/real-recordings.md has below its mark ``<!-- table -->``.
 
     python benchmarks/real_recordings.py [xsens mikov mimu injected euroc] [--out FILE]
 
 The accelerometers of mikov and mimu are calibrated from each recording's own stills.  injected is xsens with effects added to its readings;
-its truth.json is opened after all have been explained, to count wrong names.  docs/real-recordings.md says where the recordings are from.
+its truth.json is opened after all have been explained, to count wrong names.  euroc is compared with its truth files.
+docs/real-recordings.md says where the recordings are from.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from common import in_parallel, markdown
+from common import in_parallel
+from real_recordings_page import UNCALIBRATED, missed, page, said_wrongly
 
 from session.accelerometer.from_stills import from_stills
 from session.common.errors import CalibrationError
@@ -26,12 +29,6 @@ from session.public import euroc_folders, mimu
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 SETS = ("xsens", "mikov", "mimu", "injected", "euroc")
 USUAL = SETS[:-1]
-UNCALIBRATED = ("mikov", "mimu")
-#: the recording that the effects were injected into has it by itself
-OWN = "gyro.g_sensitivity"
-#: faults of a log that are not expected in these sets: every frame of mimu has a right checksum and none is missing
-NO_FAULTS = ("data.glitches", "timing.dropped_samples")
-HEADER = ("recording", "verdict", "names", "before → after, °", "floor, °", "said wrongly", "s")
 
 
 @dataclass(frozen=True)
@@ -62,9 +59,8 @@ def main() -> None:
         result |= {"said_wrongly": said_wrongly(result, truth), "missed": missed(result, truth)}
     if args.out:
         args.out.write_text(json.dumps({"recordings": results}, indent=1) + "\n", encoding="utf-8")
-    print(markdown(HEADER, map(row, results)))
-    print("\n" + "\n".join(summary(results)))
-    print(f"- {len(results)} recordings in {time.perf_counter() - began:.0f} s.")
+    print(page(results, truth))
+    print(f"{len(results)} recordings in {time.perf_counter() - began:.0f} s", file=sys.stderr)
 
 
 def jobs_of(name: str, shared: Path, made: Path) -> Iterator[Job]:
@@ -87,77 +83,16 @@ def calibrated(session: Session) -> Session:
 
 def one_recording(job: Job) -> dict:
     """``set``, ``name``, ``seconds``, and ``explain``'s JSON or why it was ``refused``."""
-    from tinygc.explanation.verdict.explain import explain_session
-    from tinygc.explanation.verdict.result import to_json
+    from tinygc.library.explain import explain
 
     began = time.perf_counter()
     result: dict = {"set": job.set_name, "name": job.folder.name, "explain": None, "refused": None}
     try:
         session = read_session(job.folder)
-        result["explain"] = to_json(explain_session(calibrated(session) if job.set_name in UNCALIBRATED else session))
+        result["explain"] = explain(calibrated(session) if job.set_name in UNCALIBRATED else session).to_json()
     except CalibrationError as error:
         result["refused"] = str(error)
     return result | {"seconds": time.perf_counter() - began}
-
-
-def named(result: dict) -> dict[str, dict]:
-    """Claimed effects by id; what is only called unknown is no name."""
-    effects = result["explain"]["effects"] if result["explain"] else []
-    return {effect["id"]: effect for effect in effects if not effect["id"].startswith("unknown.")}
-
-
-def said_wrongly(result: dict, truth: dict) -> list[str]:
-    """Wrong names by the truth of what was injected; of uncalibrated sets, faults that are not expected; nothing where nobody knows."""
-    found = named(result)
-    if result["set"] in UNCALIBRATED:
-        return [name for name in found if name in NO_FAULTS]
-    if result["set"] != "injected" or result["name"] not in truth:
-        return []
-    true = {OWN, *truth[result["name"]]["effects"]}
-    return [name for name, effect in found.items() if name not in true and not true & set(effect["equivalent"])]
-
-
-def missed(result: dict, truth: dict) -> list[str]:
-    """What was injected and has a name, and is neither claimed nor among what cannot be told from a claim."""
-    if result["set"] != "injected":
-        return []
-    said = {name for effect in named(result).values() for name in (effect["id"], *effect["equivalent"])}
-    return [name for name in truth.get(result["name"], {"effects": {}})["effects"] if name not in said and not name.startswith("outside.")]
-
-
-def row(result: dict) -> tuple[str, ...]:
-    title = result["set"] if result["name"] == result["set"] else f"{result['set']}/{result['name']}"
-    if not result["explain"]:
-        return (title, f"refused: {result['refused']}", "", "", "", "", f"{result['seconds']:.0f}")
-    closure = result["explain"]["fit"]["holdout_closure_rms_deg"]
-    claims = [effect["id"] + "".join(f" = {name}" for name in effect["equivalent"]) for effect in result["explain"]["effects"]]
-    return (
-        title,
-        result["explain"]["verdict"].replace("_", " "),
-        ", ".join(claims) or "–",
-        f"{closure['before']:.3f} → {closure['after']:.3f}",
-        f"{closure['floor']:.3f}",
-        ", ".join(result["said_wrongly"]) or "–",
-        f"{result['seconds']:.0f}",
-    )
-
-
-def summary(results: list[dict]) -> list[str]:
-    """A line for each set and each thing that can be counted."""
-    lines = []
-    for name in dict.fromkeys(result["set"] for result in results):
-        of_set = [result for result in results if result["set"] == name]
-        whole = [result for result in of_set if result["explain"]]
-        closures = [result["explain"]["fit"]["holdout_closure_rms_deg"] for result in whole]
-        no_worse = sum(closure["after"] <= closure["before"] for closure in closures)
-        said = f"- {name}: {len(of_set)} recordings, {len(of_set) - len(whole)} refused; after ≤ before in {no_worse} of {len(whole)}"
-        count = sum(len(result["said_wrongly"]) for result in whole)
-        if name == "injected":
-            said += f"; wrong names: {count}; injected and not named: {sum(len(result['missed']) for result in whole)}"
-        elif name in UNCALIBRATED:
-            said += f"; glitches or dropped samples claimed: {count}"
-        lines.append(said + ".")
-    return lines
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import GRAVITY, Table
-from public_files import mikov_text
+from public_files import mikov_text, write_euroc
 
 from session.accelerometer.from_stills import attitudes_of, fit_length, from_stills
 from session.common.errors import SegmentError
@@ -111,4 +111,38 @@ def test_the_command_says_in_one_line_where_stills_are_missing(tmp_path, capsys)
     assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1
-    assert "imu0: the stills lie in 1 attitude;" in err
+    assert "sessions/imu0: the stills lie in 1 attitude;" in err
+    assert not (tmp_path / "sessions").exists()
+
+
+def test_a_recording_that_cannot_be_calibrated_leaves_no_folder_that_looks_whole(tmp_path, capsys):
+    """The first is calibrated and printed, the second is refused, the third is not begun."""
+    still = Table().rest(5).samples(100.0, registers=False)
+    for number, samples in enumerate((tumbled(), still, tumbled())):
+        (tmp_path / f"imu{number}.log").write_text(mikov_text(samples.accel, samples.gyro))
+    assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 2
+    out, err = capsys.readouterr()
+    assert out.splitlines() == [str(tmp_path / "sessions" / "imu0")]
+    assert "sessions/imu1: the stills" in err
+    assert [path.name for path in (tmp_path / "sessions").iterdir()] == ["imu0"]
+    assert {path.name for path in (tmp_path / "sessions" / "imu0").iterdir()} == {"session.toml", "log0001.csv.gz"}
+    assert "[accelerometer]" in (tmp_path / "sessions" / "imu0" / "session.toml").read_text()
+
+
+def test_what_was_written_before_stays_as_it_was_where_it_cannot_be_calibrated(tmp_path):
+    log, folder = tmp_path / "imu0.log", tmp_path / "sessions" / "imu0"
+    samples = tumbled()
+    log.write_text(mikov_text(samples.accel, samples.gyro))
+    assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 0
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    still = Table().rest(5).samples(100.0, registers=False)
+    log.write_text(mikov_text(still.accel, still.gyro))
+    assert public(["mikov", str(tmp_path), "--accelerometer", "stills"]) == 2
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_sequence_without_stills_leaves_no_folder_either(tmp_path, capsys):
+    write_euroc(tmp_path / "V1_01_easy")
+    assert public(["euroc", str(tmp_path), "--accelerometer", "stills"]) == 2
+    assert "sessions/V1_01: the stills" in capsys.readouterr().err
+    assert not (tmp_path / "sessions").exists()

@@ -1,12 +1,15 @@
 """Effects concealed in a recording of one's own: only what they change is added, blind, and counted by size."""
 
+import io
 import json
+import re
 import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from formats_page import strangers
+from rich.console import Console
 
 import calibrate
 from session.common.errors import FormatError
@@ -154,15 +157,71 @@ def said(*names, verdict="explained", findings=()):
     return {"verdict": verdict, "effects": claims, "findings": [{"id": name, "equivalent": []} for name in findings]}
 
 
-def test_told_from_is_the_size_from_which_on_all_are_found():
-    def power(*found):
-        return Power("a", "dps", 1.0, tuple(Tried(float(2**i), each, (), ()) for i, each in enumerate(found)))
+def power(sizes, seen_from=0.1):
+    """sizes: multiple of seen_from -> whether it was found."""
+    return Power("a", "dps", seen_from, tuple(Tried(m * 0.1, found, (), (), ()) for m, found in sorted(sizes.items())))
 
-    assert power(False, True, True).told_from == 2
-    assert power(True, False, True).told_from == 4
-    assert power(True, True, False).told_from is None
-    kept = agreement([power(False, True, True), power(True, False, True), power(False, False, False)])
-    assert kept == {"promised": 3, "told": 2, "within_factor_2": 1, "median_ratio": 3.0}
+
+def test_told_from_is_the_size_from_which_on_all_are_found():
+    assert power({1: False, 2: True, 4: True}).told_from == 0.2
+    assert power({1: True, 2: False, 4: True}).told_from == 0.4
+    assert power({1: True, 2: True, 4: False}).told_from is None
+    assert power({1: True, 2: False, 4: True}).not_told_at == 0.2
+    assert power({1: True, 2: True}).not_told_at is None
+
+
+@pytest.mark.parametrize(
+    ("sizes", "agrees"),
+    [
+        ({1: False, 2: True}, True),
+        ({0.5: False, 1: True, 2: True}, True),
+        ({0.5: False, 2: True}, True),
+        ({0.5: False, 4: True}, None),
+        ({2: True}, None),
+        ({1: True, 2: True}, None),
+        ({1: False, 4: True}, None),
+        ({1: False}, None),
+        ({2: False, 4: True}, False),
+        ({2: False, 4: False}, False),
+        ({1: True, 2: False, 4: True}, False),
+        ({0.5: True, 1: True, 2: True}, False),
+    ],
+)
+def test_a_promise_is_judged_only_where_the_sizes_decide_it(sizes, agrees):
+    assert power(sizes).agrees is agrees
+    assert power(sizes, seen_from=None).agrees is None
+
+
+def test_upper_bounds_count_as_not_decided():
+    found = [power({1: False, 2: True}), power({2: True, 4: True}), power({4: False, 8: True}), power({8: False}), power({1: True}, None)]
+    assert agreement(found) == {"promised": 4, "told": 3, "agree": 1, "disagree": 2, "not_decided": 1, "median_ratio": 5.0}
+    assert agreement([power({2: True})])["median_ratio"] is None
+
+
+def examined(*found):
+    return examination.OwnExamination("mine", 1, "00", "explained", ("gyro.g_sensitivity",), list(found))
+
+
+def printed(result):
+    console = Console(width=200, file=io.StringIO())
+    console.print(power_tables(result))
+    return console.file.getvalue()
+
+
+def test_the_page_says_all_three_and_marks_upper_bounds():
+    page = printed(examined(power({1: False, 2: True}), power({2: True}), power({4: False, 8: True})))
+    assert "of the 3 effects with a seen_from it holds within a factor of 2 for 1, not for 1, and for 1 the sizes do not decide it" in page
+    assert len(re.findall(r"│ ≤ 0\.2 +│ ≤ 2 +│", page)) == 1
+    assert page.count("≤") == 3
+    assert "gone" not in page
+
+
+def test_names_of_its_own_that_went_missing_are_written_and_printed():
+    lost = Power("a", "dps", None, (Tried(1.0, True, ("a",), (), ("gyro.g_sensitivity",)), Tried(2.0, True, ("a",), (), ())))
+    table = json.loads(json.dumps(examination.to_json(examined(lost))))
+    assert [one["lost"] for one in table["effects"][0]["tried"]] == [["gyro.g_sensitivity"], []]
+    assert not strangers(table)
+    assert "its own that are gone beside what was concealed: gyro.g_sensitivity in 1" in printed(examined(lost))
 
 
 def test_what_the_untouched_recording_has_is_neither_right_nor_wrong():

@@ -50,7 +50,7 @@ class Missed:
     @property
     def rms_rad(self) -> float:
         """Over all turns; a false reading in one of them does not count for more than that turn can."""
-        return float(np.sqrt(np.mean(np.minimum(self.error_rad, MOST * np.median(self.error_rad)) ** 2)))
+        return float(np.sqrt(np.mean(capped(self.error_rad) ** 2)))
 
     @property
     def rate_needed_hz(self) -> float:
@@ -104,9 +104,8 @@ def missed_of_turns(samples: Samples, turns: list[tuple[Still, Still]], noise: N
     for number, step in enumerate(STEPS):
         apart = [_tilt_square(_sums(rate, t_s, rows, step, offset) - whole, down) for offset in range(step)]
         square[number] = np.mean(apart, axis=0) - 2 * (step - 1) * walk * lasts_s
-    exponent = _exponent(square)
-    weights = np.array(STEPS, dtype=float) ** (2 * exponent) - 1
-    error = np.sqrt(np.maximum(np.mean(square / weights[:, None], axis=0), 0.0)) if exponent else np.zeros(len(turns))
+    exponent = thinning_exponent(square)
+    error = np.sqrt(np.maximum(np.mean(square / thinning_weights(exponent)[:, None], axis=0), 0.0)) if exponent else np.zeros(len(turns))
     return Missed(error, exponent, float(np.sqrt(2 * walk * np.mean(np.maximum(lasts_s, segment_s)))), 1 / samples.period_s)
 
 
@@ -130,9 +129,24 @@ def _tilt_square(vector: np.ndarray, down: np.ndarray) -> np.ndarray:
     return np.sum(vector**2, axis=1) - np.mean(np.einsum("sij,sj->si", down, vector) ** 2, axis=1)
 
 
-def _exponent(square: np.ndarray) -> float:
-    """p of squares (K, S) that follow k^2p - 1, by least squares of their logarithms over the usual turns; 0 where nothing is beyond
-    noise."""
+def capped(error_rad: np.ndarray) -> np.ndarray:
+    """(S,) of errors (S,) >= 0, one a turn: none larger than ``MOST`` times their median, so that a false reading in one turn does not
+    count for more than that turn can."""
+    return np.minimum(error_rad, MOST * np.median(error_rad))
+
+
+def thinning_weights(exponent: float) -> np.ndarray:
+    """(K,) of each k in ``STEPS``: k^2p - 1, the square of what every k-th reading misses beyond all of them, in squares of what all
+    miss."""
+    return np.array(STEPS, dtype=float) ** (2 * exponent) - 1
+
+
+def thinning_exponent(square: np.ndarray) -> float:
+    """p of squares (K, S) rad^2 that follow k^2p - 1: K steps of ``STEPS``, S turns, white noise's share taken off.
+
+    Least squares of the logarithms of their means over the usual turns (none beyond ``MOST`` times the median), p from ``EXPONENTS``;
+    0 where at some step nothing is beyond noise.
+    """
     size = square.sum(axis=0)
     mean = square[:, size <= MOST**2 * max(float(np.median(size)), 0.0)].mean(axis=1) if (size > 0).any() else np.zeros(len(square))
     if not (mean > 0).all():

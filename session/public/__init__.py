@@ -2,5 +2,5 @@
 
 ``python -m session.public NAME DIR`` makes them; docs/real-recordings.md says where the files come from.
 
-May import: common, log, accelerometer.
+May import: common, files, log, accelerometer.
 """

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from session.common.errors import CalibrationError
 from session.public import euroc_folders, mikov, mimu, xsens
-from session.public.writing import calibrate_from_stills
 
-#: of each set: files, folder to write into, whether the authors' own accelerometer is wanted -> session folders
-SETS: dict[str, Callable[[Path, Path, bool], list[Path]]] = {
+#: of each set: files, folder to write into, whether the accelerometer is as the authors give it, or from stills -> session folders
+SETS: dict[str, Callable[[Path, Path, bool], Iterable[Path]]] = {
     "xsens": xsens.write,
     "mikov": mikov.write,
     "mimu": mimu.write,
@@ -21,7 +20,7 @@ SETS: dict[str, Callable[[Path, Path, bool], list[Path]]] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the folders and print their paths.  Exit code 2, and one line, for what is wrong with the files."""
+    """Write the folders and print the path of each that is whole.  Exit code 2, and one line, for what is wrong with the files."""
     parser = argparse.ArgumentParser(
         prog="python -m session.public", description="Session folders of a public set of recordings; docs/real-recordings.md says more."
     )
@@ -35,12 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="its calibration: what the authors give, or nothing; or nine numbers from the recording's own stills (%(default)s)",
     )
     args = parser.parse_args(arguments)
-    given = args.accelerometer == "given"
     try:
-        folders = SETS[args.name](args.dir, args.out or args.dir / "sessions", given)
-        for folder in folders:
-            if not given:
-                calibrate_from_stills(folder)
+        for folder in SETS[args.name](args.dir, args.out or args.dir / "sessions", args.accelerometer == "given"):
             print(folder)
     except (CalibrationError, OSError) as error:
         print(f"session.public: {error}", file=sys.stderr)

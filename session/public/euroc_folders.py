@@ -6,6 +6,7 @@ Both are comma-separated, times in ns on one clock; the truth is of the IMU's ow
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from session.common.errors import FormatError
 from session.log.truth import Truth
 from session.public.euroc import read_sequence, to_down, write_config, write_sequence
 from session.public.sources import found, rows_of_numbers
+from session.public.writing import placed
 
 SEGMENT_S = 2.0
 TRUTH_SIGMA_DEG = 0.1
@@ -28,13 +30,19 @@ PARTIAL = "PARTIAL"
 Sequence = tuple[np.ndarray, np.ndarray, np.ndarray, Truth]
 
 
-def write(source: Path, out: Path, given: bool = True) -> list[Path]:
-    """``out/V1_01`` and so on, a session folder with a truth file for each sequence.  FormatError for files that are not the authors'."""
-    folders = []
+def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
+    """``out/V1_01`` and so on, a session folder with a truth file for each sequence, one after the other.
+
+    not given: with an accelerometer from the sequence's own stills.  FormatError for files that are not the authors'; not given: what
+    ``placed`` raises.
+    """
     for name, sequence in sequences(source):
-        write_sequence(out / name, name, *sequence)
-        folders.append(write_config(out / name, SEGMENT_S, TRUTH_SIGMA_DEG))
-    return folders
+        yield placed(out / name, partial(_write, name, sequence), given)
+
+
+def _write(name: str, sequence: Sequence, folder: Path) -> None:
+    write_sequence(folder, name, *sequence)
+    write_config(folder, SEGMENT_S, TRUTH_SIGMA_DEG)
 
 
 def sequences(source: Path) -> Iterator[tuple[str, Sequence]]:

@@ -6,6 +6,7 @@ Full scales follow from the steps of the numbers.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from session.public.sources import found, rows_of_numbers
@@ -30,11 +31,13 @@ reference = "gravity"
 """
 
 
-def write(source: Path, out: Path, given: bool = True) -> list[Path]:
-    """``out/imu0`` and so on, as many as there are logs; FormatError for a line that is none.  The authors give no calibration."""
-    folders = []
+def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
+    """``out/imu0`` and so on, as many as there are logs, one after the other.
+
+    The authors give no calibration; not given: an accelerometer from each recording's own stills.  FormatError for a line that is none;
+    not given: what ``placed`` raises.
+    """
     for path in found(source, "imu[0-9].log", "data"):
         rows = rows_of_numbers(path, COLUMNS)
         lines = (f"{number / RATE_HZ:.2f},{','.join(row[3:] + row[:3])}" for number, row in enumerate(rows))
-        folders.append(write_folder(out / path.stem, TOML.format(number=path.stem.removeprefix("imu")), HEADER, lines))
-    return folders
+        yield write_folder(out / path.stem, TOML.format(number=path.stem.removeprefix("imu")), HEADER, lines, given)

@@ -43,9 +43,12 @@ reference = "gravity"
 """
 
 
-def write(source: Path, out: Path, given: bool = True) -> list[Path]:
-    """``out/e1u0`` and so on.  FormatError for a file that is damaged.  The authors give no calibration."""
-    folders = []
+def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
+    """``out/e1u0`` and so on, one after the other.
+
+    The authors give no calibration; not given: an accelerometer from each recording's own stills.  FormatError for a file that is
+    damaged; not given: what ``placed`` raises.
+    """
     for number, (ticks, registers) in experiments(source):
         t_ns = np.rint(ticks * NS_PER_TICK).astype(np.int64).tolist()
         for unit in range(UNITS):
@@ -54,8 +57,7 @@ def write(source: Path, out: Path, given: bool = True) -> list[Path]:
                 f"{t},{','.join(map(repr, rate))},{','.join(map(repr, force))}"
                 for t, rate, force in zip(t_ns, rates.tolist(), forces.tolist(), strict=True)
             )
-            folders.append(write_folder(out / f"e{number}u{unit}", TOML.format(unit=unit), HEADER, lines))
-    return folders
+            yield write_folder(out / f"e{number}u{unit}", TOML.format(unit=unit), HEADER, lines, given)
 
 
 def experiments(source: Path) -> Iterator[tuple[int, tuple[np.ndarray, np.ndarray]]]:

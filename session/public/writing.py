@@ -3,28 +3,57 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterable
+import tempfile
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from session.accelerometer.from_stills import from_stills
-from session.common.errors import FormatError, SegmentError
+from session.common.errors import CalibrationError, FormatError, SegmentError
+from session.files.writing import result_folder
 from session.log.config import Accelerometer
 from session.log.folder import log_paths, read_session
 
+LOG = "log0001.csv.gz"
 SECTION = "[accelerometer]"
 NEXT_SECTION = "[protocol]"
 
 
-def write_folder(folder: Path, toml: str, header: str, lines: Iterable[str]) -> Path:
-    """``session.toml`` and ``log0001.csv.gz``; the same lines make the same bytes.  FormatError where another log lies there."""
-    folder.mkdir(parents=True, exist_ok=True)
-    log = folder / "log0001.csv.gz"
-    if others := [path.name for path in log_paths(folder, "log") if path != log]:
-        raise FormatError(f"{folder}: holds {others[0]} of another recording; choose another folder with --out")
-    text = "\n".join([header, *lines, ""])
-    log.write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
-    (folder / "session.toml").write_text(toml, encoding="utf-8")
+def write_folder(folder: Path, toml: str, header: str, lines: Iterable[str], given: bool = True) -> Path:
+    """``session.toml`` and ``log0001.csv.gz``; the same lines make the same bytes.  given: as in ``placed``, whose errors it raises."""
+
+    def write(where: Path) -> None:
+        text = "\n".join([header, *lines, ""])
+        (where / LOG).write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
+        (where / "session.toml").write_text(toml, encoding="utf-8")
+
+    _refuse_another(folder)
+    return placed(folder, write, given)
+
+
+def placed(folder: Path, write: Callable[[Path], None], given: bool) -> Path:
+    """The folder, with what ``write`` writes; not given: with an accelerometer calibrated from its own stills.
+
+    A recording that cannot be calibrated so leaves no file behind, and what lies in the folder from before stays as it was.  Raises
+    CalibrationError then.
+    """
+    if given:
+        folder.mkdir(parents=True, exist_ok=True)
+        write(folder)
+        return folder
+    with result_folder(folder), tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as part:
+        write(Path(part))
+        try:
+            calibrate_from_stills(Path(part))
+        except CalibrationError as error:
+            raise type(error)(str(error).replace(part, str(folder))) from None
+        for path in sorted(Path(part).iterdir()):
+            path.replace(folder / path.name)
     return folder
+
+
+def _refuse_another(folder: Path) -> None:
+    if others := [path.name for path in log_paths(folder, "log") if path.name != LOG]:
+        raise FormatError(f"{folder}: holds {others[0]} of another recording; choose another folder with --out")
 
 
 def calibrate_from_stills(folder: Path) -> None:

@@ -47,7 +47,10 @@ reference = "gravity"
 
 
 def write(source: Path, out: Path, given: bool = True) -> list[Path]:
-    """``out/xsens``; given: with imu_tk's own accelerometer.  FormatError for files that are not the authors'."""
+    """``out/xsens``; given: with imu_tk's own accelerometer, else its own stills'.
+
+    FormatError for files that are not the authors'; not given: what ``placed`` raises.
+    """
     (acc_path,) = found(source, "xsens_acc.mat", "bin/test_data")
     gyro_path = acc_path.with_name("xsens_gyro.mat")
     t_s, accel = _counts(acc_path)
@@ -60,7 +63,7 @@ def write(source: Path, out: Path, given: bool = True) -> list[Path]:
         for t, rate, force in zip(t_s.tolist(), rates.tolist(), forces.tolist(), strict=True)
     )
     known = f"# imu_tk's own result.\n{section(BY_IMU_TK)}\n" if given else ""
-    return [write_folder(out / "xsens", TOML.format(accelerometer=known), HEADER, lines)]
+    return [write_folder(out / "xsens", TOML.format(accelerometer=known), HEADER, lines, given)]
 
 
 def _counts(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ from session.common.errors import DataError
 from tinygc.challenge.examine import OPENED, PROCESSES, SEALED, SESSIONS, explained, new_folder
 from tinygc.challenge.on_recording.files import write_spoilt
 from tinygc.challenge.on_recording.inject import inject
-from tinygc.challenge.on_recording.power import Power, agreement, own_names, powers
+from tinygc.challenge.on_recording.power import Power, Tried, agreement, own_names, powers
 from tinygc.challenge.on_recording.recording import Recording, recording_of
 from tinygc.challenge.on_recording.trials import Trial, draw_trials
 from tinygc.challenge.seal import Seal, seal
@@ -102,9 +102,14 @@ def to_json(result: OwnExamination) -> dict:
                 "seen_from": each.seen_from,
                 "told_from": each.told_from,
                 "ratio": each.ratio,
-                "tried": [{"size": one.size, "found": one.found, "named": list(one.named), "wrong": list(one.wrong)} for one in each.tried],
+                "agrees": each.agrees,
+                "tried": [_tried(one) for one in each.tried],
             }
             for each in result.powers
         ],
         "agreement": agreement(result.powers),
     }
+
+
+def _tried(one: Tried) -> dict:
+    return {"size": one.size, "found": one.found, "named": list(one.named), "wrong": list(one.wrong), "lost": list(one.lost)}

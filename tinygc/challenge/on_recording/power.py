@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from tinygc.challenge.on_recording.trials import STRONG, Trial
 from tinygc.challenge.outsiders import OUTSIDERS
 from tinygc.challenge.score import NAMELESS, score
 
-#: a promise is kept within the step between two sizes that are tried
+#: a promise holds within the step between two sizes that are tried
 AGREES = 2.0
 
 
@@ -23,7 +24,7 @@ class Tried:
     found: bool
     named: tuple[str, ...]
     wrong: tuple[str, ...]
-    lost: tuple[str, ...] = ()
+    lost: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,23 @@ class Power:
     def ratio(self) -> float | None:
         """Told from over seen from."""
         return None if self.told_from is None or not self.seen_from else self.told_from / self.seen_from
+
+    @property
+    def not_told_at(self) -> float | None:
+        """The largest size at which it was not found; None where it was found at every size that was tried."""
+        return max((each.size for each in self.tried if not each.found), default=None)
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether the size from which on it is told, which lies between ``not_told_at`` and ``told_from``, is within a factor of two of
+        seen from; None where these two do not decide it, or nothing was promised."""
+        if not self.seen_from:
+            return None
+        above, least, most = self.not_told_at or 0.0, self.seen_from / AGREES, self.seen_from * AGREES
+        at_most = math.inf if self.told_from is None else self.told_from
+        if at_most <= least or above >= most:
+            return False
+        return True if least <= above and at_most <= most else None
 
 
 def own_names(untouched: dict) -> set[str]:
@@ -79,12 +97,16 @@ def _tried(trial: Trial, said: dict, own: set[str], untouched: dict) -> Tried:
 
 
 def agreement(found: list[Power]) -> dict:
-    """Of the effects with a ``seen_from``: how many were told at some size, how many within a factor of two of it, the median ratio."""
+    """Of the effects with a ``seen_from``: how many were told at some size; of how many it holds within a factor of two, of how many not,
+    and of how many that is not decided; the median ratio of those that were not found at some size: of others it is an upper bound."""
     promised = [each for each in found if each.seen_from is not None]
-    ratios = [each.ratio for each in promised if each.ratio is not None]
+    answers = [each.agrees for each in promised]
+    ratios = [each.ratio for each in promised if each.ratio is not None and each.not_told_at is not None]
     return {
         "promised": len(promised),
-        "told": len(ratios),
-        "within_factor_2": sum(1 / AGREES <= ratio <= AGREES * (1 + 1e-9) for ratio in ratios),
+        "told": sum(each.told_from is not None for each in promised),
+        "agree": answers.count(True),
+        "disagree": answers.count(False),
+        "not_decided": answers.count(None),
         "median_ratio": float(np.median(ratios)) if ratios else None,
     }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -18,7 +20,7 @@ def power_tables(result: OwnExamination) -> Group:
     table = Table(*heads, title=f"from what size on {result.session} tells")
     for each in result.powers:
         sizes = "  ".join(f"{one.size:.2g} {FOUND if one.found else NOT_FOUND}" for one in each.tried)
-        ratio = "" if each.ratio is None else f"{each.ratio:.2g}"
+        ratio = "" if each.ratio is None else _at_most(each) + f"{each.ratio:.2g}"
         wrong = ", ".join(sorted({name for one in each.tried for name in one.wrong}))
         table.add_row(each.id, each.unit, _number(each.seen_from), _told(each), ratio, sizes, wrong)
     return Group(table, Text(""), Text("\n".join(sentences(result))))
@@ -33,20 +35,26 @@ def sentences(result: OwnExamination) -> list[str]:
         f"{len(tried)} concealed: {sum(one.found for one in tried)} found, {sum(bool(one.wrong) for one in tried)} with a wrong name"
     )
     if t["promised"]:
-        ratio = "" if t["median_ratio"] is None else f"; told from over seen from: median {t['median_ratio']:.2g}"
+        ratio = "" if t["median_ratio"] is None else f"; told from over seen from, where no ≤ stands: median {t['median_ratio']:.2g}"
         lines.append(
-            f"seen_from holds within a factor of 2 for {t['within_factor_2']} of the {t['promised']} effects that have it, "
-            f"and {t['promised'] - t['told']} of them were not told at the largest size{ratio}"
+            f"of the {t['promised']} effects with a seen_from it holds within a factor of 2 for {t['agree']}, not for {t['disagree']}, and "
+            f"for {t['not_decided']} the sizes do not decide it; {t['promised'] - t['told']} were not told at the largest size{ratio}"
         )
+    if lost := Counter(name for one in tried for name in one.lost):
+        gone = ", ".join(f"{name} in {count}" for name, count in sorted(lost.items()))
+        lines.append(f"its own that are gone beside what was concealed: {gone}")
     if blind := _blind(found):
         lines.append(f"not told at any size that was tried: {', '.join(blind)}")
     return lines
 
 
 def _told(power: Power) -> str:
-    """The size; at most that, where no smaller one was tried."""
-    at_most = "≤ " if power.told_from == power.tried[0].size else ""
-    return at_most + _number(power.told_from)
+    return _at_most(power) + _number(power.told_from)
+
+
+def _at_most(power: Power) -> str:
+    """A sign before what is only known to be no more, because no smaller size was tried."""
+    return "≤ " if power.told_from is not None and power.not_told_at is None else ""
 
 
 def _blind(found: list[Power]) -> list[str]:

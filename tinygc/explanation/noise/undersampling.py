@@ -16,10 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.checks.undersampling import EXPONENTS, LEAST_EXPONENT, MOST, STEPS
+from session.checks.undersampling import LEAST_EXPONENT, STEPS, capped, thinning_exponent, thinning_weights
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.explanation.twin.twin import Twin
+
+#: the exponent where nothing is missed
+SMOOTH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +61,11 @@ def undersampling(twin: Twin) -> Undersampling:
         # White noise is thinned out as well: its variance grows with the step.
         missed.append(np.maximum(np.mean(apart, axis=0) - (step - 1) * walk, 0.0))
     square = np.array(missed)
-    size = square.sum(axis=0)
-    usual = size <= MOST**2 * np.median(size)  # what is beyond is a turn's own fault
-    exponent = _exponent(np.mean(square[:, usual], axis=1))
-    weights = np.array(STEPS, dtype=float) ** (2 * exponent) - 1
-    predicted = np.mean(square / weights[:, None], axis=0) * (exponent >= LEAST_EXPONENT)
-    predicted = np.minimum(predicted, MOST**2 * np.median(predicted))
+    grows = thinning_exponent(square)
+    exponent = grows or SMOOTH
+    predicted = np.mean(square / thinning_weights(exponent)[:, None], axis=0) * (grows >= LEAST_EXPONENT)
     period = float(np.median([movement.dt_s for movement in twin.movements]))
-    return Undersampling(np.sqrt(predicted), exponent, np.sqrt(np.mean(square, axis=1)), 1 / period)
+    return Undersampling(capped(np.sqrt(predicted)), exponent, np.sqrt(np.mean(square, axis=1)), 1 / period)
 
 
 def _turned(twin: Twin) -> tuple[np.ndarray, np.ndarray]:
@@ -86,13 +86,3 @@ def _every(count: int, step: int, offset: int) -> np.ndarray:
 def _sum(rate: np.ndarray, at_s: np.ndarray) -> np.ndarray:
     """(S, 2) rad, by trapezoids."""
     return np.einsum("st,sti->si", np.diff(at_s, axis=1), rate[:, 1:] + rate[:, :-1]) / 2
-
-
-def _exponent(square: np.ndarray) -> float:
-    """p of (K,) mean squares that follow k^2p - 1, by least squares of their logarithms."""
-    if not (square > 0).all():
-        return 2.0
-    tried = np.linspace(*EXPONENTS, 151)
-    law = np.log(np.array(STEPS)[None] ** (2 * tried[:, None]) - 1)
-    left = np.log(square)[None] - law
-    return float(tried[np.argmin(np.var(left, axis=1))])

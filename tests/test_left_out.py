@@ -5,17 +5,26 @@ import pytest
 from explained_sessions import both, g_sensitive
 from simulated_twins import make_twin_of
 
+from session.common.units import DEG
 from tinygc.effects import catalogue
+from tinygc.explanation.naming.candidates import scanned
 from tinygc.explanation.naming.evidence import Evidence
+from tinygc.explanation.naming.search import promises
+from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import prior_sigmas, refit
 from tinygc.explanation.verdict.proof import fold_rows, folds_of, left_out
-from tinygc.explanation.verdict.veto import BORNE_OUT_P, improvement_p, per_segment
+from tinygc.explanation.verdict.veto import BORNE_OUT_P, _left_out_and_searched, borne_out, improvement_p, per_segment
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 TRUE = "gyro.g_sensitivity"
 #: none of which is there
 FITTED_TO_NOISE = (TRUE, "gyro.scale_nonlinearity", "gyro.scale_asymmetry", "gyro.bandwidth")
 SEEDS = range(1, 6)
+STEP_AT_S = 33.0
+
+
+def stepping(t, rate, force, temp):
+    return rate + np.where(t > STEP_AT_S, 1.0, 0.0)[:, None] * np.multiply((0.04, -0.03, 0.05), DEG)
 
 
 @pytest.fixture(scope="module")
@@ -92,3 +101,52 @@ def test_the_misfit_of_a_segment_is_counted_with_the_still_that_it_begins_at(evi
         counted = per_segment(twin, evidence.nothing, rows)
         assert counted[segments] == pytest.approx(16)
         assert counted.sum() == pytest.approx(16 * len(segments))
+
+
+# Scanned shapes
+
+
+def steps_of(evidence):
+    step = catalogue()["gyro.bias_step"]
+    return step.variants(scanned(evidence.twin, step))
+
+
+def test_a_scanned_shape_is_left_out_as_any_other_where_there_is_one_to_choose(evidence_of):
+    """Against exact normal equations of the seen rows."""
+    evidence = evidence_of(g_sensitive, 20)
+    have = evidence.of((steps_of(evidence)[7],), evidence.nothing)
+    whiten, prior = have.whiten, evidence.prior(have.fit)
+    own = claim_slice(have.fit.state.claims, 0)
+    J = have.fit.J * prior
+    r = have.fit.r - have.fit.J[:, own] @ have.fit.state.claims[0].theta
+    found = _left_out_and_searched(evidence.twin, whiten, r, np.delete(J, own, axis=1), J[None][:, :, own])
+    stacked_J, stacked_r = whiten.back(J), whiten.back(r)
+    for held in folds_of(len(evidence.twin.segments)):
+        seen = fold_rows(evidence.twin, whiten, held)
+        inverse = np.linalg.inv(whiten.covariance[np.ix_(seen, seen)])
+        normal = stacked_J[seen].T @ inverse @ stacked_J[seen] + np.eye(J.shape[1])
+        theta = np.linalg.solve(normal, stacked_J[seen].T @ inverse @ stacked_r[seen])
+        rows = np.flatnonzero(~seen)
+        rows = rows[rows < whiten.parts["closure"].stop]  # a still's are those of the last of its folds
+        np.testing.assert_allclose(found[rows], (stacked_r - stacked_J @ theta)[rows], atol=1e-6 * whiten.sigma[rows].max())
+
+
+def test_the_best_of_many_steps_fitted_to_noise_is_borne_out_by_chance_alone(evidence_of):
+    """Found with the left-out segments it improves them: so it is found anew without them."""
+    with_all, anew = [], []
+    for seed in range(1, 21):
+        evidence = evidence_of(None, 14, seed)
+        steps = steps_of(evidence)
+        best = steps[int(np.argmax(promises(evidence, evidence.nothing.whiten, evidence.nothing.fit, steps)))]
+        have = evidence.of((best,), evidence.nothing)
+        prior = evidence.prior(have.fit)
+        with_all.append(improvement_p(evidence.twin, have, prior, 0))
+        anew.append(improvement_p(evidence.twin, have, prior, 0, list(have.whiten.each(map(evidence.columns, steps)))))
+    assert np.mean(np.array(anew) < BORNE_OUT_P) <= 0.15  # of twenty, one or two
+    assert np.median(anew) > np.median(with_all)
+
+
+def test_a_true_step_is_borne_out_though_its_moment_is_searched_for_anew(evidence_of):
+    evidence = evidence_of(stepping, 14)
+    have = evidence.of((min(steps_of(evidence), key=lambda e: abs(e.shape["at_s"] - STEP_AT_S)),), evidence.nothing)
+    assert borne_out(evidence, have, 0)

@@ -37,10 +37,11 @@ def choices(count: int, value: Callable[[Choice], tuple[float, float]]) -> dict[
 
 
 def _climb(begin: Choice, count: int, known: Callable[[Choice], tuple[float, float]]) -> list[Choice]:
-    """From one choice on by the best change of one event, as long as there is a better one; all that it goes through."""
+    """From one choice on by the best change of one event or two, as long as there is a better one; all that it goes through."""
+    changes = [frozenset(some) for size in (1, 2) for some in combinations(range(count), size)]
     passed = [begin]
     while True:
-        best = max((passed[-1] ^ {one} for one in range(count)), key=lambda choice: known(choice)[0])
+        best = max((passed[-1] ^ change for change in changes), key=lambda choice: known(choice)[0])
         if known(best)[0] <= known(passed[-1])[0]:
             return passed
         passed.append(best)

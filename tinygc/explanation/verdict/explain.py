@@ -74,7 +74,9 @@ def explain_session(
     session, problem = prepared.session, prepared.problem
     mended = mend(problem, lambda what: progress(what, 2, 6))
     twin, decision, naming, proof = _decided(problem, mended, seed, progress)
-    if mended.found and tilt_rms(proof.after) > tilt_rms(proof.before):
+    # Without a still that creeps two turns are one, which is longer and closes worse for that alone.
+    in_turns = mended.found.keys() - {"reference.not_still"}
+    if in_turns and tilt_rms(proof.after) > tilt_rms(proof.before):
         mended = replace(mended, problem=problem, found={}, p_value={}, misfit=0.0)  # what makes the closure worse mends nothing
         twin, decision, naming, proof = _decided(problem, mended, seed, progress)
     whiten, gravity = decision.whiten, turn_gravity(twin, naming.fit)

@@ -59,7 +59,7 @@ def explanation_page(e: Explanation) -> Group:
     parts += _considered(e)
     parts += _noise(e)
     if not e.problem.instability.source.startswith("typical"):
-        parts.append(Text(f"bias instability, which noise allows for: {e.problem.instability.words}"))
+        parts.append(Text(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
     parts += [*_where(e), _proof(e)]
     if e.verdict == "no_mismatch":
         parts += [Text(line) for line in in_words(e.seen_from)]

@@ -131,11 +131,10 @@ def _parts(count: int) -> list[slice]:
 
 
 def nearest_yaw(q_tb: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
-    """``q_tilt`` (4,) turned about the vertical to be as near to ``q_tb`` (4,) as it can be."""
-    d = rotation.multiply(q_tb, rotation.conjugate(q_tilt))
-    turn = np.array([d[0], 0.0, 0.0, d[3]])
-    length = np.linalg.norm(turn)
-    return rotation.multiply(turn / length, q_tilt) if length > 1e-9 else q_tilt
+    """``q_tilt`` (..., 4) turned about the vertical to be as near to ``q_tb`` (..., 4) as it can be."""
+    turn = rotation.multiply(q_tb, rotation.conjugate(q_tilt)) * [1.0, 0.0, 0.0, 1.0]
+    length = np.linalg.norm(turn, axis=-1, keepdims=True)
+    return np.where(length > 1e-9, rotation.multiply(turn / np.maximum(length, 1e-9), q_tilt), q_tilt)
 
 
 def like(model: Array, array: np.ndarray | Array) -> Array:

@@ -164,8 +164,7 @@ class Twin:
 
     def _bent(self, force_bias: np.ndarray) -> np.ndarray:
         """Attitudes (Q, 4) of the stills from gravity less a bias, each with the yaw that was carried to it."""
-        tilts = rotation.from_gravity(self.force - force_bias)
-        return np.array([closure.nearest_yaw(q, tilt) for q, tilt in zip(self.q_tb, tilts, strict=True)])
+        return closure.nearest_yaw(self.q_tb, rotation.from_gravity(self.force - force_bias))
 
     def padded(self, rates: list[np.ndarray]) -> np.ndarray:
         """Rates (N, 3) rad/s of each log as those of the batch, (S, T, 3)."""

@@ -8,11 +8,12 @@ import numpy as np
 
 from session.detect.segments import Segment
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.residual import closure_angles
+from tinygc.closure.residual import closure_angles, sensitivity
 from tinygc.explanation.noise.session_noise import known_whitener
 from tinygc.explanation.twin.refit import Refit, prior_sigmas, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
+from tinygc.models import linear
 from tinygc.problem.problem import Problem
 
 #: ten-fold cross-validation, stratified in time (Kohavi 1995)
@@ -93,13 +94,20 @@ def linear_held_out(original: Problem, twin: Twin, whiten: Whitener) -> np.ndarr
 
 
 def _by_ends(problem: Problem) -> np.ndarray:
+    """(S, d) rad: by the model of the other folds' ends, linear around that of all, from which a fold is not far."""
     batch, sigma = problem.batch, problem.floor.sigma
-    fold, angles = np.arange(len(batch)) % FOLDS, np.zeros((len(batch), batch.angles))
-    for k in range(FOLDS):
-        seen = fold != k
-        model = fit_least_squares(batch.pick(seen), sigma[seen], problem.first).model
-        angles[~seen] = closure_angles(batch.pick(~seen), model)
-    return angles
+    model = fit_least_squares(batch, sigma, problem.first).model
+    angles = closure_angles(batch, model)
+    columns = linear.columns(sensitivity(batch, model(batch.rate)), batch.rate)[:, : batch.angles] * linear.PRIOR_SIGMA
+    weighted, weight = columns / sigma.reshape(len(batch), -1, 1), 1 / sigma.reshape(len(batch), -1)
+    normal = np.einsum("sai,saj->ij", weighted, weighted) + np.eye(linear.PARAMETERS)
+    found = np.zeros_like(angles)
+    for held in folds_of(len(batch)):
+        own = weighted[held].reshape(-1, linear.PARAMETERS)
+        # The whole fit stands where nothing pulls; without these rows it moves by what they pulled.
+        moved = np.linalg.solve(normal - own.T @ own, own.T @ (angles[held] * weight[held]).ravel())
+        found[held] = angles[held] + columns[held] @ moved
+    return found
 
 
 def held_out(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:

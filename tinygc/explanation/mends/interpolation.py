@@ -12,9 +12,9 @@ from session.log.samples import Samples
 
 SIDE = 4  #: samples on either side that carry the polynomial: two more than the highest order has coefficients
 ORDERS = (1, 3, 5)
-#: share of the speed at the gaps, from which on a place is like them, up to its inverse; where that leaves fewer places than
-#: ``FEWEST_TRIALS``, all that are as fast (not critical: benchmarks/thresholds.py)
-AS_FAST, FEWEST_TRIALS = 0.5, 40
+#: share of the speed at the gaps, from which on a place is like them, up to its inverse (not critical: benchmarks/thresholds.py)
+AS_FAST = 0.5
+FEWEST_TRIALS = 40  #: places: their rms is then known to 11 %; where fewer are alike, all that are as fast
 MOST_TRIALS = 400  #: gaps that are tried where nothing is missing: their rms is then known to 4 %
 
 

@@ -107,10 +107,11 @@ def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
 
 def possible_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
     """Rows (L,) after which samples may be missing, where closure decides (``trial``): the greatest steps around that stay."""
-    size = np.linalg.norm(jumps.size, axis=1)
-    near = np.abs(jumps.rows[:, None] - jumps.rows) <= ALONE
-    others = np.where(near & ~np.eye(len(size), dtype=bool), size, 0.0).max(axis=1, initial=0.0)
-    rows = jumps.rows[size >= others]
+    if not len(jumps.rows):
+        return jumps.rows
+    size = np.zeros(int(jumps.rows.max()) + 1)
+    size[jumps.rows] = np.linalg.norm(jumps.size, axis=1)
+    rows = jumps.rows[size[jumps.rows] >= maximum_filter1d(size, 2 * ALONE + 1)[jumps.rows]]
     return rows if len(rows) <= PER_SECOND * duration_s else rows[:0]
 
 
@@ -123,7 +124,8 @@ def lsb(values: np.ndarray) -> float:
 def with_lost(samples: Samples, rows: np.ndarray, count: int, orders: np.ndarray | int) -> Samples:
     """``count`` samples put back after each of the rows, by a polynomial through their neighbours, and the later stamps moved on.
 
-    orders: of the polynomials, one for each row or for all."""
+    orders: of the polynomials, one for each row or for all.
+    """
     orders = np.broadcast_to(orders, rows.shape)
     period_ns = round(samples.period_s * NS_PER_S)
     names = ["gyro", "accel"] + (["temp_c"] if samples.temp_c is not None else [])

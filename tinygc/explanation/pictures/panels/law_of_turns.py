@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tinygc.explanation.pictures.axis_laws import axis_laws
-from tinygc.explanation.pictures.panels import in_turns
+from tinygc.explanation.pictures.panels.in_turns import after as after_along
+from tinygc.explanation.pictures.panels.in_turns import before as before_along
 from tinygc.explanation.pictures.panels.palette import AXES, FLOOR
 from tinygc.explanation.pictures.panels.words import legend, told_value
 from tinygc.explanation.verdict.claims import Claim
@@ -30,7 +31,7 @@ def after(e: Explanation, claim: Claim, axes: Axes) -> None:
 def _panel(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None:
     laws = axis_laws(e, claim)
     if laws is None:
-        (in_turns.after if taken_off else in_turns.before)(e, claim, axes)
+        (after_along if taken_off else before_along)(e, claim, axes)
         return
     for number, ((axis, colour), of, (at, values)) in enumerate(zip(AXES.items(), laws.turns, laws.curves, strict=True)):
         alpha = np.clip(2 * of.sigma.min(initial=np.inf) / of.sigma, 0.15, 1)

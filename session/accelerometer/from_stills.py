@@ -72,7 +72,7 @@ def fit_length(force: np.ndarray, gravity_mps2: float) -> Accelerometer:
             f"the {attitudes} attitudes of the stills do not fix an accelerometer's {PARAMETERS} numbers: "
             "rest it on all six sides and some edges, or leave its calibration out"
         )
-    return Accelerometer(_matrix(x), x[6:])
+    return Accelerometer(_matrix(x), x[6:], "stills")
 
 
 def attitudes_of(force: np.ndarray) -> int:

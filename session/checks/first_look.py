@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from session.checks.accelerometer import with_own_accelerometer
 from session.checks.axes import check_axes
 from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
 from session.checks.copies import check_copies
@@ -79,7 +80,10 @@ def check_folder(folder: Path) -> list[Finding]:
         session: Session | None = read_session(folder)
     except CalibrationError as error:
         session, findings = _read_what_there_is(folder, error)
-    return findings if session is None else findings + check_session(session)
+    if session is None:
+        return findings
+    session, own = with_own_accelerometer(session)
+    return findings + own + check_session(session)
 
 
 def check_session(session: Session, found: SessionStills | None = None) -> list[Finding]:

@@ -33,10 +33,14 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class Accelerometer:
-    """The accelerometer's pre-calibration, ``f = matrix @ (measured - bias)``: matrix (3, 3), bias (3,) m/s^2."""
+    """The accelerometer's pre-calibration, ``f = matrix @ (measured - bias)``: matrix (3, 3), bias (3,) m/s^2.
+
+    source: ``given``; ``stills``, where the recording's own gave it; ``none``, where nobody has calibrated it.
+    """
 
     matrix: np.ndarray = field(default_factory=lambda: np.eye(3))
     bias_mps2: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    source: str = "given"
 
     def correct(self, measured: np.ndarray) -> np.ndarray:
         """Specific force (N, 3) m/s^2 from what was measured."""
@@ -101,7 +105,9 @@ def read_config(path: Path) -> Config:
         gyro_noise_mdps_rthz=reader.number("sensor", "gyro_noise_mdps_rthz", None, low=1e-3, high=1000),
     )
     accelerometer = Accelerometer(
-        reader.array("accelerometer", "matrix", (3, 3), np.eye(3)), reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3))
+        reader.array("accelerometer", "matrix", (3, 3), np.eye(3)),
+        reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3)),
+        "given" if table.get("accelerometer") else "none",
     )
     with np.errstate(all="ignore"):
         determinant = abs(np.linalg.det(accelerometer.matrix))

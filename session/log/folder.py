@@ -78,7 +78,7 @@ class Session:
             if given is not None and not 0 < given < float("inf"):
                 raise DataError(f"{name}: {what} is {given!r}, expected the full scale that the sensor was set to")
         sensor = Sensor(model, serial, 1 / logs[0].samples.period_s, gyro_fs_dps or usual_gyro, accel_fs_g or usual_accel)
-        config = Config(sensor, accelerometer or Accelerometer(), site or Site(), protocol or Protocol())
+        config = Config(sensor, accelerometer or Accelerometer(source="none"), site or Site(), protocol or Protocol())
         return cls(Path(name), config, tuple(logs), tuple(runs))
 
     def __repr__(self) -> str:

@@ -61,7 +61,7 @@ class SessionFile:
             sensor = self._sensor(info, waited_s)
             if sensor is None:
                 return None
-            known = self._like or Config(sensor, Accelerometer(), Site(), Protocol())
+            known = self._like or Config(sensor, Accelerometer(source="none"), Site(), Protocol())
             self._own = replace(known, sensor=sensor, unknown=())
             self._write(self._own)
         return self._own

@@ -116,9 +116,15 @@ class _Surroundings:
 
 def _surroundings(model_path: Path, log: Path, session: Path | None) -> _Surroundings:
     folder = session or log.parent
+    of_model = _of_model(model_path)
     if session is not None or (log.is_file() and (folder / "session.toml").exists()):
         config = read_config(folder / "session.toml")
-        return _Surroundings(config.sensor.gyro_fs_dps, config.sensor.accel_fs_g, config.accelerometer)
+        known = config.accelerometer if config.accelerometer.source != "none" else of_model.accelerometer
+        return _Surroundings(config.sensor.gyro_fs_dps, config.sensor.accel_fs_g, known)
+    return of_model
+
+
+def _of_model(model_path: Path) -> _Surroundings:
     table = read_json(model_path)
     sensor, accelerometer = table.get("sensor"), table.get("accelerometer")
     try:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from session.checks.accelerometer import WHAT, with_own_accelerometer
 from session.checks.findings import Finding, stop_at_errors
 from session.checks.first_look import check_session
 from session.detect.session_stills import SessionStills
@@ -28,8 +29,8 @@ class Prepared:
 
     @property
     def warnings(self) -> list[Finding]:
-        """What costs accuracy."""
-        return [finding for finding in self.findings if finding.level == "warning"]
+        """What costs accuracy, and an accelerometer that the session itself has calibrated."""
+        return [finding for finding in self.findings if finding.level == "warning" or finding.what == WHAT]
 
 
 def prepare(
@@ -41,8 +42,9 @@ def prepare(
     """
     if not isinstance(session, Session):
         session = read_session(session, lambda name: progress(f"reading {name}"))
+    session, own = with_own_accelerometer(session)
     progress("first look")
     found = SessionStills(session)
-    findings = check_session(session, found)
+    findings = own + check_session(session, found)
     stop_at_errors(findings)
     return Prepared(findings, build_problem(session, use_earth=use_earth, exclude=exclude, found=found, progress=progress))

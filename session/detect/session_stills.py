@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from session.detect.stills import Noise, Still, find_stills
 from session.log.folder import Session
@@ -26,6 +26,19 @@ class SessionStills:
         """known: of the same session before some of its logs were mended; the others are not looked at again."""
         self._session = session
         self._found: list[tuple[Log, LogStills]] = [] if known is None else list(known._found)
+
+    def recalibrated(self, session: Session) -> SessionStills:
+        """The same stills of the same logs under another calibration of the accelerometer, which does not decide what is still."""
+        other = SessionStills(session)
+        before, after = self._session.config.accelerometer, session.config.accelerometer
+        for log, found in self._found:
+            stills = [replace(still, accel_mean=after.correct(before.measured(still.accel_mean))) for still in found.stills]
+            other._found.append((log, LogStills(session.calibrated(log), stills, found.noise)))
+        return other
+
+    def samples(self) -> list[Samples]:
+        """Of each log that was looked at."""
+        return [found.samples for _, found in self._found]
 
     def of(self, log: Log) -> LogStills:
         """What is found in a log or closure run of the session: looked for when it is first asked for."""

@@ -35,16 +35,22 @@ class Sensor:
 class Accelerometer:
     """The accelerometer's pre-calibration, ``f = matrix @ (measured - bias)``: matrix (3, 3), bias (3,) m/s^2.
 
-    source: ``given``; ``stills``, where the recording's own gave it; ``none``, where nobody has calibrated it.
+    source: ``given``; ``prior``, where the recording has sharpened a given one; ``stills``, where the recording alone gave it; ``none``,
+    where nobody has calibrated it.  sigma_mps2: of each number at one g, where it is stated.
     """
 
     matrix: np.ndarray = field(default_factory=lambda: np.eye(3))
     bias_mps2: np.ndarray = field(default_factory=lambda: np.zeros(3))
     source: str = "given"
+    sigma_mps2: float | None = None
 
     def correct(self, measured: np.ndarray) -> np.ndarray:
         """Specific force (N, 3) m/s^2 from what was measured."""
         return (measured - self.bias_mps2) @ self.matrix.T
+
+    def measured(self, force: np.ndarray) -> np.ndarray:
+        """What was measured (N, 3) m/s^2 where ``correct`` gives this force."""
+        return np.linalg.solve(self.matrix, force.T).T + self.bias_mps2
 
 
 @dataclass(frozen=True)

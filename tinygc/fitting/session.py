@@ -53,7 +53,13 @@ def fit_session(
     there are none.
     """
     if prepared is None:
-        prepared = prepare(session, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
+        prepared = prepare(
+            session,
+            use_earth=options.earth,
+            exclude=options.exclude,
+            accelerometer=options.accelerometer,
+            progress=lambda what: progress(what, 0, 1),
+        )
     problem = prepared.problem
     if options.still_rates and not len(problem.still_rates.rate):
         raise SegmentError(f"{problem.session.folder}: no still to take a rate from; fit without --still-rates")
@@ -70,7 +76,9 @@ def fit_session(
     physics: PhysicsFit | None = None
     lost: tuple[np.ndarray, ...] = ()
     if options.physics is not None:
-        physics, more, more_errors, lost = _run_physics(problem, options, runs, progress)
+        # A given calibration is what `explain` weighs against reference.accelerometer.
+        whole = prepared.as_given().problem if options.accelerometer == "auto" and not options.bias_per_log else problem
+        physics, more, more_errors, lost = _run_physics(whole, options, runs, progress)
         fits |= more
         errors = [error | more for error, more in zip(errors, more_errors, strict=True)]
     model = linear.model

@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.accelerometer.parameters import PARAMETERS
 from tinygc.explanation.noise.components import REFERENCE, TURN
 from tinygc.explanation.noise.restricted_likelihood import estimate
 from tinygc.explanation.noise.session_noise import SessionNoise, first_noise
 from tinygc.explanation.twin.refit import prior_sigmas, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
+from tinygc.problem.joint import ACCELEROMETER, JointFit
 from tinygc.problem.problem import Problem
 
 #: the covariance of all channels is dense: its inverse costs the cube of the session (benchmarks/fit_speed.py)
@@ -79,16 +81,23 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
     fit = refit(twin, whiten, [], twin.start())
     start = twin.start()
     columns = twin.precalibration_columns(start, twin.rates(start)).stacked()
-    own = from_own_stills(problem)
+    joint, own = problem.joint, from_own_stills(problem)
     J = whiten.back(fit.J) * prior_sigmas(twin, [])
-    if own:
-        # Its nine numbers took their share of the lengths' scatter, which what is left must not be taken for.
+    # Its nine numbers took their share of the lengths' scatter, which what is left must not be taken for.
+    if joint is not None:
+        J = np.concatenate([J, joint_columns(problem, joint) * joint.prior], axis=1)
+    elif own:
         J = np.concatenate([J, columns * OPEN_MPS2], axis=1)
     parts = first.components
+    white = whiten.white - PRECALIBRATION_MPS2**2 * columns @ columns.T
+    if joint is not None:
+        # Beside an estimation of the accelerometer its remainder is one, too, instead of what a sensor of its class is allowed.
+        lengths = np.arange(len(white))[whiten.parts["length"]]
+        white[lengths, lengths] -= ACCEL_INSTABILITY_MPS2**2
     found = estimate(
         whiten.back(fit.r),
         J,
-        whiten.white,
+        whiten.white if joint is None else white,
         [c.V for c in parts],
         np.array([c.usual for c in parts]),
         [c.prior for c in parts],
@@ -96,8 +105,25 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
         with_sigma=True,
     )
     noise = replace(first, s=found.s, sigma=found.sigma, value=found.value)
-    white = whiten.white - PRECALIBRATION_MPS2**2 * columns @ columns.T
-    return StatedNoise(twin, noise, white, columns @ accelerometer_factor(columns[whiten.parts["length"]], noise, own))
+    if joint is None:
+        return StatedNoise(twin, noise, white, columns @ accelerometer_factor(columns[whiten.parts["length"]], noise, own))
+    from_rows = joint_response(problem, joint)
+    known = from_rows @ (white + noise.covariance) @ from_rows.T + (joint.leaning * joint.prior) @ (joint.leaning * joint.prior).T
+    return StatedNoise(twin, noise, white, joint_columns(problem, joint) @ np.linalg.cholesky(known))
+
+
+def joint_columns(problem: Problem, joint: JointFit) -> np.ndarray:
+    """(n, 9): how the accelerometer's numbers change the stacked channels; a still's rate knows nothing of them."""
+    rows = len(problem.used) * problem.batch.angles
+    design = joint.system.design[:, ACCELEROMETER]
+    return np.concatenate([design[:rows], np.zeros((3 * len(joint.force), PARAMETERS)), design[rows:]])
+
+
+def joint_response(problem: Problem, joint: JointFit) -> np.ndarray:
+    """(9, n): how the accelerometer's numbers follow an error of the stacked channels."""
+    rows = len(problem.used) * problem.batch.angles
+    response = joint.system.response[ACCELEROMETER]
+    return np.concatenate([response[:, :rows], np.zeros((PARAMETERS, 3 * len(joint.force))), response[:, rows:]], axis=1)
 
 
 def accelerometer_factor(lengths: np.ndarray, noise: SessionNoise, own: bool) -> np.ndarray:

@@ -13,7 +13,7 @@ from scipy.linalg import solve_triangular
 from session.common.units import EARTH_RATE_RPS
 from tinygc import closure
 from tinygc.closure.uncertainty import GoodnessOfFit
-from tinygc.fitting.stated_noise import StatedNoise
+from tinygc.fitting.stated_noise import StatedNoise, joint_columns, joint_response
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.problem.problem import Problem
@@ -24,9 +24,28 @@ def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, 
     """(12, 12) of ``LinearModel.vector``, of a model that was fitted to this problem's batch, with or without the stills' rates as data;
     and what of it comes from the accelerometer's pre-calibration, which sessions with the same one share."""
     response = _response(problem, model, noise, still_rates)
+    if problem.joint is not None:
+        joint = stated_joint_covariance(problem, model, noise, still_rates)
+        shared = response @ joint_columns(problem, problem.joint) @ (problem.joint.leaning * problem.joint.prior)
+        return joint[9:, 9:], shared @ shared.T * (problem.joint.mode == "prior")
     covariance = noise.covariance + _earth(problem, noise)
     shared = response @ noise.accelerometer
     return response @ covariance @ response.T, shared @ shared.T
+
+
+def stated_joint_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
+    """(21, 21) of the accelerometer's nine numbers (``JointFit.x``) and the gyroscope's twelve, of a problem with a joint estimation.
+
+    An error of a channel moves both; what it moves the accelerometer by bends the references that the gyroscope is fitted to.
+    """
+    joint = problem.joint
+    assert joint is not None
+    gyroscope = _response(problem, model, noise, still_rates)
+    columns, accelerometer = joint_columns(problem, joint), joint_response(problem, joint)
+    through = gyroscope @ columns
+    rows = np.concatenate([accelerometer, gyroscope + through @ accelerometer])
+    beforehand = np.concatenate([joint.leaning, through @ joint.leaning]) * joint.prior
+    return rows @ (noise.white + noise.noise.covariance + _earth(problem, noise)) @ rows.T + beforehand @ beforehand.T
 
 
 def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) -> tuple[GoodnessOfFit, float]:

@@ -41,11 +41,10 @@ class Seen:
     label: str = "whole"
     rest_rps: np.ndarray | None = None
 
-    def fold(self, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
-        """The segments where ``seen`` (S,) is set, as fold ``number``."""
+    def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
+        """The segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
         order = None if self.order is None else self.order[seen]
-        batch, sigma = self.batch.pick(seen), self.sigma[seen]
-        return replace(self, batch=batch, sigma=sigma, order=order, whole=whole, progress=progress, label=f"fold{number}")
+        return replace(self, batch=batch.pick(seen), sigma=self.sigma[seen], order=order, whole=whole, progress=progress, label=f"fold{number}")
 
 
 #: a model, and notes on how it was found
@@ -77,9 +76,11 @@ def held_out(
     fold = np.arange(len(batch)) % folds
     for k in range(folds):
         seen = fold != k
-        part, _ = fit(everything.fold(seen, k, model, partial(tell, progress, k + 1, steps)))
+        # The accelerometer, too, is estimated without the turns that it is judged by.
+        apart = batch if problem.joint is None else problem.joint.without(~seen, batch)
+        part, _ = fit(everything.fold(apart, seen, k, model, partial(tell, progress, k + 1, steps)))
         models.append(part)
-        angles[~seen] = closure_angles(batch.pick(~seen), part, judged_by)
+        angles[~seen] = closure_angles(apart.pick(~seen), part, judged_by)
     progress(steps, steps)
     return MethodFit(name, model, closure_angles(batch, model, judged_by), angles, seconds, notes, tuple(models))
 

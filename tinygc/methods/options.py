@@ -12,6 +12,7 @@ from tinygc.methods.registry import CHOSEN
 
 INTEGRATORS, OPTIMIZERS = ("exact", "first-order"), ("second-order", "adamw")
 BIASES = ("auto", "ends", "stills")
+ACCELEROMETERS = ("auto", "given", "fit", "prior")
 LOSSES, VARIANTS, CONDITIONS = ("squared", "distance"), ("paper", "published"), ("temperature", "force")
 
 
@@ -38,6 +39,8 @@ class FitOptions:
     bias_per_log: whether each log has a bias of its own, of which the median is kept;
     bias: from the ``ends`` of the turns, as everything else, from the ``stills`` around each, or ``auto``: what closes held-out
         segments better.
+    accelerometer: its calibration is the one ``given``, that of a ``fit``, or a given one is a ``prior``; ``auto``: a prior where one is
+        given and holds, else a fit.
     """
 
     methods: tuple[str, ...] = CHOSEN
@@ -59,6 +62,7 @@ class FitOptions:
     resume: bool = False
     bias_per_log: bool = False
     bias: str = "auto"
+    accelerometer: str = "auto"
 
     def __post_init__(self) -> None:
         for name in ("methods", "physics", "conditions"):
@@ -71,6 +75,7 @@ class FitOptions:
             ("loss", LOSSES),
             ("variant", VARIANTS),
             ("bias", BIASES),
+            ("accelerometer", ACCELEROMETERS),
         ):
             self._require(getattr(self, name) in known, name, f"one of {', '.join(known)}")
         self._require(set(self.conditions) <= set(CONDITIONS), "conditions", f"some of {', '.join(CONDITIONS)}")

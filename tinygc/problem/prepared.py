@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from session.checks.accelerometer import WHAT, with_own_accelerometer
 from session.checks.findings import Finding, stop_at_errors
 from session.checks.first_look import check_session
+from session.common.errors import CalibrationError
 from session.detect.session_stills import SessionStills
 from session.log.folder import Session, read_session
 from tinygc.problem.build import build_problem
+from tinygc.problem.joint import REFUTED_P, JointFit, fit_joint
 from tinygc.problem.problem import Problem
+from tinygc.problem.recalibrated import recalibrated
+
+#: what is believed of a calibration of the accelerometer that session.toml gives: all of it; nothing; what its sigma says
+ACCELEROMETERS = ("given", "fit", "prior")
+#: beside these: a given one is a prior, unless the recording refutes it
+AUTO = "auto"
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """findings of the first look, none of them an error; problem of the session."""
+    """findings of the first look, none of them an error; problem of the session; given: the same with the accelerometer's calibration as
+    session.toml gives it, where the problem has another."""
 
     findings: list[Finding]
     problem: Problem
+    given: Problem | None = None
 
     @property
     def session(self) -> Session:
@@ -32,19 +42,71 @@ class Prepared:
         """What costs accuracy, and an accelerometer that the session itself has calibrated."""
         return [finding for finding in self.findings if finding.level == "warning" or finding.what == WHAT]
 
+    def as_given(self) -> Prepared:
+        """With the calibration that session.toml gives; the same where it gives none."""
+        return self if self.given is None else Prepared([f for f in self.findings if f.what != WHAT], self.given)
+
 
 def prepare(
-    session: Session | Path, *, use_earth: bool = True, exclude: tuple[int, ...] = (), progress: Callable[[str], None] = lambda what: None
+    session: Session | Path,
+    *,
+    use_earth: bool = True,
+    exclude: tuple[int, ...] = (),
+    accelerometer: str = AUTO,
+    progress: Callable[[str], None] = lambda what: None,
 ) -> Prepared:
     """From a session, or a session folder, to its problem.
 
-    Raises DataError for the first error of the first look, and the errors of ``read_session`` and ``build_problem``.
+    accelerometer: ``given``, ``fit``, ``prior`` or ``auto``, see ``ACCELEROMETERS``; where session.toml gives none, it is fitted.
+    Raises DataError for the first error of the first look, CalibrationError where a given calibration is asked for and there is none, and
+    the errors of ``read_session`` and ``build_problem``.
     """
     if not isinstance(session, Session):
         session = read_session(session, lambda name: progress(f"reading {name}"))
-    session, own = with_own_accelerometer(session)
+    source = session.config.accelerometer.source
+    if accelerometer in ("given", "prior") and source == "none":
+        raise CalibrationError(f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out")
+    session, own = with_own_accelerometer(session, anew=accelerometer == "fit")
     progress("first look")
     found = SessionStills(session)
     findings = own + check_session(session, found)
     stop_at_errors(findings)
-    return Prepared(findings, build_problem(session, use_earth=use_earth, exclude=exclude, found=found, progress=progress))
+    problem = build_problem(session, use_earth=use_earth, exclude=exclude, found=found, progress=progress)
+    if accelerometer == "given" or source not in ("given", "none"):  # or an estimation that has been made before
+        return Prepared(findings, problem)
+    progress("accelerometer")
+    if source == "none" or accelerometer == "fit":
+        return _fitted(findings, problem, own)
+    joint = fit_joint(problem, "prior", session.config.accelerometer.sigma_mps2)
+    if joint is None or joint.p_value is None:
+        return Prepared(findings, problem)
+    if joint.p_value > REFUTED_P:
+        return Prepared(findings, recalibrated(problem, joint), problem)
+    said = [_refuted(joint, fit_joint(problem, "fit"))]
+    if accelerometer == "prior":
+        return Prepared(said + findings, recalibrated(problem, joint), problem)
+    free = prepare(session, use_earth=use_earth, exclude=exclude, accelerometer="fit", progress=progress)
+    return Prepared(said + free.findings, free.problem, problem)
+
+
+def _fitted(findings: list[Finding], problem: Problem, own: list[Finding]) -> Prepared:
+    """With the numbers that stills and turns give together; those that turns tell and lengths do not are observable after all."""
+    joint = fit_joint(problem, "fit") if problem.session.config.accelerometer.source == "stills" else None
+    if joint is None:
+        return Prepared(findings, problem)
+    return Prepared([_joint_finding(f, joint) if f in own else f for f in findings], recalibrated(problem, joint))
+
+
+def _joint_finding(finding: Finding, joint: JointFit) -> Finding:
+    says = finding.says.split("; not observable")[0]
+    if not joint.unobserved:
+        return replace(finding, level="note", says=says + "; sharpened by the turns")
+    return replace(finding, says=f"{says}; not observable: {', '.join(joint.unobserved)}")
+
+
+def _refuted(joint: JointFit, free: JointFit | None) -> Finding:
+    says = f"the calibration that is given no longer holds (p = {joint.p_value:.1g})"
+    if free is not None:
+        says += f": {free.words}"
+    do = "the fit takes what these stills and turns give; calibrate the accelerometer again, or keep it with --accelerometer given"
+    return Finding("warning", "session.toml", WHAT, says, do)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from tinygc.models.linear import LinearModel
 from tinygc.problem.bias_instability import bias_instability_of
 from tinygc.problem.still_set import StillSet
 
+if TYPE_CHECKING:
+    from tinygc.problem.joint import JointFit
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -29,7 +33,7 @@ class Problem:
     segments: all of them, accepted or not; batch: the accepted ones, in order; floor of the batch; earths by yaw group; logs: stills
     by log; first: the linear fit that carried the yaw; still_rates of every reference still; found: the session's stills as they were
     found, for its closure runs; rest_rps: the mean bias (3,) rad/s, as it is measured, where the batch has every turn at it by the
-    stills on either side (``still_bias.py``), else None.
+    stills on either side (``still_bias.py``), else None; joint: the estimation of both sensors that its references are of, if there was one.
     """
 
     session: Session
@@ -42,6 +46,7 @@ class Problem:
     still_rates: StillRates
     found: SessionStills
     rest_rps: np.ndarray | None = None
+    joint: JointFit | None = None
 
     def __repr__(self) -> str:
         return f"<Problem {self.session.name}: {len(self.stills)} stills, {len(self.used)} of {len(self.segments)} segments used>"

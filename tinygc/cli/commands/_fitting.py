@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 #: where a fit takes its bias from
 BIASES = ("auto", "ends", "stills")
+#: what is believed of the accelerometer's calibration
+ACCELEROMETERS = ("auto", "given", "fit", "prior")
 
 
 def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] = ()) -> None:
@@ -49,6 +51,8 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
     if of_day:
         sources += "; with --model, of the day: the first still, gravity over the run, --bias-dps"
     command.add_argument("--bias", choices=(*BIASES, *of_day), metavar="|".join((*BIASES, *of_day)), help=sources)
+    what = "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
+    command.add_argument("--accelerometer", choices=ACCELEROMETERS, default="auto", help=what)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
         "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
@@ -77,6 +81,7 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
         conditions=args.conditions,
         bias_per_log=args.bias_per_log,
         bias=args.bias or "auto",
+        accelerometer=args.accelerometer,
     )
 
 

@@ -69,8 +69,12 @@ def explain_session(
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
     prepared: Prepared | None = None,
 ) -> Explanation:
-    """Explain a session's mismatch.  prepared: the session, where somebody has it already.  Raises what ``prepare`` raises."""
+    """Explain a session's mismatch.  prepared: the session, where somebody has it already.  Raises what ``prepare`` raises.
+
+    A calibration of the accelerometer that is given is taken as it is: whether it holds is one of the hypotheses.
+    """
     prepared = prepared or prepare(session, use_earth=use_earth, progress=lambda what: progress(what, 0, 6))
+    prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
     mended = mend(problem, lambda what: progress(what, 2, 6))
     twin, decision, naming, proof = _decided(problem, mended, seed, progress)

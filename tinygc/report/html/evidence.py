@@ -78,10 +78,17 @@ def gather(
 
     The session is read, checked and made a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
     """
-    prepared = prepare(folder, use_earth=options.earth, exclude=options.exclude, progress=lambda what: progress(what, 0, 1))
+    prepared = prepare(
+        folder,
+        use_earth=options.earth,
+        exclude=options.exclude,
+        accelerometer=options.accelerometer,
+        progress=lambda what: progress(what, 0, 1),
+    )
     fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit", prepared=prepared)
     truth = fit.session.config.protocol.reference == "truth"
     if options.exclude and explain:  # what a fit leaves out is looked at all the same
+        prepared = prepared.as_given()
         problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
         prepared = replace(prepared, problem=problem)
     how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}

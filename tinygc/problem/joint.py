@@ -1,0 +1,269 @@
+"""Accelerometer and gyroscope in one estimation: gravity's length in every still, the closure at the ends of every turn.
+
+Nine numbers of the accelerometer (``session/accelerometer/parameters.py``), twelve of the gyroscope and, beside a calibration that is
+given, the length of gravity.  A still's force that is moved by df tilts its attitude by R df / g about the horizontal, and with it the
+ends of the turns around it; so a turn says of the accelerometer what its stills' lengths do not.  The sizes of what lengths and turns
+miss by are estimated with the numbers; single ones that miss by far more (a knock, a still that is none) hardly count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from session.accelerometer.parameters import BIASES, IDENTITY, NAMES, PARAMETERS, SCALES, SHEARS, after, corrected, force_columns
+from session.accelerometer.parameters import length_columns, units
+from session.common.robust import sigma_of
+from session.common.units import MG
+from session.log.config import Accelerometer
+from tinygc import closure
+from tinygc.attitude import rotation
+from tinygc.closure.least_squares import OBSERVED_BELOW
+from tinygc.closure.residual import Batch
+from tinygc.models import linear
+from tinygc.models.linear import PRIOR_SIGMA, LinearModel
+from tinygc.problem.problem import Problem
+
+#: where the accelerometer's numbers, the gyroscope's and gravity's length stand among what is estimated
+ACCELEROMETER = slice(0, PARAMETERS)
+GYROSCOPE = slice(PARAMETERS, PARAMETERS + linear.PARAMETERS)
+GRAVITY = GYROSCOPE.stop
+COUNT = GRAVITY + 1
+#: what a calibration that is given is good for, at zero g and at one g, where session.toml states no sigma
+GIVEN_SIGMA_MPS2 = 0.1 * MG
+#: of one that nobody has made: 2 % of scale, 1 % of shear, 60 mg of zero (SENSOR.md's siblings: 2 %, 0.5 %, 65 mg)
+SPREAD_MPS2 = np.zeros(PARAMETERS)
+SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
+#: gravity's length at the site, beside a calibration that has a scale of its own
+GRAVITY_SIGMA_MPS2 = 20 * MG
+#: a given calibration that is as improbable as this no longer holds
+REFUTED_P = 1e-4
+SAID_SIGMAS = 3.0
+RELINEARISED, ROUNDS = 4, 12
+BAR_SIGMAS = 2.0
+SETTLED_MPS2 = 1e-3 * MG
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """The linear system where the search ended.
+
+    design (n, COUNT), values (n,): rows of the closure, S d of them, then of the lengths, in rad and m/s^2; root (n,) of their weights;
+    prior (COUNT,) sigmas; x (COUNT,) where it was linearised, from the prior's centre; vague: whether the prior says nothing of the
+    accelerometer, and only bounds what no row tells.
+    """
+
+    design: np.ndarray
+    values: np.ndarray
+    root: np.ndarray
+    prior: np.ndarray
+    x: np.ndarray
+    vague: bool
+
+    def solve(self, root: np.ndarray | None = None) -> np.ndarray:
+        """(COUNT,) from the prior's centre.
+
+        What noise alone lets a direction seem to do is no observation: where the prior is vague, it stays there.
+        """
+        root = self.root if root is None else root
+        left, strength, right = np.linalg.svd(self.design * root[:, None] * self.prior, full_matrices=False)
+        aim = left.T @ (root * (self.design @ self.x - self.values)) * strength / (strength**2 + 1)
+        rank = int(np.sum(strength**2 > OBSERVED_BELOW**-2 - 1)) if self.vague else COUNT
+        return self.prior * (aim[:rank] @ right[:rank])
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(COUNT, COUNT), as if the rows erred independently."""
+        scaled = self.design * self.root[:, None] * self.prior
+        return np.linalg.inv(scaled.T @ scaled + np.eye(COUNT)) * np.outer(self.prior, self.prior)
+
+    @property
+    def response(self) -> np.ndarray:
+        """(COUNT, n): how the estimate follows an error of each row."""
+        return -self.covariance @ (self.design * self.root[:, None] ** 2).T
+
+    @property
+    def leaning(self) -> np.ndarray:
+        """(COUNT, COUNT): how the estimate follows an error of what is known beforehand."""
+        return self.covariance / self.prior**2
+
+
+@dataclass(frozen=True, eq=False)
+class JointFit:
+    """mode: ``fit`` or ``prior``; accelerometer: what was found; x (9,): its correction of the one before; unobserved: names of the numbers
+    that neither lengths nor turns tell; p_value: of a given calibration's lengths and closures by chance, None where none was given;
+    system; first, last (S,): the stills of each used segment; force (Q, 3) m/s^2 under the new calibration; before, after (Q,) m/s^2 by
+    which lengths miss gravity's."""
+
+    mode: str
+    accelerometer: Accelerometer
+    x: np.ndarray
+    model: LinearModel
+    unobserved: tuple[str, ...]
+    p_value: float | None
+    system: System
+    first: np.ndarray
+    last: np.ndarray
+    force: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+    @property
+    def prior(self) -> np.ndarray:
+        """(9,) sigmas of what is known of ``x`` beforehand."""
+        return self.system.prior[ACCELEROMETER]
+
+    @property
+    def leaning(self) -> np.ndarray:
+        """(9, 9): how ``x`` follows an error of what is known of it beforehand."""
+        return self.system.leaning[ACCELEROMETER, ACCELEROMETER]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(9, 9) of ``x``, as if lengths and turns erred independently."""
+        return self.system.covariance[ACCELEROMETER, ACCELEROMETER]
+
+    @property
+    def words(self) -> str:
+        """The numbers that differ from those before by more than three sigmas, mg at one g; the largest, where none does."""
+        scale = np.concatenate([np.full(6, 1e-3), np.full(3, MG)])
+        off, sigma = (self.x - IDENTITY) / scale, np.sqrt(np.diag(self.covariance)) / scale
+        sure = np.abs(off) > SAID_SIGMAS * sigma
+        sure[np.argmax(np.abs(off) / sigma)] = True
+        return ", ".join(f"{name} by {value:.2g} ± {s:.1g} mg" for name, value, s in zip(NAMES, off, sigma, strict=True) if sure[NAMES.index(name)])
+
+    def moved(self, force: np.ndarray) -> np.ndarray:
+        """Forces (..., 3) m/s^2 of the calibration before under the new one."""
+        return corrected(self.x, force)
+
+    def without(self, left_out: np.ndarray, batch: Batch) -> Batch:
+        """A batch of the same segments with the references that an estimation without the closure of some (S,) bool gives."""
+        root = self.system.root.copy()
+        root[: len(left_out) * batch.angles][np.repeat(left_out, batch.angles)] = 0.0
+        moved = self.system.solve(root)[ACCELEROMETER] - self.system.solve()[ACCELEROMETER]
+        return bent(batch, self.first, self.last, corrected(IDENTITY + moved, self.force))
+
+
+def fit_joint(problem: Problem, mode: str, sigma_mps2: float | None = None) -> JointFit | None:
+    """Of a problem whose reference is gravity; mode ``fit``: nothing is known of the accelerometer but its make; ``prior``: the calibration
+    that the problem was built with, with sigma_mps2 of each number at one g.  None where there is no still to a turn."""
+    stills = [still for log in problem.logs for still in log.stills if still.problem is None]
+    number = {id(still): q for q, still in enumerate(stills)}
+    if problem.session.truths is not None or not stills or not problem.used:
+        return None
+    first, last = (np.array([number[id(getattr(s, end))] for s in problem.used]) for end in ("first", "last"))
+    force = np.array([still.accel_mean for still in stills])
+    gravity = problem.session.config.site.expected_gravity_mps2
+    noise = np.array([float(np.mean(log.noise.velocity_random_walk**2)) for log in problem.logs for s in log.stills if s.problem is None])
+    white = np.sqrt(noise / np.array([still.duration_s for still in stills]))
+    spread = SPREAD_MPS2 if mode == "fit" else np.full(PARAMETERS, GIVEN_SIGMA_MPS2 if sigma_mps2 is None else sigma_mps2)
+    tiny = 1e-9 * GRAVITY_SIGMA_MPS2
+    prior = np.concatenate([spread * units(gravity), PRIOR_SIGMA, [tiny if mode == "fit" else GRAVITY_SIGMA_MPS2]])
+    # The prior's centre: no correction of either sensor, but the bias that a fit begins with.
+    centre = np.concatenate([IDENTITY, problem.first.vector, [gravity]])
+    x = np.zeros(COUNT)
+    for _ in range(RELINEARISED):
+        at = centre + x
+        system = _weighed(problem, at, x, prior, force, first, last, white)
+        moved = system.solve() - x
+        x = x + moved
+        if np.abs(moved[ACCELEROMETER] / units(gravity)).max() < SETTLED_MPS2:
+            break
+    found = centre[ACCELEROMETER] + x[ACCELEROMETER]
+    sure = np.sqrt(np.diag(system.covariance))[ACCELEROMETER] < OBSERVED_BELOW * prior[ACCELEROMETER]
+    now = corrected(found, force)
+    return JointFit(
+        mode=mode,
+        accelerometer=after(found, problem.session.config.accelerometer, "stills" if mode == "fit" else "prior"),
+        x=found,
+        model=LinearModel.from_vector((centre + x)[GYROSCOPE]),
+        unobserved=() if mode == "prior" else tuple(name for name, ok in zip(NAMES, sure, strict=True) if not ok),
+        p_value=None if mode == "fit" else _improbable(system),
+        system=replace(system, x=x, values=system.values + system.design @ moved),
+        first=first,
+        last=last,
+        force=now,
+        before=np.linalg.norm(force, axis=1) - gravity,
+        after=np.linalg.norm(now, axis=1) - (centre + x)[GRAVITY],
+    )
+
+
+def _weighed(
+    problem: Problem,
+    at: np.ndarray,
+    x: np.ndarray,
+    prior: np.ndarray,
+    force: np.ndarray,
+    first: np.ndarray,
+    last: np.ndarray,
+    white: np.ndarray,
+) -> System:
+    """The rows at a point, with weights by what they are found to miss by."""
+    number = at[ACCELEROMETER]
+    batch = bent(problem.batch, first, last, corrected(number, force))
+    model = LinearModel.from_vector(at[GYROSCOPE])
+    rate = model(batch.rate)
+    d, rows = batch.angles, len(batch) * batch.angles
+    angles = closure.error_angles(closure.segment_residuals(batch, rate))
+    design = np.zeros((rows + len(force), COUNT))
+    design[:rows, GYROSCOPE] = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, :d].reshape(rows, -1)
+    ends = tilt_columns(batch.start, number, force[first]) - tilt_columns(batch.end, number, force[last])
+    design[:rows, ACCELEROMETER] = ends[:, :d].reshape(rows, -1)
+    design[rows:, ACCELEROMETER] = length_columns(number, force)
+    design[rows:, GRAVITY] = -1.0
+    values = np.concatenate([angles.ravel(), np.linalg.norm(corrected(number, force), axis=1) - at[GRAVITY]])
+    sigma = np.concatenate([problem.floor.sigma.ravel(), white])
+    system = System(design, values, 1 / sigma, prior, x, prior[GRAVITY] < GRAVITY_SIGMA_MPS2)
+    parts = (slice(0, rows), slice(rows, None))
+    for _ in range(ROUNDS):
+        left = values + design @ (system.solve() - x)
+        scaled, taken = design * system.root[:, None] * prior, system.covariance / np.outer(prior, prior)
+        used = np.einsum("np,pq,nq->n", scaled, taken, scaled)
+        root = np.empty(len(values))
+        for part in parts:
+            spare = max(1 - float(np.mean(used[part])), 0.1)
+            miss = left[part] / sigma[part]
+            size = max(1.0, float(sigma_of(miss)) / np.sqrt(spare))
+            if part.start == 0:  # a turn's angles stand or fall together
+                miss = np.repeat(np.linalg.norm(miss.reshape(-1, d), axis=1) / np.sqrt(d), d)
+            root[part] = 1 / (sigma[part] * size * np.sqrt(1 + (miss / (BAR_SIGMAS * size)) ** 2))
+        settled = np.abs(root / system.root - 1).max() < 1e-3
+        system = replace(system, root=root)
+        if settled:
+            break
+    return system
+
+
+def _improbable(system: System) -> float:
+    """Probability that lengths and closures ask for so much of another calibration, if the given one is as good as its sigma says."""
+    scaled = system.design * system.root[:, None] * system.prior
+    known = scaled.T @ scaled
+    pull = scaled.T @ (system.root * (system.design @ system.x - system.values))
+    rest = slice(PARAMETERS, COUNT)
+    inner = np.linalg.inv(known[rest, rest] + np.eye(COUNT - PARAMETERS))
+    told = known[ACCELEROMETER, ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ known[rest, ACCELEROMETER]
+    asked = pull[ACCELEROMETER] - known[ACCELEROMETER, rest] @ inner @ pull[rest]
+    # asked has the covariance told + told told, if the calibration errs by its prior.
+    size, axes = np.linalg.eigh(told)
+    seen = size > 1e-6
+    chi_square = float(np.sum((axes.T @ asked)[seen] ** 2 / (size + size**2)[seen]))
+    return float(stats.chi2.sf(chi_square, int(seen.sum())))
+
+
+def tilt_columns(q_tb: np.ndarray, x: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """(S, 3, 9) rad: how each number turns attitudes (S, 4) whose tilt is that of forces (S, 3), about the table's axes; nothing about z.
+
+    R f stays -g z.  So a turn phi of the attitude makes up for R df across the vertical: R df = g phi x z there.
+    """
+    moved = rotation.matrix(q_tb) @ force_columns(x, force) / np.linalg.norm(corrected(x, force), axis=1)[:, None, None]
+    return np.stack([-moved[:, 1], moved[:, 0], np.zeros_like(moved[:, 0])], axis=1)
+
+
+def bent(batch: Batch, first: np.ndarray, last: np.ndarray, force: np.ndarray) -> Batch:
+    """A batch with the tilt at its ends that forces (Q, 3) of the stills give, each with the yaw that it had."""
+    tilt = rotation.from_gravity(force)
+    return replace(
+        batch, start=closure.nearest_yaw(batch.start, tilt[first]), end=closure.nearest_yaw(batch.end, tilt[last])
+    )

@@ -42,6 +42,7 @@ def to_json(result: FitResult) -> dict:
             "components": [] if result.noise is None else result.noise.to_json(),
             **({} if result.physics is None else {"closure_floor_mended_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
         },
+        "accelerometer": result.accelerometer.to_json(),
         "goodness": vars(result.goodness),
         "bias_from": result.bias_from.to_json(),
         "unobserved": result.linear.notes.get("unobserved", []),

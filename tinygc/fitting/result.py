@@ -10,6 +10,7 @@ import numpy as np
 from session.checks.first_look import Finding
 from session.log.folder import Session
 from tinygc.closure.uncertainty import GoodnessOfFit
+from tinygc.fitting.accelerometer import AccelerometerFit, accelerometer_fit
 from tinygc.fitting.bias_choice import BiasChoice
 from tinygc.fitting.stated_noise import StatedNoise
 from tinygc.methods.method_fit import MethodFit
@@ -31,7 +32,8 @@ class FitResult:
     opposite choice of still rates; first_order_rad: the largest error of the paper's integrator on these segments; warnings of the first
     look; physics that was fitted as well, or None; reused: methods that were not fitted again, but taken from what had been saved;
     lost_s: with physics, moments in each run after which samples seem to be missing; bias_sigma_rps (3,): spread of the logs' biases,
-    where each had its own.
+    where each had its own; joint_covariance (21, 21): of both sensors together (``accelerometer.JOINT_NAMES``), widened as well, where they
+    were estimated together.
     """
 
     problem: Problem
@@ -53,9 +55,15 @@ class FitResult:
     lost_s: tuple[np.ndarray, ...] = ()
     noise: StatedNoise | None = None
     accelerometer_covariance: np.ndarray | None = None
+    joint_covariance: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"
+
+    @property
+    def accelerometer(self) -> AccelerometerFit:
+        """That its references rest on."""
+        return accelerometer_fit(self.session.config.accelerometer, self.problem.joint, self.joint_covariance)
 
     @property
     def session(self) -> Session:

@@ -11,6 +11,7 @@ from session.files.writing import result_folder
 from session.log.hashes import input_hashes
 from tinygc import models
 from tinygc.fitting import saved_fit
+from tinygc.fitting.accelerometer import JOINT_NAMES
 from tinygc.fitting.fit_json import to_json
 from tinygc.fitting.result import FitResult
 from tinygc.problem.problem import Problem
@@ -42,7 +43,14 @@ def model_tables(result: FitResult) -> dict[str, dict]:
 
     Where one follows its session's time, there is a second for any time, NAME_at_end, as of the session's end.
     """
-    made_from = {"session": result.session.name, "sha256": input_hashes(result.session), "version": VERSION}
+    calibration = result.accelerometer.calibration
+    made_from = {
+        "session": result.session.name,
+        "sha256": input_hashes(result.session),
+        "version": VERSION,
+        # What looks at specific force, and whoever wants it calibrated, needs it beside the rates.
+        "accelerometer": {"matrix": calibration.matrix.tolist(), "bias_mps2": calibration.bias_mps2.tolist(), "source": calibration.source},
+    }
     tables = {}
     for name, fit in result.methods.items():
         more: dict[str, Any] = {"method": name, **made_from}
@@ -50,6 +58,8 @@ def model_tables(result: FitResult) -> dict[str, dict]:
             more["covariance"] = result.covariance.tolist()
             if result.accelerometer_covariance is not None:
                 more["accelerometer_covariance"] = result.accelerometer_covariance.tolist()
+            if result.joint_covariance is not None:
+                more["joint_covariance"] = {"parameters": list(JOINT_NAMES), "matrix": result.joint_covariance.tolist()}
             more["unobserved"] = fit.notes.get("unobserved", [])
         ended: dict[str, Any] = {"method": name + AT_END, **made_from}
         if name == "physics" and result.physics is not None:

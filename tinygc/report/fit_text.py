@@ -32,7 +32,7 @@ def fit_report(result: FitResult) -> Group:
     parts: list[RenderableType] = [_headline(result), _methods(result)]
     if result.runs:
         parts.append(_closure_runs(result))
-    parts += [_parameters(result), *_remarks(result)]
+    parts += [_parameters(result), *_accelerometer(result), *_remarks(result)]
     return Group(*parts)
 
 
@@ -164,6 +164,24 @@ def _parameters(result: FitResult) -> Table:
         table.add_row(f"E, row {axis}, mrad", *shown)
     table.add_row("B, dps", *cells(model.B, sigma[BIAS], ["B_x", "B_y", "B_z"], DEG, 5))
     return table
+
+
+def _accelerometer(result: FitResult) -> list[Table]:
+    """Its nine numbers, where they were estimated with the gyroscope's."""
+    found = result.accelerometer
+    if found.mode == "given":
+        return []
+    table = _table("Accelerometer, estimated with them: value ± one sigma", "", "x", "y", "z", right=True)
+    for what, unit, values, sigmas, names in found.rows():
+        assert sigmas is not None
+        digits = {"ppm": 0, "mrad": 3, "mg": 3}[unit]
+        shown = zip(values, sigmas, names, strict=True)
+        cells = ["not observed" if name in found.unobserved else f"{v:.{digits}f} ± {s:.{digits}f}" for v, s, name in shown]
+        table.add_row(f"{what}, {unit}" + (" (xy, xz, yz)" if unit == "mrad" else ""), *cells)
+    if found.mode == "prior":
+        table.caption = f"the calibration that is given is a prior; it holds: p = {found.p_value:.2g}"
+        table.caption_justify = "left"
+    return [table]
 
 
 def _remarks(result: FitResult) -> list[Text]:

@@ -7,6 +7,7 @@ frame that its triad defines, are held against the truth.  Right sigmas give 68 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
 from common import in_parallel, markdown
@@ -60,22 +61,23 @@ def one_session(job: tuple[int, int]) -> dict:
     made = simulate(SimulationOptions(seed=seed, segments=segments, closure_s=0.0, **RAW))
     session = bare(made.session)
     problem = prepare(session).problem
-    joint, model = problem.joint, None
+    joint = problem.joint
     fit = fit_least_squares(problem.batch, problem.floor.sigma, bias_only(problem.still_rates.rate[0]))
     model = fit.model
     noise = stated_noise(problem)
     _, widened = stated_goodness(problem, model, noise)
     covariance = widened * stated_joint_covariance(problem, model, noise, still_rates=False)
-    error = np.concatenate([errors_of(joint.x, joint.accelerometer, made.simulation.unit), model.vector - in_triad(made.simulation.unit).vector])
+    error = np.concatenate(
+        [errors_of(joint.x, joint.accelerometer, made.simulation.unit), model.vector - in_triad(made.simulation.unit).vector]
+    )
     sigma = np.sqrt(np.diag(covariance))
     parts = {"all 21": slice(0, 21), "the accelerometer's 9": slice(0, 9), "the gyroscope's 12": slice(9, 21)}
     chi_square = {name: float(error[of] @ np.linalg.solve(covariance[of, of], error[of])) for name, of in parts.items()}
     return {"z": error / sigma, "sigma": sigma, "chi_square": chi_square}
 
 
-def bare(session):  # noqa: ANN001, ANN201 (a Session, and one without [accelerometer])
+def bare(session):
     """A session as of somebody who has calibrated nothing."""
-    from dataclasses import replace
 
     return replace(session, config=replace(session.config, accelerometer=Accelerometer(source="none")))
 

@@ -7,7 +7,6 @@ from public_files import mikov_text, write_euroc
 
 from session.accelerometer.from_stills import from_stills
 from session.accelerometer.lengths import attitudes_of, fit_lengths
-from session.common.errors import SegmentError
 from session.common.units import MG
 from session.log.config import Accelerometer
 from session.log.folder import read_session

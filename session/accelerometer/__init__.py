@@ -1,4 +1,4 @@
 """An accelerometer's own calibration, from the stills of a recording.
 
-May import: common, log, detect.
+May import: common, files, log, detect.
 """

@@ -18,6 +18,10 @@ SCHEMA = "tinygc-session/1"
 REFERENCES = ("gravity", "table", "truth")
 
 
+#: of a field that no key of session.toml gives
+NOT_IN_TOML = {"toml": False}
+
+
 @dataclass(frozen=True)
 class Sensor:
     """The chip as session.toml names it: model, serial number, nominal data rate, full scales, and what is known of its noise."""
@@ -36,13 +40,13 @@ class Accelerometer:
     """The accelerometer's pre-calibration, ``f = matrix @ (measured - bias)``: matrix (3, 3), bias (3,) m/s^2.
 
     source: ``given``; ``prior``, where the recording has sharpened a given one; ``stills``, where the recording alone gave it; ``none``,
-    where nobody has calibrated it.  sigma_mps2: of each number at one g, where it is stated.
+    where nobody has calibrated it.  sigma_mg: of each number at one g, where it is stated.
     """
 
     matrix: np.ndarray = field(default_factory=lambda: np.eye(3))
     bias_mps2: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    source: str = "given"
-    sigma_mps2: float | None = None
+    source: str = field(default="given", metadata=NOT_IN_TOML)
+    sigma_mg: float | None = None
 
     def correct(self, measured: np.ndarray) -> np.ndarray:
         """Specific force (N, 3) m/s^2 from what was measured."""
@@ -88,6 +92,12 @@ class Config:
     unknown: tuple[tuple[str, str | None], ...] = ()
 
 
+def _table(table: dict, name: str) -> dict:
+    """A section, empty where there is none; what is no section has been refused."""
+    found = table.get(name)
+    return found if isinstance(found, dict) else {}
+
+
 def read_config(path: Path) -> Config:
     """Read and check ``session.toml``; FormatError names the key, what was expected and what came."""
     try:
@@ -113,7 +123,8 @@ def read_config(path: Path) -> Config:
     accelerometer = Accelerometer(
         reader.array("accelerometer", "matrix", (3, 3), np.eye(3)),
         reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3)),
-        "given" if table.get("accelerometer") else "none",
+        "given" if {"matrix", "bias_mps2"} & set(_table(table, "accelerometer")) else "none",
+        reader.number("accelerometer", "sigma_mg", None, low=1e-3, high=1000),
     )
     with np.errstate(all="ignore"):
         determinant = abs(np.linalg.det(accelerometer.matrix))

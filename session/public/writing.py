@@ -7,15 +7,14 @@ import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from session.accelerometer.calibrated_copy import REMARK
 from session.accelerometer.from_stills import from_stills
+from session.accelerometer.section import with_section
 from session.common.errors import CalibrationError, FormatError, SegmentError
 from session.files.writing import result_folder
-from session.log.config import Accelerometer
 from session.log.folder import log_paths, read_session
 
 LOG = "log0001.csv.gz"
-SECTION = "[accelerometer]"
-NEXT_SECTION = "[protocol]"
 
 
 def write_folder(folder: Path, toml: str, header: str, lines: Iterable[str], given: bool = True) -> Path:
@@ -65,13 +64,4 @@ def calibrate_from_stills(folder: Path) -> None:
     except SegmentError as error:
         raise SegmentError(f"{folder}: {error}") from None
     path = folder / "session.toml"
-    text = path.read_text(encoding="utf-8")
-    remark = "# From the recording's own stills: in each of them the corrected force has gravity's length.\n"
-    path.write_text(text.replace(NEXT_SECTION, f"{remark}{section(accelerometer)}\n{NEXT_SECTION}", 1), encoding="utf-8")
-
-
-def section(accelerometer: Accelerometer) -> str:
-    """``[accelerometer]`` of session.toml, 1e-9 and 1e-8 m/s^2 its last digits."""
-    rows = ", ".join("[" + ", ".join(f"{value:.9f}" for value in row) + "]" for row in accelerometer.matrix)
-    bias = ", ".join(f"{value:.8f}" for value in accelerometer.bias_mps2)
-    return f"{SECTION}\nmatrix = [{rows}]\nbias_mps2 = [{bias}]\n"
+    path.write_text(with_section(path.read_text(encoding="utf-8"), accelerometer, REMARK), encoding="utf-8")

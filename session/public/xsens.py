@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from session.accelerometer.section import section
 from session.common.errors import FormatError
 from session.log.config import Accelerometer
 from session.public.sources import found, rows_of_numbers
-from session.public.writing import section, write_folder
+from session.public.writing import write_folder
 
 COUNTS = 65536
 OFFSET = 32768  #: counts at zero, of imu_tk's example

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from tinygc.effect_checks.report import Wrong
 from tinygc.effect_checks.sessions import Found, fitted, inject
-from tinygc.effects import Convention, Effect
+from tinygc.effects import Convention, Derived, Effect
 from tinygc.explanation.verdict.readable import readable
 
 #: two-sided: errors as far from their sigmas, to either side, come by chance once in so many checks
@@ -60,7 +60,7 @@ def _look(one: Found) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     widen = max(1.0, one.fit.chi_square / max(len(one.fit.r) - one.fit.J.shape[1], 1))
     covariance = one.fit.theta_covariance(0) * widen
     _, parameters, std = readable(claim, covariance)
-    if effect.derived is not None:
+    if isinstance(effect.derived, Derived):
         name = effect.derived.name
         error = np.array([parameters[name] - effect.derived.of(truth)])
         return error, np.array([std[name]]), np.eye(1), np.abs([effect.derived.of(truth)])

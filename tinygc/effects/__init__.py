@@ -18,7 +18,7 @@ from tinygc.effects.errors import EffectError
 from tinygc.effects.gauge import CommonDelay, Convention
 from tinygc.effects.movement import Movement
 from tinygc.effects.occurrence import Occurrence
-from tinygc.effects.parameter import Derived, Parameter, Scan
+from tinygc.effects.parameter import Derived, Parameter, Parts, Scan
 from tinygc.effects.picture import PictureData
 from tinygc.effects.reach import NEIGHBOURS, Reach
 
@@ -39,6 +39,7 @@ __all__ = [
     "NoC",
     "Occurrence",
     "Parameter",
+    "Parts",
     "PerAxisC",
     "PictureData",
     "Reach",

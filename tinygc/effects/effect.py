@@ -18,7 +18,7 @@ from tinygc.effects.errors import EffectError
 from tinygc.effects.gauge import Gauge
 from tinygc.effects.movement import Movement
 from tinygc.effects.occurrence import Occurrence
-from tinygc.effects.parameter import Derived, Parameter, Scan
+from tinygc.effects.parameter import Derived, Parameter, Parts, Scan
 from tinygc.effects.picture import OF_TURNS, PAIRS, STILLS, TURNS, OwnPicture
 from tinygc.effects.reach import INPUT_REACH, INPUTS, NOWHERE, Reach
 
@@ -50,6 +50,7 @@ class Effect:
     repeated substitution.  exact_distort(movement, theta) -> (N, 3): the rate with the effect; without it ``columns`` are all.
     basis(movement) -> (N, K): where the zero of each axis follows K known curves whatever the rate: the same as ``columns``, without the
     zeros.  Parameter i * 3 + axis is the share of curve i; a parameter of shape (3, K) has a row for each axis.
+    bends(force_g (N, 3)) -> (N, 3, P): of kind "force", what each parameter adds to the specific force that is measured, linear.
 
     Its numbers.  scan: a shape number that is searched for; shape: its value here, by JSON name; derived: what the JSON says instead
     of the parameter; begin: where a refit begins, SI: zero, unless zero is a saddle; known_to: share to which the variable that it
@@ -58,6 +59,7 @@ class Effect:
 
     In use.  regime: variable and unit that it is drawn and located along; picture: a name of ``picture.PAIRS`` or a function;
     of_readings: the same effect where it happens to the readings, after the linear errors: both are weighed; ``on_readings``: that form.
+    wider: the same cause with more numbers; both are weighed.
     device: its C, or why there is none; linear_in: "force" or "temperature" where a format's matrix or slope can carry it.
 
     Raises EffectError for a declaration that cannot be.
@@ -76,7 +78,7 @@ class Effect:
     regime: tuple[str, str] | None = None
     scan: Scan | None = None
     shape: dict = field(default_factory=dict)
-    derived: Derived | None = None
+    derived: Derived | Parts | None = None
     begin: float = 0.0
     known_to: float = 0.0
     gauge: Gauge | None = None
@@ -84,10 +86,12 @@ class Effect:
     exact_correct: Callable[[np.ndarray, Movement, np.ndarray], np.ndarray] | None = None
     exact_distort: Callable[[Movement, np.ndarray], np.ndarray] | None = None
     basis: Callable[[Movement], np.ndarray] | None = None
+    bends: Callable[[np.ndarray], np.ndarray] | None = None
     picture: str | OwnPicture | None = None
     device: DeviceCode = NONE
     linear_in: str | None = None
     of_readings: Effect | None = None
+    wider: Effect | None = None
     on_readings: bool = False
 
     def __post_init__(self) -> None:
@@ -100,6 +104,7 @@ class Effect:
         self._require(isinstance(self.reach, Reach) or callable(self.reach), "reach", "a Reach, or a function of theta that gives one")
         self._require(all(map(callable, (self.columns, self.says))), "columns or says", "functions")
         self._require(all(isinstance(text, str) for text in (self.equation, self.splits)), "equation or splits", "text")
+        self._require((self.kind == "force") == (self.bends is not None), "bends", 'a function where kind is "force", else None')
         self._require(self.scan is None or isinstance(self.scan, Scan), "scan", "a Scan")
         self._require(self.gauge is None or isinstance(self.gauge, Gauge), "gauge", "a Convention or a CommonDelay")
         self._require(isinstance(self.device, DeviceCode), "device", "a PerAxisC, MatrixC, StageC or NoC")
@@ -180,10 +185,10 @@ class Effect:
         return replace(made, scan=self.scan, shape={self.scan.name: float(value) / self.scan.si})
 
     def variants(self, values: np.ndarray) -> list[Effect]:
-        """One effect for each value (K,), SI, of a scanned shape; the effect itself where it has none, in both of its forms."""
+        """One effect for each value (K,), SI, of a scanned shape; the effect itself where it has none, in all of its forms."""
         if self.scan is not None:
             return [self.at(value) for value in values]
-        return [self] if self.of_readings is None else [self, self.of_readings]
+        return [self, *(form for form in (self.of_readings, self.wider) if form is not None)]
 
     def moved_to_readings(self, equation: str) -> Effect:
         """The same effect, after the linear errors instead of before them."""

@@ -47,6 +47,29 @@ class Derived:
 
 
 @dataclass(frozen=True, eq=False)
+class Parts:
+    """What the JSON says of a parameter whose numbers are of several kinds: names with their units, the size of each unit in SI, and where
+    its numbers stand in theta.  told: the projection (P, P) on what any recording tells of theta."""
+
+    parts: tuple[tuple[str, float, tuple[int, ...]], ...]
+    told: np.ndarray
+
+    def values(self, theta: np.ndarray, covariance: np.ndarray) -> tuple[dict, dict]:
+        """JSON parameters and their std, of theta (P,) with covariance (P, P)."""
+        theta, covariance = self.told @ theta, self.told @ covariance @ self.told.T
+        sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
+        shown, spread = ({name: (x[list(at)] / si).tolist() for name, si, at in self.parts} for x in (theta, sigma))
+        return shown, spread
+
+    def theta(self, parameters: dict) -> np.ndarray:
+        """(P,) SI of JSON parameters."""
+        found = np.zeros(sum(len(at) for _, _, at in self.parts))
+        for name, si, at in self.parts:
+            found[list(at)] = np.multiply(parameters[name], si)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
 class Scan:
     """A shape number beside the parameter that no linear fit can find, such as the moment of a step: it is searched on a grid.
 

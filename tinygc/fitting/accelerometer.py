@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.accelerometer.lengths import LengthFit
 from session.accelerometer.parameters import BIASES, NAMES, PARAMETERS, SCALES, SHEARS, UPPER
 from session.common.units import MG
 from session.log.config import Accelerometer
 from tinygc.models import linear
-from tinygc.problem.joint import JointFit
+from tinygc.problem.joint_fit import JointFit
 
 #: of the accelerometer's nine numbers and the gyroscope's twelve, in the order of a joint covariance
 JOINT_NAMES = (*(f"accelerometer {name}" for name in NAMES), *linear.NAMES)
@@ -47,27 +48,28 @@ class AccelerometerFit:
         return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
 
     def rows(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
-        """What, unit, values (3,), sigmas (3,), in that unit, and names, as a table shows them."""
+        """Key of the JSON, unit, values (3,), sigmas (3,), in that unit, and names, as a table shows them."""
         found = []
-        for what, unit, which in (("scale correction", "ppm", SCALES), ("nonorthogonality", "mrad", SHEARS), ("bias", "mg", BIASES)):
+        for key, unit, which in (
+            ("scale_correction_ppm", "ppm", SCALES),
+            ("nonorthogonality_mrad", "mrad", SHEARS),
+            ("bias_mg", "mg", BIASES),
+        ):
             sigma = None if self.sigmas is None else self.sigmas[which] / UNITS[unit]
-            found.append((what, unit, self.values[which] / UNITS[unit], sigma, [NAMES[i] for i in which]))
+            found.append((key, unit, self.values[which] / UNITS[unit], sigma, [NAMES[i] for i in which]))
         return found
 
     def to_json(self) -> dict:
         """``accelerometer`` of ``tinygc-fit/1``."""
-        numbers = {}
-        for what, unit, values, sigmas, _ in self.rows():
-            key = f"{what.replace(' ', '_')}_{unit}"
-            numbers[key] = values.tolist()
-            numbers[f"{key}_sigma"] = None if sigmas is None else sigmas.tolist()
+        rows = self.rows()
         before, after = (None, None) if self.spread_mps2 is None else (each / MG for each in self.spread_mps2)
         return {
             "mode": self.mode,
             "equation": "f = matrix (measured - bias)",
             "matrix": self.calibration.matrix.tolist(),
             "bias_mps2": self.calibration.bias_mps2.tolist(),
-            **numbers,
+            **{key: values.tolist() for key, _, values, _, _ in rows},
+            "sigma": {key: None if sigmas is None else sigmas.tolist() for key, _, _, sigmas, _ in rows},
             "unobserved": list(self.unobserved),
             "p_value": self.p_value,
             "gravity_spread_before_mg": before,
@@ -82,3 +84,9 @@ def accelerometer_fit(calibration: Accelerometer, joint: JointFit | None, covari
     own = joint.covariance if covariance is None else covariance[:PARAMETERS, :PARAMETERS]
     spread = float(np.std(joint.before)), float(np.std(joint.after))
     return AccelerometerFit(joint.mode, calibration, own, joint.unobserved, joint.p_value, spread)
+
+
+def of_lengths(found: LengthFit) -> AccelerometerFit:
+    """Of the stills' lengths alone, as measured."""
+    spread = float(np.std(found.before)), float(np.std(found.after))
+    return AccelerometerFit("fit", found.accelerometer, found.covariance, found.unobserved, None, spread)

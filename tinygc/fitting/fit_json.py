@@ -84,6 +84,7 @@ def to_json(result: FitResult) -> dict:
             "conditions": list(result.options.conditions),
             "bias_per_log": result.options.bias_per_log,
             "bias": result.options.bias,
+            "accelerometer": result.options.accelerometer,
         },
         "version": VERSION,
     }

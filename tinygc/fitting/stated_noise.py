@@ -17,7 +17,7 @@ from tinygc.explanation.noise.session_noise import SessionNoise, first_noise
 from tinygc.explanation.twin.refit import prior_sigmas, refit
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
-from tinygc.problem.joint import ACCELEROMETER, JointFit
+from tinygc.problem.joint_fit import ACCELEROMETER, JointFit
 from tinygc.problem.problem import Problem
 
 #: the covariance of all channels is dense: its inverse costs the cube of the session (benchmarks/fit_speed.py)

@@ -44,7 +44,9 @@ class Seen:
     def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
         """The segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
         order = None if self.order is None else self.order[seen]
-        return replace(self, batch=batch.pick(seen), sigma=self.sigma[seen], order=order, whole=whole, progress=progress, label=f"fold{number}")
+        return replace(
+            self, batch=batch.pick(seen), sigma=self.sigma[seen], order=order, whole=whole, progress=progress, label=f"fold{number}"
+        )
 
 
 #: a model, and notes on how it was found

@@ -8,31 +8,36 @@ miss by are estimated with the numbers; single ones that miss by far more (a kno
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
-from session.accelerometer.parameters import BIASES, IDENTITY, NAMES, PARAMETERS, SCALES, SHEARS, after, corrected, force_columns
-from session.accelerometer.parameters import length_columns, units
+from session.accelerometer.parameters import (
+    BIASES,
+    IDENTITY,
+    NAMES,
+    PARAMETERS,
+    SCALES,
+    SHEARS,
+    after,
+    corrected,
+    force_columns,
+    length_columns,
+    units,
+)
 from session.common.robust import sigma_of
 from session.common.units import MG
-from session.log.config import Accelerometer
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.least_squares import OBSERVED_BELOW
-from tinygc.closure.residual import Batch
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
+from tinygc.problem.joint_fit import ACCELEROMETER, COUNT, GRAVITY, GYROSCOPE, JointFit, System, bent
 from tinygc.problem.problem import Problem
 
-#: where the accelerometer's numbers, the gyroscope's and gravity's length stand among what is estimated
-ACCELEROMETER = slice(0, PARAMETERS)
-GYROSCOPE = slice(PARAMETERS, PARAMETERS + linear.PARAMETERS)
-GRAVITY = GYROSCOPE.stop
-COUNT = GRAVITY + 1
 #: what a calibration that is given is good for, at zero g and at one g, where session.toml states no sigma
-GIVEN_SIGMA_MPS2 = 0.1 * MG
+GIVEN_SIGMA_MG = 0.1
 #: of one that nobody has made: 2 % of scale, 1 % of shear, 60 mg of zero (SENSOR.md's siblings: 2 %, 0.5 %, 65 mg)
 SPREAD_MPS2 = np.zeros(PARAMETERS)
 SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
@@ -40,115 +45,14 @@ SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG
 GRAVITY_SIGMA_MPS2 = 20 * MG
 #: a given calibration that is as improbable as this no longer holds
 REFUTED_P = 1e-4
-SAID_SIGMAS = 3.0
 RELINEARISED, ROUNDS = 4, 12
 BAR_SIGMAS = 2.0
 SETTLED_MPS2 = 1e-3 * MG
 
 
-@dataclass(frozen=True, eq=False)
-class System:
-    """The linear system where the search ended.
-
-    design (n, COUNT), values (n,): rows of the closure, S d of them, then of the lengths, in rad and m/s^2; root (n,) of their weights;
-    prior (COUNT,) sigmas; x (COUNT,) where it was linearised, from the prior's centre; vague: whether the prior says nothing of the
-    accelerometer, and only bounds what no row tells.
-    """
-
-    design: np.ndarray
-    values: np.ndarray
-    root: np.ndarray
-    prior: np.ndarray
-    x: np.ndarray
-    vague: bool
-
-    def solve(self, root: np.ndarray | None = None) -> np.ndarray:
-        """(COUNT,) from the prior's centre.
-
-        What noise alone lets a direction seem to do is no observation: where the prior is vague, it stays there.
-        """
-        root = self.root if root is None else root
-        left, strength, right = np.linalg.svd(self.design * root[:, None] * self.prior, full_matrices=False)
-        aim = left.T @ (root * (self.design @ self.x - self.values)) * strength / (strength**2 + 1)
-        rank = int(np.sum(strength**2 > OBSERVED_BELOW**-2 - 1)) if self.vague else COUNT
-        return self.prior * (aim[:rank] @ right[:rank])
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """(COUNT, COUNT), as if the rows erred independently."""
-        scaled = self.design * self.root[:, None] * self.prior
-        return np.linalg.inv(scaled.T @ scaled + np.eye(COUNT)) * np.outer(self.prior, self.prior)
-
-    @property
-    def response(self) -> np.ndarray:
-        """(COUNT, n): how the estimate follows an error of each row."""
-        return -self.covariance @ (self.design * self.root[:, None] ** 2).T
-
-    @property
-    def leaning(self) -> np.ndarray:
-        """(COUNT, COUNT): how the estimate follows an error of what is known beforehand."""
-        return self.covariance / self.prior**2
-
-
-@dataclass(frozen=True, eq=False)
-class JointFit:
-    """mode: ``fit`` or ``prior``; accelerometer: what was found; x (9,): its correction of the one before; unobserved: names of the numbers
-    that neither lengths nor turns tell; p_value: of a given calibration's lengths and closures by chance, None where none was given;
-    system; first, last (S,): the stills of each used segment; force (Q, 3) m/s^2 under the new calibration; before, after (Q,) m/s^2 by
-    which lengths miss gravity's."""
-
-    mode: str
-    accelerometer: Accelerometer
-    x: np.ndarray
-    model: LinearModel
-    unobserved: tuple[str, ...]
-    p_value: float | None
-    system: System
-    first: np.ndarray
-    last: np.ndarray
-    force: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-
-    @property
-    def prior(self) -> np.ndarray:
-        """(9,) sigmas of what is known of ``x`` beforehand."""
-        return self.system.prior[ACCELEROMETER]
-
-    @property
-    def leaning(self) -> np.ndarray:
-        """(9, 9): how ``x`` follows an error of what is known of it beforehand."""
-        return self.system.leaning[ACCELEROMETER, ACCELEROMETER]
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """(9, 9) of ``x``, as if lengths and turns erred independently."""
-        return self.system.covariance[ACCELEROMETER, ACCELEROMETER]
-
-    @property
-    def words(self) -> str:
-        """The numbers that differ from those before by more than three sigmas, mg at one g; the largest, where none does."""
-        scale = np.concatenate([np.full(6, 1e-3), np.full(3, MG)])
-        off, sigma = (self.x - IDENTITY) / scale, np.sqrt(np.diag(self.covariance)) / scale
-        sure = np.abs(off) > SAID_SIGMAS * sigma
-        sure[np.argmax(np.abs(off) / sigma)] = True
-        return ", ".join(f"{name} by {value:.2g} ± {s:.1g} mg" for name, value, s in zip(NAMES, off, sigma, strict=True) if sure[NAMES.index(name)])
-
-    def moved(self, force: np.ndarray) -> np.ndarray:
-        """Forces (..., 3) m/s^2 of the calibration before under the new one."""
-        return corrected(self.x, force)
-
-    def without(self, left_out: np.ndarray, batch: Batch) -> Batch:
-        """A batch of the same segments with the references that an estimation without the closure of some (S,) bool gives."""
-        root = self.system.root.copy()
-        root[: len(left_out) * batch.angles][np.repeat(left_out, batch.angles)] = 0.0
-        moved = self.system.solve(root)[ACCELEROMETER] - self.system.solve()[ACCELEROMETER]
-        return bent(batch, self.first, self.last, corrected(IDENTITY + moved, self.force))
-
-
-def fit_joint(problem: Problem, mode: str, sigma_mps2: float | None = None) -> JointFit | None:
+def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG) -> JointFit | None:
     """Of a problem whose reference is gravity; mode ``fit``: nothing is known of the accelerometer but its make; ``prior``: the calibration
-    that the problem was built with, with sigma_mps2 of each number at one g.  None where there is no still to a turn."""
+    that the problem was built with, with sigma_mg of each number at one g.  None where there is no still to a turn."""
     stills = [still for log in problem.logs for still in log.stills if still.problem is None]
     number = {id(still): q for q, still in enumerate(stills)}
     if problem.session.truths is not None or not stills or not problem.used:
@@ -158,7 +62,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mps2: float | None = None) -> J
     gravity = problem.session.config.site.expected_gravity_mps2
     noise = np.array([float(np.mean(log.noise.velocity_random_walk**2)) for log in problem.logs for s in log.stills if s.problem is None])
     white = np.sqrt(noise / np.array([still.duration_s for still in stills]))
-    spread = SPREAD_MPS2 if mode == "fit" else np.full(PARAMETERS, GIVEN_SIGMA_MPS2 if sigma_mps2 is None else sigma_mps2)
+    spread = SPREAD_MPS2 if mode == "fit" else np.full(PARAMETERS, sigma_mg * MG)
     tiny = 1e-9 * GRAVITY_SIGMA_MPS2
     prior = np.concatenate([spread * units(gravity), PRIOR_SIGMA, [tiny if mode == "fit" else GRAVITY_SIGMA_MPS2]])
     # The prior's centre: no correction of either sensor, but the bias that a fit begins with.
@@ -180,7 +84,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mps2: float | None = None) -> J
         x=found,
         model=LinearModel.from_vector((centre + x)[GYROSCOPE]),
         unobserved=() if mode == "prior" else tuple(name for name, ok in zip(NAMES, sure, strict=True) if not ok),
-        p_value=None if mode == "fit" else _improbable(system),
+        p_value=None if mode == "fit" else _improbable(problem, prior),
         system=replace(system, x=x, values=system.values + system.design @ moved),
         first=first,
         last=last,
@@ -236,8 +140,14 @@ def _weighed(
     return system
 
 
-def _improbable(system: System) -> float:
-    """Probability that lengths and closures ask for so much of another calibration, if the given one is as good as its sigma says."""
+def _improbable(problem: Problem, prior: np.ndarray) -> float:
+    """Probability that lengths and closures ask for so much of another calibration, if the given one is as good as the prior (COUNT,) says.
+
+    Weighed by what they miss by under the calibration that they ask for: under one that is wrong they would seem to be noise.
+    """
+    free = fit_joint(problem, "fit")
+    assert free is not None  # it was asked of the same problem before
+    system = replace(free.system, prior=prior)
     scaled = system.design * system.root[:, None] * system.prior
     known = scaled.T @ scaled
     pull = scaled.T @ (system.root * (system.design @ system.x - system.values))
@@ -259,11 +169,3 @@ def tilt_columns(q_tb: np.ndarray, x: np.ndarray, force: np.ndarray) -> np.ndarr
     """
     moved = rotation.matrix(q_tb) @ force_columns(x, force) / np.linalg.norm(corrected(x, force), axis=1)[:, None, None]
     return np.stack([-moved[:, 1], moved[:, 0], np.zeros_like(moved[:, 0])], axis=1)
-
-
-def bent(batch: Batch, first: np.ndarray, last: np.ndarray, force: np.ndarray) -> Batch:
-    """A batch with the tilt at its ends that forces (Q, 3) of the stills give, each with the yaw that it had."""
-    tilt = rotation.from_gravity(force)
-    return replace(
-        batch, start=closure.nearest_yaw(batch.start, tilt[first]), end=closure.nearest_yaw(batch.end, tilt[last])
-    )

@@ -13,12 +13,15 @@ from session.common.errors import CalibrationError
 from session.detect.session_stills import SessionStills
 from session.log.folder import Session, read_session
 from tinygc.problem.build import build_problem
-from tinygc.problem.joint import REFUTED_P, JointFit, fit_joint
+from tinygc.problem.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint
+from tinygc.problem.joint_fit import JointFit
 from tinygc.problem.problem import Problem
 from tinygc.problem.recalibrated import recalibrated
 
 #: what is believed of a calibration of the accelerometer that session.toml gives: all of it; nothing; what its sigma says
 ACCELEROMETERS = ("given", "fit", "prior")
+#: mg: a prior that only keeps a scale of all axes from what is gravity's own length
+WIDE_MG = 100.0
 #: beside these: a given one is a prior, unless the recording refutes it
 AUTO = "auto"
 
@@ -65,7 +68,9 @@ def prepare(
         session = read_session(session, lambda name: progress(f"reading {name}"))
     source = session.config.accelerometer.source
     if accelerometer in ("given", "prior") and source == "none":
-        raise CalibrationError(f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out")
+        raise CalibrationError(
+            f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out"
+        )
     session, own = with_own_accelerometer(session, anew=accelerometer == "fit")
     progress("first look")
     found = SessionStills(session)
@@ -77,12 +82,12 @@ def prepare(
     progress("accelerometer")
     if source == "none" or accelerometer == "fit":
         return _fitted(findings, problem, own)
-    joint = fit_joint(problem, "prior", session.config.accelerometer.sigma_mps2)
+    joint = fit_joint(problem, "prior", session.config.accelerometer.sigma_mg or GIVEN_SIGMA_MG)
     if joint is None or joint.p_value is None:
         return Prepared(findings, problem)
     if joint.p_value > REFUTED_P:
         return Prepared(findings, recalibrated(problem, joint), problem)
-    said = [_refuted(joint, fit_joint(problem, "fit"))]
+    said = [_refuted(joint, fit_joint(problem, "prior", WIDE_MG))]
     if accelerometer == "prior":
         return Prepared(said + findings, recalibrated(problem, joint), problem)
     free = prepare(session, use_earth=use_earth, exclude=exclude, accelerometer="fit", progress=progress)

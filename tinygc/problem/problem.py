@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,10 +19,8 @@ from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
 from tinygc.models.linear import LinearModel
 from tinygc.problem.bias_instability import bias_instability_of
+from tinygc.problem.joint_fit import JointFit
 from tinygc.problem.still_set import StillSet
-
-if TYPE_CHECKING:
-    from tinygc.problem.joint import JointFit
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +30,8 @@ class Problem:
     segments: all of them, accepted or not; batch: the accepted ones, in order; floor of the batch; earths by yaw group; logs: stills
     by log; first: the linear fit that carried the yaw; still_rates of every reference still; found: the session's stills as they were
     found, for its closure runs; rest_rps: the mean bias (3,) rad/s, as it is measured, where the batch has every turn at it by the
-    stills on either side (``still_bias.py``), else None; joint: the estimation of both sensors that its references are of, if there was one.
+    stills on either side (``still_bias.py``), else None; joint: the estimation of both sensors that its references are of, if there
+    was one.
     """
 
     session: Session

@@ -9,7 +9,7 @@ import numpy as np
 from session.detect.stills import Still
 from tinygc.attitude import rotation
 from tinygc.closure.residual import nearest_yaw
-from tinygc.problem.joint import JointFit, bent
+from tinygc.problem.joint_fit import JointFit, bent
 from tinygc.problem.problem import Problem
 
 

@@ -17,6 +17,7 @@ from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.registry import METHODS
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, LinearModel
 from tinygc.problem.closure_run import ClosureRun
+from tinygc.report.accelerometer_text import accelerometer_table
 
 if TYPE_CHECKING:
     from tinygc.fitting.physics.fit_physics import PhysicsFit
@@ -169,19 +170,7 @@ def _parameters(result: FitResult) -> Table:
 def _accelerometer(result: FitResult) -> list[Table]:
     """Its nine numbers, where they were estimated with the gyroscope's."""
     found = result.accelerometer
-    if found.mode == "given":
-        return []
-    table = _table("Accelerometer, estimated with them: value ± one sigma", "", "x", "y", "z", right=True)
-    for what, unit, values, sigmas, names in found.rows():
-        assert sigmas is not None
-        digits = {"ppm": 0, "mrad": 3, "mg": 3}[unit]
-        shown = zip(values, sigmas, names, strict=True)
-        cells = ["not observed" if name in found.unobserved else f"{v:.{digits}f} ± {s:.{digits}f}" for v, s, name in shown]
-        table.add_row(f"{what}, {unit}" + (" (xy, xz, yz)" if unit == "mrad" else ""), *cells)
-    if found.mode == "prior":
-        table.caption = f"the calibration that is given is a prior; it holds: p = {found.p_value:.2g}"
-        table.caption_justify = "left"
-    return [table]
+    return [] if found.mode == "given" else [accelerometer_table(found, "Accelerometer, estimated with them: value ± one sigma")]
 
 
 def _remarks(result: FitResult) -> list[Text]:

@@ -11,6 +11,7 @@ COMMANDS = (
     "record",
     "replay",
     "check",
+    "accelerometer",
     "fit",
     "explain",
     "report",

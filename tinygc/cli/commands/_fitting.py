@@ -51,7 +51,9 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
     if of_day:
         sources += "; with --model, of the day: the first still, gravity over the run, --bias-dps"
     command.add_argument("--bias", choices=(*BIASES, *of_day), metavar="|".join((*BIASES, *of_day)), help=sources)
-    what = "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
+    what = (
+        "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
+    )
     command.add_argument("--accelerometer", choices=ACCELEROMETERS, default="auto", help=what)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(

@@ -1,21 +1,67 @@
-"""The accelerometer's pre-calibration no longer holds: a bias has crept in.  It bends the reference, not the rate."""
+"""The accelerometer's pre-calibration no longer holds.  It bends the reference, not the rate.
 
-from session.common.units import MG
-from tinygc.effects import Effect, Parameter, axis_of, largest, nothing
+Mostly a bias has crept in; scale and nonorthogonality may have, too: three numbers and nine are weighed against one another.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from session.common.units import MG, G
+from tinygc.effects import Effect, Parameter, Parts, axis_of, largest, nothing
 from tinygc.effects.picture import GRAVITY_LENGTH
 
-EFFECT = Effect(
+UPPER = np.triu_indices(3)
+#: of the upper triangle row by row, after the bias
+SCALES, SHEARS = (3, 6, 8), (4, 5, 7)
+#: what all axes have in common of scale is gravity's length, which nobody knows as well
+TOLD = np.eye(9)
+TOLD[np.ix_(SCALES, SCALES)] -= 1 / 3
+
+
+def _bias(force_g: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(np.eye(3), (len(force_g), 3, 3))
+
+
+def _nine(force_g: np.ndarray) -> np.ndarray:
+    """A bias, and an upper triangle: length tells the sensor's own axes up to a turn, which the body frame is free to follow."""
+    columns = np.zeros((len(force_g), 3, 9))
+    columns[:, :, :3] = np.eye(3)
+    rows, of = UPPER
+    columns[:, rows, np.arange(3, 9)] = force_g[:, of]
+    return columns @ TOLD
+
+
+def _says(theta: np.ndarray) -> str:
+    found = [f"by {abs(largest(theta[:3])) / MG:.1f} mg on {axis_of(theta[:3])}"]
+    if len(theta) > 3:
+        scale, shear = (np.abs((TOLD @ theta)[list(which)]).max() / G for which in (SCALES, SHEARS))
+        found += [f"by {scale * 1e6:.0f} ppm of scale", f"by {shear * 1e3:.1f} mrad of nonorthogonality"]
+    where = " and ".join([", ".join(found[:-1]), found[-1]] if len(found) > 1 else found)
+    return f"the accelerometer is off {where} since its pre-calibration: calibrate it again before trusting the gyro's"
+
+
+_BIAS = Effect(
     id="reference.accelerometer",
     equation="f = f measured - b: the reference's attitudes and the length of gravity move with attitude",
     parameter=Parameter("bias_mg", (3,), "mg", MG, plausible=100 * MG),
     seen_in=("reference",),
     kind="force",
     columns=nothing(3),
-    says=lambda theta: (
-        f"the accelerometer is off by {abs(largest(theta)) / MG:.1f} mg on {axis_of(theta)} since its pre-calibration: "
-        "calibrate it again before trusting the gyro's"
-    ),
+    bends=_bias,
+    says=_says,
     splits="hold each axis of the accelerometer up and down: gravity's length must not change",
     regime=("attitude", "g"),
     picture=GRAVITY_LENGTH,
+)
+EFFECT = replace(
+    _BIAS,
+    wider=replace(
+        _BIAS,
+        equation="f = f measured - b - S f measured, S upper triangular, of trace 0: bias, scale against the axes' mean, nonorthogonality",
+        parameter=Parameter("errors_mg", (9,), "mg", MG, plausible=100 * MG),
+        derived=Parts((("bias_mg", MG, (0, 1, 2)), ("scale_ppm", 1e-6 * G, SCALES), ("nonorthogonality_mrad", 1e-3 * G, SHEARS)), TOLD),
+        columns=nothing(9),
+        bends=_nine,
+    ),
 )

@@ -53,8 +53,10 @@ def refit(
     twin: Twin, whiten: Whitener, effects: list[Effect], start: State, rows: np.ndarray | None = None, max_steps: int = MAX_STEPS
 ) -> Refit:
     """Fit with these effects, from a state whose own claims give their starting values; ``rows`` (n,) bool: those that count."""
-    known = {claim.effect.id: claim.theta for claim in start.claims}
-    state = replace(start, claims=tuple(AppliedEffect(e, known.get(e.id, np.full(e.parameter.size, e.begin))) for e in effects))
+    # An effect with more numbers than it had begins anew.
+    known = {(claim.effect.id, len(claim.theta)): claim.theta for claim in start.claims}
+    begin = (known.get((e.id, e.parameter.size), np.full(e.parameter.size, e.begin)) for e in effects)
+    state = replace(start, claims=tuple(AppliedEffect(e, theta) for e, theta in zip(effects, begin, strict=True)))
     centre = replace(twin.start(), claims=tuple(AppliedEffect(e, np.zeros(e.parameter.size)) for e in effects)).vector
     prior = prior_sigmas(twin, effects)
     whiten = whiten if rows is None else whiten.only(rows)

@@ -105,7 +105,7 @@ def turn_equations(twin: Twin, fit: Refit) -> TurnEquations:
         size = max(1, round(BLOCK_S / dt))
         blocks = length // size
         columns = columns[: blocks * size].reshape(blocks, size, 3, 4).mean(axis=1).reshape(-1, 4)
-        value = (samples.accel[segment.start : segment.stop] - state.force_bias - gravity)[: blocks * size]
+        value = (state.freed(samples.accel[segment.start : segment.stop]) - gravity)[: blocks * size]
         value = value.reshape(blocks, size, 3).mean(axis=1).ravel()
         normal.append(columns.T @ columns)
         right.append(columns.T @ value)

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from session.common.units import G
 from session.detect.stills import Still
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -45,10 +46,14 @@ class State:
         """(3,) rad/s beyond the problem's own Earth."""
         return self.horizontal[0] * self.axes[0] + self.horizontal[1] * self.axes[1] + self._claimed("earth")
 
+    def freed(self, force: np.ndarray) -> np.ndarray:
+        """Specific force (N, 3) m/s^2 without what the pre-calibration leaves."""
+        return sum((-bent_by(claim.effect, force) @ claim.theta for claim in self.claims if claim.effect.kind == "force"), force)
+
     @property
-    def force_bias(self) -> np.ndarray:
-        """(3,) m/s^2 that the pre-calibration leaves."""
-        return self._claimed("force")
+    def bends(self) -> bool:
+        """Whether the pre-calibration leaves anything."""
+        return any(claim.theta.any() for claim in self.claims if claim.effect.kind == "force")
 
     def _claimed(self, kind: str) -> np.ndarray:
         return sum((claim.theta for claim in self.claims if claim.effect.kind == kind), np.zeros(3))
@@ -63,6 +68,12 @@ class State:
         claims = (replace(claim, theta=vector[claim_slice(self.claims, number)]) for number, claim in enumerate(self.claims))
         model = LinearModel.from_vector(vector[LINEAR])
         return State(model, vector[EARTH], float(vector[GRAVITY]), self.axes, tuple(claims))
+
+
+def bent_by(effect: Effect, force: np.ndarray) -> np.ndarray:
+    """(N, 3, P): what each number of an effect of kind "force" adds to specific force (N, 3) m/s^2."""
+    assert effect.bends is not None
+    return effect.bends(force / G)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +143,8 @@ class Twin:
     def batch_at(self, state: State) -> Batch:
         """The batch with the state's reference attitudes and Earth."""
         batch = self.batch
-        if state.force_bias.any():
-            bent = self._bent(state.force_bias)
+        if state.bends:
+            bent = self._tilted(state.freed(self.force))
             batch = replace(batch, start=bent[self.first], end=bent[self.last])
         if state.earth_t.any():
             (x, y, z), turn = state.earth_t, self._turns
@@ -162,9 +173,9 @@ class Twin:
             found.append(axes[known][np.searchsorted(np.flatnonzero(known), np.arange(len(axes))).clip(0, known.sum() - 1)])
         return found
 
-    def _bent(self, force_bias: np.ndarray) -> np.ndarray:
-        """Attitudes (Q, 4) of the stills from gravity less a bias, each with the yaw that was carried to it."""
-        return closure.nearest_yaw(self.q_tb, rotation.from_gravity(self.force - force_bias))
+    def _tilted(self, force: np.ndarray) -> np.ndarray:
+        """Attitudes (Q, 4) of the stills from forces (Q, 3) m/s^2 in them, each with the yaw that was carried to it."""
+        return closure.nearest_yaw(self.q_tb, rotation.from_gravity(force))
 
     def padded(self, rates: list[np.ndarray]) -> np.ndarray:
         """Rates (N, 3) rad/s of each log as those of the batch, (S, T, 3)."""
@@ -201,7 +212,7 @@ class Twin:
         return self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
 
     def _lengths(self, state: State) -> np.ndarray:
-        return np.linalg.norm(self.force - state.force_bias, axis=1) - state.gravity_mps2
+        return np.linalg.norm(state.freed(self.force), axis=1) - state.gravity_mps2
 
     def sensitivity(self, state: State, rates: list[np.ndarray]) -> np.ndarray:
         """(S, T, d, 3) s."""
@@ -229,9 +240,9 @@ class Twin:
             np.zeros((len(self.segments), self.batch.angles, 1)), np.zeros((len(self.stills), 3, 1)), -np.ones((len(self.stills), 1))
         )
 
-    def force_columns(self, state: State, rates: list[np.ndarray]) -> Channels:
-        """Of the accelerometer's bias."""
-        return self._bending(state, rates, np.broadcast_to(np.eye(3)[:, None], (3, len(self.stills), 3)))
+    def force_columns(self, effect: Effect, state: State, rates: list[np.ndarray]) -> Channels:
+        """Of an effect of kind "force"."""
+        return self._bending(state, rates, np.moveaxis(bent_by(effect, self.force), 2, 0))
 
     def precalibration_columns(self, state: State, rates: list[np.ndarray]) -> Channels:
         """Of the accelerometer's bias (3) and matrix (9), all in m/s^2: the latter as an error at one g."""
@@ -242,20 +253,18 @@ class Twin:
 
     def _bending(self, state: State, rates: list[np.ndarray], patterns: np.ndarray) -> Channels:
         """Columns of P patterns (P, Q, 3) of what is taken off the stills' force, by finite differences of the reference attitudes."""
-        padded = self.padded(rates)
-        bias = state.force_bias
-        base = replace(self.batch_at(state), start=self._bent(bias)[self.first], end=self._bent(bias)[self.last])
+        padded, force, base = self.padded(rates), state.freed(self.force), self.batch_at(state)
 
-        def look(force_bias: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            bent = self._bent(force_bias)
+        def look(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            bent = self._tilted(force)
             batch = replace(base, start=bent[self.first], end=bent[self.last])
             angles = closure.error_angles(closure.residual(closure.end_attitude(batch, padded), batch.end, batch.yaw_known))
-            return angles, np.linalg.norm(self.force - force_bias, axis=1)
+            return angles, np.linalg.norm(force, axis=1)
 
-        here = look(bias)
+        here = look(force)
         columns = []
         for pattern in patterns:
-            moved = look(bias + SMALL_FORCE * pattern)
+            moved = look(force - SMALL_FORCE * pattern)
             columns.append([(there - now) / SMALL_FORCE for there, now in zip(moved, here, strict=True)])
         design, length = (np.stack(part, axis=-1) for part in zip(*columns, strict=True))
         return Channels(design, np.zeros((len(self.stills), 3, len(patterns))), length)
@@ -287,7 +296,7 @@ class Twin:
     def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:
         """Of an effect's parameters: how the residuals change when one is added to what the state corrects."""
         if effect.kind == "force":
-            return self.force_columns(state, rates)
+            return self.force_columns(effect, state, rates)
         if effect.kind == "earth":
             return self.earth_columns()
         if effect.basis is not None:

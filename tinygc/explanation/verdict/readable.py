@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.effects import AppliedEffect, Convention, Effect
+from tinygc.effects import AppliedEffect, Convention, Effect, Parts
 from tinygc.explanation.twin.twin import State
 
 
@@ -25,4 +25,6 @@ def readable(claim: AppliedEffect, covariance: np.ndarray) -> tuple[np.ndarray, 
 def theta_of(effect: Effect, parameters: dict, state: State) -> np.ndarray:
     """theta (P,) SI of an effect with such JSON parameters: the state's own where it holds the effect, which is exact for all."""
     held = next((claim.theta for claim in state.claims if claim.effect.id == effect.id), None)
+    if held is None and isinstance(effect.derived, Parts):
+        return effect.derived.theta(parameters)
     return np.ravel(parameters[effect.parameter.name]) * effect.parameter.si if held is None else held

@@ -10,6 +10,7 @@ from session.common.units import MG
 from tinygc.explanation.pictures.channel_values import lengths_per_still, theta
 from tinygc.explanation.pictures.panels.palette import AFTER, AXES, FLOOR
 from tinygc.explanation.pictures.panels.words import legend, told_value
+from tinygc.explanation.twin.twin import bent_by
 from tinygc.explanation.twin.variable import Variable
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
@@ -43,9 +44,9 @@ def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 def against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """What the bias adds to gravity's length in each attitude."""
+    """What it adds to gravity's length in each attitude."""
     down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
-    says = down @ theta(e, claim) / MG
+    says = np.sum(down * (bent_by(claim.effect, e.twin.force) @ theta(e, claim)), axis=1) / MG
     recorded = says + lengths_per_still(e)[1] / MG
     axes.plot(says, recorded, "o", color=AFTER, ms=4)
     span = [min(says.min(), recorded.min()), max(says.max(), recorded.max())]

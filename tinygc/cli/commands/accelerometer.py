@@ -1,0 +1,47 @@
+"""``accelerometer``: its calibration alone, from gravity's length in the stills, written into a copy of the session."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tinygc.cli.commands._results import output, write_json
+
+SUMMARY = "calibrate the accelerometer alone, from the stills of a session, into a copy of it"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("folder", type=Path, help="session folder; what its session.toml says of the accelerometer is not used")
+    command.add_argument("--out", type=Path, metavar="DIR", help="the copy with [accelerometer] (FOLDER_calibrated); - writes none")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Nine numbers, or as many as the attitudes tell, and a copy that has them."""
+    from dataclasses import replace
+
+    from session.accelerometer.calibrated_copy import write_calibrated_copy
+    from session.accelerometer.from_stills import why_not
+    from session.checks.accelerometer import own_fit
+    from session.common.errors import SegmentError
+    from session.log.config import Accelerometer
+    from session.log.folder import read_session
+    from tinygc.fitting.accelerometer import of_lengths
+    from tinygc.report.accelerometer_text import lengths_page
+
+    session = read_session(args.folder)
+    bare = replace(session, config=replace(session.config, accelerometer=Accelerometer(source="none")))
+    found = own_fit(bare)
+    if found is None:
+        raise SegmentError(f"{args.folder}: no still in which gravity is about 1 g; see `calibrate.py check` for its units")
+    if found.rung is None:
+        raise SegmentError(f"{args.folder}: {why_not(found)}; rest it on all six sides and some edges")
+    table = of_lengths(found)
+    out = args.out or args.folder.resolve().with_name(args.folder.resolve().name + "_calibrated")
+    if str(out) != "-":
+        write_calibrated_copy(args.folder, out, found.accelerometer)
+    output(args).print(lengths_page(session.name, found, table))
+    if str(out) != "-":
+        output(args).print(f"calibrated copy: {out}", soft_wrap=True)
+    write_json(args.json, {"schema": "tinygc-accelerometer/1", "session": session.name, "stills": len(found.before), **table.to_json()})
+    return 0

@@ -73,10 +73,15 @@ def end_attitude(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
 
     NumPy or torch, as ``rate`` is.
     """
+    return rotation.multiply(like(rate, batch.start), turned(batch, rate, integrator))
+
+
+def turned(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
+    """The same from no start (S, 4): by how much the body turns."""
     if isinstance(rate, np.ndarray) and len(rate) > TOGETHER:
-        return np.concatenate([end_attitude(batch.pick(some), rate[some], integrator) for some in _parts(len(rate))])
-    earth, dt, start = (like(rate, x) for x in (batch.earth, batch.dt, batch.start))
-    return rotation.multiply(start, rotation.compose(steps(rate - earth, dt, integrator)))
+        return np.concatenate([turned(batch.pick(some), rate[some], integrator) for some in _parts(len(rate))])
+    earth, dt = (like(rate, x) for x in (batch.earth, batch.dt))
+    return rotation.compose(steps(rate - earth, dt, integrator))
 
 
 def residual(q_pred: Array, q_end: np.ndarray | Array, yaw_known: bool) -> Array:
@@ -110,7 +115,9 @@ def attitudes(batch: Batch, rate: np.ndarray) -> np.ndarray:
     """q_tb (S, T, 4) at every sample, from the start and calibrated rates."""
     running = rotation.accumulate(steps(rate - batch.earth, batch.dt))
     start = batch.start[:, None]
-    return np.concatenate([start, rotation.multiply(start, running)], axis=1)
+    q_tb = np.moveaxis(np.empty((4, *rate.shape[:-1])), 0, -1)  # each component contiguous, as ``rotation.join`` has them
+    q_tb[:, :1], q_tb[:, 1:] = start, rotation.multiply(start, running)
+    return q_tb
 
 
 def sensitivity(batch: Batch, rate: np.ndarray) -> np.ndarray:
@@ -119,11 +126,20 @@ def sensitivity(batch: Batch, rate: np.ndarray) -> np.ndarray:
     phi = sum_k sensitivity_k @ d_omega_k (docs/model.md, first-order sensitivity; in table axes instead of the end's body axes).
     The residual is half of phi, its first two or all three components.
     """
-    found = np.empty((*rate.shape, 3))
-    for some in _parts(len(rate)):
+    return end_and_sensitivity(batch, rate)[1]
+
+
+def end_and_sensitivity(batch: Batch, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``end_attitude`` of the exact integrator (S, 4), and ``sensitivity``: the attitudes along the way give both."""
+    segments, samples = rate.shape[:2]
+    end = np.empty((segments, 4))
+    found = np.empty((segments, 3, 3, samples))  # what sums over the samples finds them side by side
+    for some in _parts(segments):
         part = batch.pick(some)
-        found[some] = rotation.matrix(attitudes(part, rate[some])) * sample_weights(part.dt)[..., None, None]
-    return found
+        q_tb = attitudes(part, rate[some])
+        end[some] = q_tb[:, -1]
+        np.multiply(rotation.matrix(q_tb).transpose(0, 2, 3, 1), sample_weights(part.dt)[:, None, None], out=found[some])
+    return end, found.transpose(0, 3, 1, 2)
 
 
 def _parts(count: int) -> list[slice]:

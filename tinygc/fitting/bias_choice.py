@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from session.common.errors import CalibrationError
 from session.common.units import DEG
+from tinygc.closure.probability import signed_ranks_above
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
@@ -64,7 +64,8 @@ def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, 
     if why:
         return BiasChoice(asked, "ends", {}), problem, run_method("least_squares", problem, options)
     level = with_still_bias(problem)
-    fits = {"ends": run_method("least_squares", problem, options), "stills": run_method("least_squares", level, options)}
+    ends = run_method("least_squares", problem, options)
+    fits = {"ends": ends, "stills": run_method("least_squares", level, options, before={"least_squares": ends})}
     held = {name: fit.held_out for name, fit in fits.items()}
     p_value = less_by_chance(held["ends"], held["stills"])
     used = asked if asked != "auto" else ("stills" if p_value < BETTER_P else "ends")
@@ -80,7 +81,7 @@ def less_by_chance(usual: np.ndarray, other: np.ndarray) -> float:
     less = np.linalg.norm(usual[:, :2], axis=1) - np.linalg.norm(other[:, :2], axis=1)
     if _rms(other) >= _rms(usual) or not less.any():
         return 1.0
-    return float(stats.wilcoxon(less, alternative="greater").pvalue)
+    return signed_ranks_above(less)
 
 
 def _why_not(problem: Problem, options: FitOptions) -> str:

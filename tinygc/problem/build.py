@@ -61,8 +61,10 @@ def build_problem(
     sigma = np.full(int(used.sum()), 1e-3)
     start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
     # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
+    near: LinearModel | None = None
     for _ in range(2):
-        fit = fit_least_squares(chain.pick(used).trimmed(), sigma, start)
+        fit = fit_least_squares(chain.pick(used).trimmed(), sigma, start, begin=near)
+        near = fit.model
         logs, chain = carry_yaw(logs, segments, chain, fit.model)
         earths = _earths(session, logs, fit.model)
         if not use_earth:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
 
 from session.accelerometer.parameters import (
     BIASES,
@@ -31,6 +30,7 @@ from session.common.units import MG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.least_squares import OBSERVED_BELOW
+from tinygc.closure.probability import chi_square_above
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 from tinygc.problem.joint_fit import ACCELEROMETER, COUNT, GRAVITY, GYROSCOPE, JointFit, System, bent
@@ -110,9 +110,10 @@ def _weighed(
     model = LinearModel.from_vector(at[GYROSCOPE])
     rate = model(batch.rate)
     d, rows = batch.angles, len(batch) * batch.angles
-    angles = closure.error_angles(closure.segment_residuals(batch, rate))
+    end, sensitivity = closure.end_and_sensitivity(batch, rate)
+    angles = closure.error_angles(closure.residual(end, batch.end, batch.yaw_known))
     design = np.zeros((rows + len(force), COUNT))
-    design[:rows, GYROSCOPE] = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, :d].reshape(rows, -1)
+    design[:rows, GYROSCOPE] = linear.columns(sensitivity, batch.rate)[:, :d].reshape(rows, -1)
     ends = tilt_columns(batch.start, number, force[first]) - tilt_columns(batch.end, number, force[last])
     design[:rows, ACCELEROMETER] = ends[:, :d].reshape(rows, -1)
     design[rows:, ACCELEROMETER] = length_columns(number, force)
@@ -159,7 +160,7 @@ def _improbable(problem: Problem, prior: np.ndarray) -> float:
     size, axes = np.linalg.eigh(told)
     seen = size > 1e-6
     chi_square = float(np.sum((axes.T @ asked)[seen] ** 2 / (size + size**2)[seen]))
-    return float(stats.chi2.sf(chi_square, int(seen.sum())))
+    return chi_square_above(chi_square, int(seen.sum()))
 
 
 def tilt_columns(q_tb: np.ndarray, x: np.ndarray, force: np.ndarray) -> np.ndarray:

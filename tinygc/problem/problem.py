@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -75,6 +76,13 @@ class Problem:
     def instability(self) -> BiasInstability:
         """Of the gyro's bias: given, typical of the model, or estimated from the stills."""
         return bias_instability_of(self.session.config.sensor, self.logs, self.earths)
+
+    def changed(self, **fields: Any) -> Problem:
+        """Of the same recording, whose bias instability it shares if that is known already."""
+        other = replace(self, **fields)
+        if "instability" in self.__dict__:
+            other.__dict__["instability"] = self.instability
+        return other
 
     @property
     def wander(self) -> BiasWander:

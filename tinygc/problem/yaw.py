@@ -48,7 +48,7 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
     ``chain`` holds all segments, in order, with their ends' tilt (or all three angles, where the table's dials are the reference).
     """
     start, end = chain.start.copy(), chain.end.copy()
-    q_tb = [np.array([rotation.from_gravity(still.accel_mean) for still in log.stills]) for log in logs]
+    q_tb = [rotation.from_gravity(np.array([still.accel_mean for still in log.stills]).reshape(-1, 3)) for log in logs]
     group = [np.zeros(len(log.stills), dtype=int) for log in logs]
     step = rotation.multiply(rotation.conjugate(chain.start), attitudes(chain, model(chain.rate))[:, -1])
     groups, begun = 0, -1

@@ -12,11 +12,10 @@ from functools import cached_property
 from itertools import islice
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotri
 
 from session.common.units import MG
 from tinygc.attitude import rotation
+from tinygc.closure.triangular import solve_lower
 from tinygc.explanation.twin.twin import Twin
 
 #: what a MEMS accelerometer of this class wanders by within minutes; bounds what the length of gravity can tell.  Generous: lengths are
@@ -50,7 +49,7 @@ class Whitener:
 
     def __call__(self, stacked: np.ndarray) -> np.ndarray:
         """Rows of unit variance, uncorrelated."""
-        return solve_triangular(self._factor, stacked[self._rows], lower=True, check_finite=False)
+        return solve_lower(self._factor, stacked[self._rows])
 
     def back(self, whitened: np.ndarray) -> np.ndarray:
         """The stacked channels (n,) or (n, m) that are whitened so."""
@@ -79,11 +78,15 @@ class Whitener:
     @cached_property
     def precision(self) -> np.ndarray:
         """(n, n), the inverse of the covariance."""
+        from scipy.linalg.lapack import dpotri
+
         lower, _ = dpotri(self._factor, lower=True)
         return np.tril(lower) + np.tril(lower, -1).T
 
     def pulled(self, whitened: np.ndarray) -> np.ndarray:
         """The precision times the stacked channels (n,) or (n, m) that are whitened so."""
+        from scipy.linalg import solve_triangular
+
         return solve_triangular(self._factor, whitened, lower=True, trans="T", check_finite=False)
 
     def by_channel(self, whitened: np.ndarray) -> np.ndarray:
@@ -91,7 +94,7 @@ class Whitener:
         stacked = self.back(whitened)
         alone = np.empty_like(stacked)
         for name, part in self.parts.items():
-            alone[part] = solve_triangular(self._own_factors[name], stacked[part], lower=True)
+            alone[part] = solve_lower(self._own_factors[name], stacked[part])
         return alone
 
     @cached_property

@@ -1,4 +1,4 @@
-"""An axis that dies within a log: it reads one value for a second or more while the others move or scatter."""
+"""An axis that dies within a log: it reads one value for a second or more, and twenty readings, while the others move or scatter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from session.common.runs import runs_of
 from session.common.units import DEG, G
 from session.log.logfile import Log
 
-LEAST_S = 1.0
+#: and so many readings: at 2 Hz two equal neighbours are a coarse register, not a second of silence
+LEAST_S, LEAST_READINGS = 1.0, 20
 #: a run at the axis's own extreme may be a turn that clips; beyond this no turn lasts
 CLIPPED_S = 5.0
 #: the body moves where another axis spans this, dps and g, over the middle four fifths of the readings
@@ -17,7 +18,7 @@ MOVES_DPS, MOVES_G = 10.0, 0.1
 #: an axis scatters where fewer neighbours than this are equal
 SCATTERS = 0.6
 #: shorter runs than the least, by as much, are a coarse register's: it has runs of every length, noise has none of these
-COARSE_S, COARSE_RUNS = 0.15, 3
+COARSE_S, COARSE_READINGS, COARSE_RUNS = 0.15, 10, 3
 
 
 def check_dead(log: Log, missing_accel: bool = False) -> list[Finding]:
@@ -49,8 +50,8 @@ def _dead_runs(six: np.ndarray, number: int, absent: np.ndarray, period_s: float
         return []  # stuck throughout: said as such
     starts, stops = runs_of((np.diff(values) == 0) & ~absent[1:])  # of steps: a run of readings is one longer
     lengths = stops - starts + 1
-    long = lengths * period_s >= LEAST_S
-    coarse = ~long & (lengths * period_s >= COARSE_S) & ~np.isin(values[starts], extremes)
+    long = (lengths * period_s >= LEAST_S) & (lengths >= LEAST_READINGS)
+    coarse = ~long & (lengths * period_s >= COARSE_S) & (lengths >= COARSE_READINGS) & ~np.isin(values[starts], extremes)
     if coarse.sum() >= max(COARSE_RUNS, long.sum() / 4):
         return []
     found = []

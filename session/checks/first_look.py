@@ -14,7 +14,8 @@ from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean
 from session.checks.copies import check_copies
 from session.checks.dead import check_dead
 from session.checks.findings import Finding, worst
-from session.checks.samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
+from session.checks.rate import check_rate, check_warming
+from session.checks.samples import check_comments, check_reading, check_registers, check_stamps, check_temperature
 from session.checks.stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
 from session.checks.truth import check_truth
 from session.checks.undersampling import check_undersampling
@@ -41,7 +42,8 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_stamps(log, noise, config.protocol.segment_s),
         *check_registers(log, config.sensor, good, missing_accel),
         *check_dead(log, missing_accel),
-        *check_temperature(log, good),
+        *check_temperature(log, good, config.sensor),
+        *check_warming(log),
     ]
     if session.truths is not None and log in session.logs:
         # Where something better than gravity is the reference, nothing has to be still.
@@ -57,7 +59,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
     return [
         *findings,
         *check_noise(where, noise, config.sensor),
-        *check_zero_rate(where, good, config.sensor.model),
+        *check_zero_rate(where, good, config.sensor),
         *check_gravity(where, good, config, noise),
         *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
         *check_undersampling(log, good, noise, config),

@@ -21,7 +21,6 @@ from session.log.config import Config
 from session.log.samples import Samples
 from session.recording.logwriter import NEW_LOG
 from session.recording.recorder import Recorder
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.stream.events import Chunk, Event, Info, Trouble
 
 SILENT_S = 1.5
@@ -222,10 +221,10 @@ _NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was open
 
 def samples_of(chunk: Chunk, config: Config) -> Samples:
     """Registers as SI, with the accelerometer's pre-calibration."""
-    registers = chunk.registers.astype(float)
+    registers, units = chunk.registers.astype(float), config.sensor.register_units
     return Samples(
         chunk.t_us * 1000,
-        registers[:, 0:3] * gyro_rps_per_lsb(config.sensor.gyro_fs_dps),
-        config.accelerometer.correct(registers[:, 3:6] * accel_mps2_per_lsb(config.sensor.accel_fs_g)),
-        temperature_c(registers[:, 6]),
+        registers[:, 0:3] * units.gyro_rps,
+        config.accelerometer.correct(registers[:, 3:6] * units.accel_mps2),
+        units.temperature_c(registers[:, 6]),
     )

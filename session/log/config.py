@@ -13,6 +13,9 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.units import STANDARD_GRAVITY_MPS2
+from session.sensor.known import DEFAULT, profile_of
+from session.sensor.profile import Profile
+from session.sensor.registers import RegisterUnits
 
 SCHEMA = "tinygc-session/1"
 REFERENCES = ("gravity", "table", "truth")
@@ -33,6 +36,23 @@ class Sensor:
     accel_fs_g: float
     gyro_bias_instability_dph: float | None = None  #: None: typical of the model where it is known, else estimated from the recording
     gyro_noise_mdps_rthz: float | None = None  #: one-sided; None: typical of the model where it is known, else there is no yardstick
+    gyro_mdps_per_lsb: float | None = None  #: of registers, here and below; None: the model's at its full scale
+    accel_mg_per_lsb: float | None = None
+
+    @property
+    def profile(self) -> Profile | None:
+        """What is known of the model; None where it is none that this tool knows."""
+        return profile_of(self.model)
+
+    def typical(self, figure: str) -> tuple[str, float] | None:
+        """Name of the known sensor and its typical figure, of those that its source was read for; None where there is none."""
+        value = None if self.profile is None else self.profile.yardstick(figure)
+        return None if value is None or self.profile is None else (self.profile.name, value)
+
+    @property
+    def register_units(self) -> RegisterUnits:
+        """What its registers mean; asking it raises FormatError where that is not known."""
+        return RegisterUnits(self.model, self.gyro_fs_dps, self.accel_fs_g, self.gyro_mdps_per_lsb, self.accel_mg_per_lsb)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,13 +132,15 @@ def read_config(path: Path) -> Config:
         raise FormatError(f'{path}: schema is {_said(table.get("schema"))}, expected "{SCHEMA}"; is this a session folder of this tool?')
     reader = _Reader(path, table)
     sensor = Sensor(
-        model=reader.text("sensor", "model", "ASM330LHH"),
+        model=reader.text("sensor", "model", DEFAULT),
         serial=reader.text("sensor", "serial", ""),
-        odr_hz=reader.number("sensor", "odr_hz", low=1, high=20000),
+        odr_hz=reader.number("sensor", "odr_hz", low=0.1, high=50000),
         gyro_fs_dps=reader.number("sensor", "gyro_fs_dps", low=1, high=1e5),
         accel_fs_g=reader.number("sensor", "accel_fs_g", low=0.1, high=1000),
         gyro_bias_instability_dph=reader.number("sensor", "gyro_bias_instability_dph", None, low=0, high=1000),
         gyro_noise_mdps_rthz=reader.number("sensor", "gyro_noise_mdps_rthz", None, low=1e-3, high=1000),
+        gyro_mdps_per_lsb=reader.number("sensor", "gyro_mdps_per_lsb", None, low=1e-6, high=1e5),
+        accel_mg_per_lsb=reader.number("sensor", "accel_mg_per_lsb", None, low=1e-6, high=1e5),
     )
     accelerometer = Accelerometer(
         reader.array("accelerometer", "matrix", (3, 3), np.eye(3)),

@@ -10,7 +10,7 @@ import numpy as np
 from session.common.errors import DataError
 from session.log.folder import Session, read_session
 from session.log.samples import Samples
-from session.sensor import registers
+from session.sensor.profile import REGISTER_MAX
 from session.stream.events import Info
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import Recording, simulate_session
@@ -61,10 +61,9 @@ def _rows(recording: Recording) -> np.ndarray:
 
 def _registers(samples: Samples, session: Session) -> np.ndarray:
     sensor = session.config.sensor
-    gyro = samples.gyro / registers.gyro_rps_per_lsb(sensor.gyro_fs_dps)
-    accel = samples.accel / registers.accel_mps2_per_lsb(sensor.accel_fs_g)
-    temp_c = np.full(len(samples), registers.TEMP_AT_ZERO_C) if samples.temp_c is None else samples.temp_c
-    rows = np.rint(np.column_stack([gyro, accel, (temp_c - registers.TEMP_AT_ZERO_C) * registers.TEMP_LSB_PER_C]))
-    if np.abs(rows).max() > registers.REGISTER_MAX + 1:
+    units = sensor.register_units
+    temp = units.temperature_lsb(samples.temp_c, len(samples))
+    rows = np.rint(np.column_stack([samples.gyro / units.gyro_rps, samples.accel / units.accel_mps2, temp]))
+    if np.abs(rows).max() > REGISTER_MAX + 1:
         raise DataError(f"{session.folder}: holds values beyond the registers of {sensor.gyro_fs_dps:g} dps and {sensor.accel_fs_g:g} g")
     return rows.astype(np.int16)

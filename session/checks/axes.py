@@ -139,6 +139,7 @@ def _sensitivities(full_scale_dps: float, profile: Profile | None) -> dict[float
             f"sensitivity: converted with ST's {st:.2f} mdps per LSB; most other sensors have full scale / 32768 = {to_span:.3f}"
         ),
         ST_OVER_FULL_SCALE: (
-            f"sensitivity: converted with full scale / 32768 = {to_span:.3f} mdps per LSB; ST's sensors have {st:.2f}: is sensor.model right?"
+            f"sensitivity: converted with full scale / 32768 = {to_span:.3f} mdps per LSB; "
+            f"ST's sensors have {st:.2f}: is sensor.model right?"
         ),
     }

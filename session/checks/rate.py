@@ -66,12 +66,10 @@ def _counted(log: Log, sensor: Sensor) -> Finding | None:
     said = log.comments.get("stamps") == "counted"
     if not said and (log.in_memory or not _looks_counted(log.samples, sensor.odr_hz)):
         return None
-    rate = f"{sensor.odr_hz:g} Hz as declared"
-    says = (
-        f"{rate}: the log had no stamps, its samples were counted" if said else f"{rate}, and every step exactly so: counted, not measured?"
-    )
+    why = "the log had no stamps, its samples were counted" if said else "and every step exactly so: they look counted, not measured"
+    says = f"{sensor.odr_hz:g} Hz as declared, {why}; the true rate is not known"
     do = "a true rate that differs is a scale error of the same size; log the device's own time"
-    return Finding("note", log.path.name, "sample rate", f"{says}; the true rate is not known", do)
+    return Finding("note", log.path.name, "sample rate", says, do)
 
 
 def _looks_counted(samples: Samples, odr_hz: float) -> bool:

@@ -173,8 +173,8 @@ def check_temperature(log: Log, stills: list[Still], sensor: Sensor) -> list[Fin
     if profile is not None and profile.works_c is not None and (low < profile.works_c[0] or high > profile.works_c[1]):
         says = f"{low:.1f} to {high:.1f} degC; the sensor works from {profile.works_c[0]:g} to {profile.works_c[1]:g}"
         register = profile.thermometer
-        means = "" if register is None else f"{register.lsb_per_c:.6g} LSB per degC, 0 at {register.at_zero_c:.4g} degC: "
-        return [Finding("warning", where, "temperature", says, f"{means}look at the column and its unit")]
+        said = "" if register is None else f"{register.lsb_per_c:.6g} LSB per degC, 0 at {register.at_zero_c:.4g} degC: "
+        return [Finding("warning", where, "temperature", says, f"{said}look at the column and its unit")]
     if np.ptp(temp_c) == 0:
         return [Finding("note", where, "temperature", f"stands at {temp_c[0]:.2f} degC: is the register read?")]
     means = np.array([still.temp_c for still in stills]) if len(stills) > 1 else np.array([low, high])

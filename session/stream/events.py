@@ -21,17 +21,19 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Info:
-    """What the board says of itself.  odr_hz is the true rate; serial is text, in frames a decimal number."""
+    """What the board says of itself.  odr_hz is the true rate; serial is text, in frames a decimal number; sensor: its model, or empty."""
 
     gyro_fs_dps: float
     accel_fs_g: float
     odr_hz: float
     serial: str
+    sensor: str = ""
 
     @property
     def text(self) -> str:
         """As a log's comment says it, without the ``#``."""
-        return f"gyro_fs_dps={self.gyro_fs_dps:g} accel_fs_g={self.accel_fs_g:g} odr_hz={self.odr_hz:.4f} serial={self.serial}"
+        ranges = f"gyro_fs_dps={self.gyro_fs_dps:g} accel_fs_g={self.accel_fs_g:g} odr_hz={self.odr_hz:.4f} serial={self.serial}"
+        return ranges + (f" sensor={self.sensor}" if self.sensor else "")
 
 
 @dataclass(frozen=True)

@@ -88,4 +88,4 @@ def parse_info(comment: str) -> Info | None:
         gyro, accel, odr = numbers = [float(said[name]) for name in ("gyro_fs_dps", "accel_fs_g", "odr_hz")]
     except (KeyError, ValueError):
         return None
-    return Info(gyro, accel, odr, said.get("serial", "")) if all(0 < number < 1e6 for number in numbers) else None
+    return Info(gyro, accel, odr, said.get("serial", ""), said.get("sensor", "")) if all(0 < number < 1e6 for number in numbers) else None

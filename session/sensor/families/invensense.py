@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from session.sensor.profile import Divided, Figure, Profile, Thermometer
 
-GYRO = {fs: 1000 / lsb for fs, lsb in {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}.items()}
-GYRO_FINE = {fs: 1000 / lsb for fs, lsb in {15.625: 2097.2, 31.25: 1048.6, 62.5: 524.3, 125: 262.0}.items()} | GYRO
-ACCEL = {fs: 1000 / lsb for fs, lsb in {2: 16384.0, 4: 8192.0, 8: 4096.0, 16: 2048.0}.items()}
+GYRO: dict[float, float] = {fs: 1000 / lsb for fs, lsb in {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}.items()}
+GYRO_FINE: dict[float, float] = {fs: 1000 / lsb for fs, lsb in {15.625: 2097.2, 31.25: 1048.6, 62.5: 524.3, 125: 262.0}.items()} | GYRO
+ACCEL: dict[float, float] = {fs: 1000 / lsb for fs, lsb in {2: 16384.0, 4: 8192.0, 8: 4096.0, 16: 2048.0}.items()}
 #: reads -521 at 35 degC
 MPU_6050_THERMOMETER = Thermometer(340.0, 35.0 + 521 / 340)
 MPU_9250_THERMOMETER = Thermometer(333.87, 21.0)

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from session.sensor.profile import Figure, Profile, Thermometer
 
-GYRO = {125: 4.375, 250: 8.75, 500: 17.5, 1000: 35.0, 2000: 70.0}
-GYRO_4000 = GYRO | {4000: 140.0}
-ACCEL = {2: 0.061, 4: 0.122, 8: 0.244, 16: 0.488}
+GYRO: dict[float, float] = {125: 4.375, 250: 8.75, 500: 17.5, 1000: 35.0, 2000: 70.0}
+GYRO_4000: dict[float, float] = GYRO | {4000: 140.0}
+ACCEL: dict[float, float] = {2: 0.061, 4: 0.122, 8: 0.244, 16: 0.488}
 FINE, COARSE = Thermometer(256.0, 25.0), Thermometer(16.0, 25.0)
 ODR_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0, 1667.0, 3333.0, 6667.0)
 INDUSTRIAL_C, CONSUMER_C = (-40.0, 105.0), (-40.0, 85.0)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from session.log.config import Accelerometer, Config
 from session.common.errors import FormatError
+from session.log.config import Accelerometer, Config
 from session.sensor.known import DEFAULT
 from session.sensor.profile import Thermometer
 from session.sensor.registers import RegisterUnits

@@ -10,7 +10,7 @@ from session.detect.stills import Still
 from session.detect.tilt import AxesAgreement, agreement
 from session.log.config import Config, Sensor
 from session.log.samples import Samples
-from session.sensor.profile import Profile
+from session.sensor.profiles.profile import Profile
 
 CLEARLY = 0.5  #: another order of axes must halve what is unexplained
 EXPLAINED = 0.5  #: of gravity's movement, or nothing is said of axes

@@ -34,9 +34,7 @@ def check_rate(log: Log, sensor: Sensor) -> list[Finding]:
     where, true_hz = log.path.name, pace_of(log.samples.t_ns).rate_hz
     if (wrong := unit_factor(true_hz, sensor.odr_hz)) is not None:
         return [_wrong_unit(where, true_hz, sensor, wrong)]
-    if (counted := _counted(log, sensor)) is not None:
-        return [counted]
-    findings = [_against_declared(where, true_hz, sensor)]
+    findings = [_counted(log, sensor) or _against_declared(where, true_hz, sensor)]
     said_hz = _number(log.comments.get("odr_hz"))
     if said_hz and abs(off := true_hz / said_hz - 1) > ODR_CLOCKS:
         says = f"{true_hz:.2f} Hz by the stamps, odr_hz={said_hz:g} by the log's own comment ({off:+.1%}, bar {ODR_CLOCKS:.1%})"
@@ -73,7 +71,7 @@ def _counted(log: Log, sensor: Sensor) -> Finding | None:
 
 
 def _looks_counted(samples: Samples, odr_hz: float) -> bool:
-    if len(samples) < LEAST_COUNTED:
+    if len(samples) < LEAST_COUNTED or abs(samples.period_s * odr_hz - 1) > COUNTED_WITHIN:
         return False
     periods = (samples.t_ns - samples.t_ns[0]) * (odr_hz * 1e-9)
     return bool(np.abs(periods - np.rint(periods)).max() <= COUNTED_WITHIN)

@@ -9,7 +9,7 @@ import numpy as np
 
 from session.common.runs import runs_of
 from session.log.config import Sensor
-from session.sensor.profile import REGISTER_MAX, REGISTER_SPAN
+from session.sensor.profiles.profile import REGISTER_MAX, REGISTER_SPAN
 
 FALSE_ALARM = 1e-4  #: chance that an extreme of pure noise is taken for a plateau
 LEAST_RUN = 4

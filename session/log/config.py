@@ -14,11 +14,13 @@ import numpy as np
 from session.common.errors import FormatError
 from session.common.units import STANDARD_GRAVITY_MPS2
 from session.sensor.known import DEFAULT, profile_of
-from session.sensor.profile import Profile
+from session.sensor.profiles.profile import Profile
 from session.sensor.registers import RegisterUnits
 
 SCHEMA = "tinygc-session/1"
 REFERENCES = ("gravity", "table", "truth")
+#: keys of a sensor whose registers are not this tool's to know
+OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
 
 
 #: of a field that no key of session.toml gives
@@ -38,6 +40,8 @@ class Sensor:
     gyro_noise_mdps_rthz: float | None = None  #: one-sided; None: typical of the model where it is known, else there is no yardstick
     gyro_mdps_per_lsb: float | None = None  #: of registers, here and below; None: the model's at its full scale
     accel_mg_per_lsb: float | None = None
+    temp_lsb_per_c: float | None = None
+    temp_at_zero_c: float | None = None
 
     @property
     def profile(self) -> Profile | None:
@@ -52,7 +56,12 @@ class Sensor:
     @property
     def register_units(self) -> RegisterUnits:
         """What its registers mean; asking it raises FormatError where that is not known."""
-        return RegisterUnits(self.model, self.gyro_fs_dps, self.accel_fs_g, self.gyro_mdps_per_lsb, self.accel_mg_per_lsb)
+        return RegisterUnits(self.model, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
+
+    @property
+    def own_units(self) -> dict[str, float | None]:
+        """What session.toml itself says of its registers, by the names of its keys."""
+        return {name: getattr(self, name) for name in OWN_UNITS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +150,8 @@ def read_config(path: Path) -> Config:
         gyro_noise_mdps_rthz=reader.number("sensor", "gyro_noise_mdps_rthz", None, low=1e-3, high=1000),
         gyro_mdps_per_lsb=reader.number("sensor", "gyro_mdps_per_lsb", None, low=1e-6, high=1e5),
         accel_mg_per_lsb=reader.number("sensor", "accel_mg_per_lsb", None, low=1e-6, high=1e5),
+        temp_lsb_per_c=reader.number("sensor", "temp_lsb_per_c", None, low=1e-3, high=1e5),
+        temp_at_zero_c=reader.number("sensor", "temp_at_zero_c", None, low=-300, high=300),
     )
     accelerometer = Accelerometer(
         reader.array("accelerometer", "matrix", (3, 3), np.eye(3)),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import CalibrationError, StorageError
-from session.log.config import SCHEMA, Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.log.config import OWN_UNITS, SCHEMA, Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.sensor.known import DEFAULT, profile_of
 from session.stream.events import Info
 
@@ -19,7 +19,7 @@ NAME = "session.toml"
 ASSUMED = f"nothing names the sensor: its registers are read as an {DEFAULT}'s; --sensor NAME for another (`calibrate.py sensors`)"
 NOMINAL_WITHIN = 0.2  #: INTERNAL_FREQ_FINE reaches so far
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
-OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", "gyro_mdps_per_lsb", "accel_mg_per_lsb")
+OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", *OWN_UNITS)
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
 

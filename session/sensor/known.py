@@ -6,8 +6,8 @@ import re
 from difflib import get_close_matches
 from functools import lru_cache
 
-from session.sensor.families import invensense, others, st
-from session.sensor.profile import Profile
+from session.sensor.profiles import invensense, others, st
+from session.sensor.profiles.profile import Profile
 
 PROFILES: tuple[Profile, ...] = (*st.PROFILES, *invensense.PROFILES, *others.PROFILES)
 #: what registers are where nobody names the sensor (docs/formats.md)

@@ -1,4 +1,4 @@
-"""What a sensor's registers mean: rad/s, m/s^2 and degC per count, by its model (``families``) or by its data sheet's numbers."""
+"""What a sensor's registers mean: rad/s, m/s^2 and degC per count, by its model (``profiles``) or by its data sheet's numbers."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from session.common.errors import FormatError
 from session.common.units import MDPS, MG
 from session.sensor.known import DEFAULT, nearest_name, profile_of
-from session.sensor.profile import REGISTER_MAX, REGISTER_SPAN, Profile, Thermometer
+from session.sensor.profiles.profile import REGISTER_MAX, REGISTER_SPAN, Profile, Thermometer
 
 __all__ = ["REGISTER_MAX", "RegisterUnits", "accel_mps2_per_lsb", "gyro_rps_per_lsb", "require_profile", "temperature_c"]
 
 
 @dataclass(frozen=True)
 class RegisterUnits:
-    """Of a model at its full scales, dps and g, or as its data sheet says (mdps and mg per LSB).
+    """Of a model at its full scales, dps and g, or as its data sheet says (mdps and mg per LSB, LSB per degC, degC where 0 is read).
 
     The properties raise FormatError: a model or full scale that is not known, each only where it is asked for.
     """
@@ -27,6 +27,8 @@ class RegisterUnits:
     fs_g: float | None
     gyro_mdps_per_lsb: float | None = None
     accel_mg_per_lsb: float | None = None
+    temp_lsb_per_c: float | None = None
+    temp_at_zero_c: float | None = None
 
     @property
     def gyro_rps(self) -> float:
@@ -47,6 +49,8 @@ class RegisterUnits:
     @property
     def thermometer(self) -> Thermometer | None:
         """None where the temperature register's meaning is not known."""
+        if self.temp_lsb_per_c is not None:
+            return Thermometer(self.temp_lsb_per_c, self.temp_at_zero_c or 0.0)
         profile = profile_of(self.model)
         return None if profile is None else profile.thermometer
 

@@ -7,8 +7,8 @@ import gzip
 import itertools
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -23,7 +23,7 @@ from session.dialects.reader import Reader
 from session.dialects.stamps import counted
 from session.files.fixed_point import rows
 from session.files.results import read_json, whole
-from session.log.config import Accelerometer, read_config
+from session.log.config import OWN_UNITS, Accelerometer, read_config
 from session.sensor.known import DEFAULT
 from session.sensor.registers import RegisterUnits
 from tinygc import models
@@ -116,8 +116,7 @@ class _Surroundings:
     accel_fs_g: float | None = None
     accelerometer: Accelerometer | None = None
     model: str | None = None  #: of the sensor
-    gyro_mdps_per_lsb: float | None = None
-    accel_mg_per_lsb: float | None = None
+    own_units: Mapping[str, float | None] = field(default_factory=dict)  #: of its registers
 
 
 def _surroundings(model_path: Path, log: Path, session: Path | None) -> _Surroundings:
@@ -127,8 +126,7 @@ def _surroundings(model_path: Path, log: Path, session: Path | None) -> _Surroun
         config = read_config(folder / "session.toml")
         known = config.accelerometer if config.accelerometer.source != "none" else of_model.accelerometer
         sensor = config.sensor
-        own = (sensor.gyro_mdps_per_lsb, sensor.accel_mg_per_lsb)
-        return _Surroundings(sensor.gyro_fs_dps, sensor.accel_fs_g, known, sensor.model, *own)
+        return _Surroundings(sensor.gyro_fs_dps, sensor.accel_fs_g, known, sensor.model, sensor.own_units)
     return of_model
 
 
@@ -139,8 +137,8 @@ def _of_model(model_path: Path) -> _Surroundings:
         matrix, bias = (np.array(accelerometer[key], dtype=float) for key in ("matrix", "bias_mps2"))
         before = Accelerometer(matrix.reshape(3, 3), bias.reshape(3))
         model = sensor.get("model")
-        own = [None if sensor.get(key) is None else float(sensor[key]) for key in ("gyro_mdps_per_lsb", "accel_mg_per_lsb")]
-        return _Surroundings(float(sensor["gyro_fs_dps"]), float(sensor["accel_fs_g"]), before, model if model else None, *own)
+        own = {key: float(sensor[key]) for key in OWN_UNITS if sensor.get(key) is not None}
+        return _Surroundings(float(sensor["gyro_fs_dps"]), float(sensor["accel_fs_g"]), before, model if model else None, own)
     except (AttributeError, KeyError, TypeError, ValueError):
         return _Surroundings()
 
@@ -201,8 +199,8 @@ def _register_units(reader: Reader, answers: Answers, known: _Surroundings) -> R
     for kind, full_scale, option in (("gyro", answers.gyro_fs_dps, "--gyro-fs"), ("accel", answers.accel_fs_g, "--accel-fs")):
         if (triad := getattr(reader.layout, kind)) is not None and triad.unit.si is None and full_scale is None:
             raise FormatError(f"{reader.path.name} holds registers and does not say the full scale; give {option}, or --session DIR")
-    own = (known.gyro_mdps_per_lsb, known.accel_mg_per_lsb) if answers.sensor == known.model else (None, None)
-    return RegisterUnits(answers.sensor or DEFAULT, answers.gyro_fs_dps, answers.accel_fs_g, *own)
+    own = known.own_units if answers.sensor == known.model else {}
+    return RegisterUnits(answers.sensor or DEFAULT, answers.gyro_fs_dps, answers.accel_fs_g, **own)
 
 
 def _rate(first: Applicable) -> float:

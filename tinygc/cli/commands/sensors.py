@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from tinygc.cli.commands._results import output, write_json
 
 if TYPE_CHECKING:
-    from session.sensor.profile import Figure, Profile
+    from session.sensor.profiles.profile import Figure, Profile
 
 SUMMARY = "list the sensors that are known, or all that is known of one"
 #: of each figure: its name for a person, and its unit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from session.common.errors import FormatError
 from session.log.config import Accelerometer, Config
 from session.sensor.known import DEFAULT
-from session.sensor.profile import Thermometer
+from session.sensor.profiles.profile import Thermometer
 from session.sensor.registers import RegisterUnits
 from tinygc.deploy.embedded.affine import affine, table
 from tinygc.deploy.embedded.stage import Inputs, single
@@ -18,22 +19,20 @@ from tinygc.deploy.embedded.stage import Inputs, single
 @dataclass(frozen=True, eq=False)
 class Registers:
     """gyro_fs_dps and accel_fs_g of the sensor, its true or nominal odr_hz, the accelerometer's pre-calibration, what its registers mean;
-    model: its name."""
+    model: its name; own_units: as in session.toml."""
 
     gyro_fs_dps: float = 500
     accel_fs_g: float = 4
     odr_hz: float = 208.0
     accelerometer: Accelerometer = field(default_factory=Accelerometer)
     model: str = DEFAULT
-    gyro_mdps_per_lsb: float | None = None
-    accel_mg_per_lsb: float | None = None
+    own_units: Mapping[str, float | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, config: Config) -> Registers | None:
         """Of a session; None where it is not known what all of its sensor's registers mean."""
         sensor = config.sensor
-        own = (sensor.gyro_mdps_per_lsb, sensor.accel_mg_per_lsb)
-        registers = cls(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.odr_hz, config.accelerometer, sensor.model, *own)
+        registers = cls(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.odr_hz, config.accelerometer, sensor.model, sensor.own_units)
         try:
             return registers if registers.units.gyro_rps and registers.units.accel_mps2 and registers.units.thermometer else None
         except FormatError:
@@ -42,7 +41,7 @@ class Registers:
     @property
     def units(self) -> RegisterUnits:
         """Per LSB, SI."""
-        return RegisterUnits(self.model, self.gyro_fs_dps, self.accel_fs_g, self.gyro_mdps_per_lsb, self.accel_mg_per_lsb)
+        return RegisterUnits(self.model, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
 
     @property
     def thermometer(self) -> Thermometer:

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import DataError
+from session.log.config import Sensor
 from session.log.folder import Session, read_session
 from session.log.samples import Samples
-from session.sensor.profile import REGISTER_MAX
+from session.sensor.profiles.profile import REGISTER_MAX
 from session.stream.events import Info
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import Recording, simulate_session
@@ -41,7 +42,7 @@ def simulated(options: SimulationOptions) -> Source:
 
     simulation = simulate_session(options)
     parts = [part for part in (simulation.log, simulation.closure) if part is not None]
-    info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.seed))
+    info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.seed), options.sensor)
     return Source(np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False))
 
 
@@ -51,8 +52,13 @@ def recorded(folder: Path) -> Source:
     logs = [log.samples for log in (*session.logs, *session.closures)]
     sensor = session.config.sensor
     odr_hz = (len(logs[0]) - 1) / logs[0].duration_s
-    info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial)
+    info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial, _word(sensor))
     return Source(np.concatenate([_registers(samples, session) for samples in logs]), info, (folder / "session.toml").read_text("utf-8"))
+
+
+def _word(sensor: Sensor) -> str:
+    """The model as one word of a comment; empty where it is none that is known."""
+    return "" if sensor.profile is None else sensor.profile.name
 
 
 def _rows(recording: Recording) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from session.sensor.profile import REGISTER_SPAN, Figure, Profile, Thermometer
+from session.sensor.profiles.profile import REGISTER_SPAN, Figure, Profile, Thermometer
 
 WORKS_C = (-40.0, 85.0)
 

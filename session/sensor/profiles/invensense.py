@@ -5,7 +5,7 @@ Their sensitivities are rounded in the data sheets, 16.4 LSB per dps for 32768 /
 
 from __future__ import annotations
 
-from session.sensor.profile import Divided, Figure, Profile, Thermometer
+from session.sensor.profiles.profile import Divided, Figure, Profile, Thermometer
 
 GYRO: dict[float, float] = {fs: 1000 / lsb for fs, lsb in {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}.items()}
 GYRO_FINE: dict[float, float] = {fs: 1000 / lsb for fs, lsb in {15.625: 2097.2, 31.25: 1048.6, 62.5: 524.3, 125: 262.0}.items()} | GYRO

@@ -5,7 +5,7 @@ Their registers go further than the full scale: 32767 counts of 17.5 mdps are 57
 
 from __future__ import annotations
 
-from session.sensor.profile import Figure, Profile, Thermometer
+from session.sensor.profiles.profile import Figure, Profile, Thermometer
 
 GYRO: dict[float, float] = {125: 4.375, 250: 8.75, 500: 17.5, 1000: 35.0, 2000: 70.0}
 GYRO_4000: dict[float, float] = GYRO | {4000: 140.0}

@@ -15,6 +15,7 @@ from typing import Protocol as Interface
 import numpy as np
 
 from session.common.errors import CalibrationError, DataError, StorageError
+from session.dialects.units import WORDS
 from session.guide.guide import Guide
 from session.guide.messages import AcceptedTurn, Advice, Change, Kind, Stage
 from session.log.config import Config
@@ -211,7 +212,8 @@ def _joined(events: Iterable[Event]) -> Iterator[Event]:
     for are_chunks, group in groupby(events, lambda event: isinstance(event, Chunk)):
         if are_chunks:
             chunks = [event for event in group if isinstance(event, Chunk)]
-            yield Chunk(np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks]))
+            t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("t_us", "registers"))
+            yield Chunk(t_us, registers, chunks[0].form)
         else:
             yield from group
 
@@ -220,8 +222,12 @@ _NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was open
 
 
 def samples_of(chunk: Chunk, config: Config) -> Samples:
-    """Registers as SI, with the accelerometer's pre-calibration."""
+    """Registers or physical units as SI, with the accelerometer's pre-calibration."""
     registers, units = chunk.registers.astype(float), config.sensor.register_units
+    if chunk.form.physical:
+        gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
+        temp_c = registers[:, 6] if chunk.form.has_temperature else None
+        return Samples(chunk.t_us * 1000, registers[:, 0:3] * gyro, config.accelerometer.correct(registers[:, 3:6] * accel), temp_c)
     return Samples(
         chunk.t_us * 1000,
         registers[:, 0:3] * units.gyro_rps,

@@ -56,7 +56,7 @@ class Sensor:
     @property
     def register_units(self) -> RegisterUnits:
         """What its registers mean; asking it raises FormatError where that is not known."""
-        return RegisterUnits(self.model, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
+        return RegisterUnits(self.model or DEFAULT, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
 
     @property
     def own_units(self) -> dict[str, float | None]:

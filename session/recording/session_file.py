@@ -15,6 +15,8 @@ from session.sensor.known import DEFAULT, profile_of
 from session.stream.events import Info
 
 NAME = "session.toml"
+#: what it says where nobody names the sensor of numbers in physical units
+UNKNOWN = "unknown"
 #: what is said of registers whose sensor nobody names
 ASSUMED = f"nothing names the sensor: its registers are read as an {DEFAULT}'s; --sensor NAME for another (`calibrate.py sensors`)"
 NOMINAL_WITHIN = 0.2  #: INTERNAL_FREQ_FINE reaches so far
@@ -46,7 +48,7 @@ class SessionFile:
         if like is not None and like.is_dir():
             like = like / NAME
         self._like = read_config(like) if like is not None else None
-        self._written = False
+        self._info: Info | None = None  # the last that the board has said
         if self._own is not None:
             self._require_agreement(self._own.sensor, self._said, "the command line")
             self._require_model(self._own.sensor.model, sensor, "--sensor")
@@ -57,8 +59,9 @@ class SessionFile:
         known = self._own or self._like
         return known.protocol if known else Protocol()
 
-    def configure(self, info: Info | None, waited_s: float = 0.0) -> Config | None:
-        """The configuration, and the file written; None while not enough is known.  waited_s: seconds of samples without an info.
+    def configure(self, info: Info | None, waited_s: float = 0.0, physical: bool | None = False) -> Config | None:
+        """The configuration, and the file written; None while not enough is known.  waited_s: seconds of samples without an info;
+        physical: whether the samples are in physical units, None while there are none.
 
         CalibrationError where the board contradicts the file or the command line; StorageError where it cannot be written.
         """
@@ -70,8 +73,9 @@ class SessionFile:
             for name, value in said.items():
                 if self._said[name] not in (None, value):
                     raise CalibrationError(f"the board says {name} = {value:g}, {FLAGS[name]} says {self._said[name]:g}: leave it out")
+        self._info = info = info or self._info
         if self._own is None:
-            sensor = self._sensor(info, waited_s)
+            sensor = None if physical is None else self._sensor(info, waited_s, physical)
             if sensor is None:
                 return None
             known = self._like or Config(sensor, Accelerometer(source="none"), Site(), Protocol())
@@ -79,7 +83,7 @@ class SessionFile:
             self._write(self._own)
         return self._own
 
-    def _sensor(self, info: Info | None, waited_s: float) -> Sensor | None:
+    def _sensor(self, info: Info | None, waited_s: float, physical: bool) -> Sensor | None:
         said = dict(self._said)
         if info is not None:
             said = {name: value if value is not None else getattr(info, name) for name, value in said.items()}
@@ -90,7 +94,7 @@ class SessionFile:
             return None
         serial, like = (info.serial if info else ""), self._like.sensor if self._like is not None else None
         model = self._model or (info.sensor if info else "") or (like.model if like is not None else "")
-        self.assumed, model = not model, model or DEFAULT
+        self.assumed, model = not (model or physical), model or (UNKNOWN if physical else DEFAULT)
         nominal = nominal_hz(odr_hz, model)
         if like is not None and _same_model(like.model, model):
             return replace(like, serial=serial, odr_hz=nominal, gyro_fs_dps=gyro_fs_dps, accel_fs_g=accel_fs_g)

@@ -22,8 +22,9 @@ from session.files.writing import naming
 from session.log.config import Sensor, read_config
 from session.log.folder import log_paths
 from session.log.logfile import read_log
+from session.recording.session_file import UNKNOWN
 from session.replay.join import Joined, join
-from session.replay.whose import UNKNOWN, with_sensor
+from session.replay.whose import with_sensor
 from session.sensor.known import profile_of
 
 #: what a stamp in us leaves behind

@@ -30,6 +30,7 @@ def convert_raw(
     gyro_fs_dps: float | None = None,
     accel_fs_g: float | None = None,
     sensor: str | None = None,
+    header: str | None = None,
 ) -> Converted:
     """Make a session folder of a raw file; session.toml is the one beside it, or what the board and the arguments say.
 
@@ -40,7 +41,7 @@ def convert_raw(
     if not raw_path.is_file():
         raise FormatError(f"{raw_path}: not found")
     missing = [path for path in (out, *out.parents) if not path.exists()]
-    decoder, logs = StreamDecoder(), LogWriter(out)
+    decoder, logs = StreamDecoder(header), LogWriter(out)
     try:
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -55,7 +56,7 @@ def convert_raw(
                 f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line)"
             )
         with naming(out):
-            assumed = _configure(raw_path, out, decoder, odr_hz, gyro_fs_dps, accel_fs_g, sensor)
+            assumed = _configure(raw_path, out, decoder, bool(logs.physical), odr_hz, gyro_fs_dps, accel_fs_g, sensor)
     except (CalibrationError, OSError):
         for path in [*logs.paths, out / NAME]:
             path.unlink(missing_ok=True)
@@ -81,6 +82,7 @@ def _configure(
     raw_path: Path,
     out: Path,
     decoder: StreamDecoder,
+    physical: bool,
     odr_hz: float | None,
     gyro_fs_dps: float | None,
     accel_fs_g: float | None,
@@ -93,6 +95,6 @@ def _configure(
         return False
     rate_hz = odr_hz or (None if decoder.info else decoder.measured_odr_hz)
     file = SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g, sensor)
-    if file.configure(decoder.info, PATIENCE_S) is None:
+    if file.configure(decoder.info, PATIENCE_S, physical) is None:
         raise FormatError(f"{raw_path}: the board does not say its ranges, and no {NAME} lies beside it; give --gyro-fs DPS --accel-fs G")
     return file.assumed

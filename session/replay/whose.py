@@ -12,9 +12,6 @@ from session.recording.session_file import ASSUMED
 from session.sensor.known import DEFAULT, nearest_name, profile_of
 from session.sensor.registers import require_profile
 
-#: what session.toml says where nobody names the sensor of a log in physical units
-UNKNOWN = "unknown"
-
 
 def with_sensor(readers: list[Reader], answers: Answers) -> tuple[Answers, list[str]]:
     """The answers with the sensor, and notes: registers must be some sensor's, numbers in physical units may be anyone's.

@@ -6,14 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.stream.form import REGISTERS, Form
+
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
     """Consecutive samples.  t_us (n,) int64, device time, increasing, its 32 bits unrolled; registers (n, 7) int16,
-    gx gy gz ax ay az temp."""
+    gx gy gz ax ay az temp, or, of a form in physical units, numbers (n, 6 or 7) float64."""
 
     t_us: np.ndarray
     registers: np.ndarray
+    form: Form = REGISTERS
 
     def __len__(self) -> int:
         return len(self.t_us)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import count, positive
+from tinygc.cli.arguments import count, positive, stream_header
 from tinygc.cli.commands._interruption import Interruption
 from tinygc.cli.commands._results import output, write_json
 
@@ -33,6 +33,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
     command.add_argument("--like", type=Path, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
     command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (calibrate.py sensors)")
+    command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
     command.add_argument("--odr", type=positive, metavar="HZ", help="data rate, where the board does not say")
     command.add_argument("--gyro-fs", dest="gyro_fs_dps", type=positive, metavar="DPS", help="full scale, where the board does not say")
     command.add_argument("--accel-fs", dest="accel_fs_g", type=positive, metavar="G", help="full scale, where the board does not say")
@@ -56,11 +57,12 @@ def run(args: argparse.Namespace) -> int:
     _say_what_was_asked(args, folder)
     interrupted = False
     with Interruption() as wanted:
-        recorder = Recorder(folder, port, args.baud)
+        recorder = Recorder(folder, port, args.baud, args.header)
         guide = Guide(session_file.protocol, args.segments, args.stop_at_target)
         try:
             with _view(args, f"{folder} · {port}") as view:
-                GuidedRecording(guide, recorder, session_file.configure, None if args.no_coach else _coach(), view).lead(wanted)
+                configure = lambda info, waited_s: session_file.configure(info, waited_s, recorder.logs.physical)  # noqa: E731
+                GuidedRecording(guide, recorder, configure, None if args.no_coach else _coach(), view).lead(wanted)
         except KeyboardInterrupt:
             interrupted = True
         except CalibrationError as error:

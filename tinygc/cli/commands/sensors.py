@@ -103,6 +103,7 @@ def _table(profile: Profile) -> dict:
         "temp_at_zero_c": None if thermometer is None else thermometer.at_zero_c,
         "odr_hz": list(profile.odr_hz),
         "divided": [asdict(one) for one in profile.divided],
+        "clock_within": None if profile.clock_within is None else asdict(profile.clock_within),
         "works_c": None if profile.works_c is None else list(profile.works_c),
         "figures": {name: asdict(figure) for name, figure in profile.figures.items()},
     }

@@ -24,7 +24,8 @@ def tables() -> str:
         *(_units(profile) for profile in PROFILES),
     ]
     figures = [
-        "| sensor | data rates, Hz | gyroscope noise, mdps/√Hz | accelerometer noise, µg/√Hz | bias instability, °/h | zero rate, at most, dps | works, °C |",
+        "| sensor | data rates, Hz | gyroscope noise, mdps/√Hz | accelerometer noise, µg/√Hz | bias instability, °/h "
+        "| zero rate, at most, dps | works, °C |",
         "| --- | --- | --- | --- | --- | --- | --- |",
         *(_figures(profile) for profile in PROFILES),
     ]

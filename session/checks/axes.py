@@ -110,7 +110,8 @@ def _mistakes(sensor: Sensor, raw: bool) -> dict[float, str]:
     mistakes = {
         DEG: "the rates are in deg/s, but are read as rad/s: name the columns gx_dps, gy_dps, gz_dps",
         1 / DEG: "the rates are in rad/s, but are read as dps: name the columns gx_rps, gy_rps, gz_rps",
-        1e-3: "the rates are in mdps: divide by 1000",
+        1e-3: "the rates are in mdps: divide by 1000; or time runs 1000 times too slowly: is it ns that are read as us?",
+        1e3: "time runs 1000 times too fast: is it us that are read as ns? or the rates are 1000 times too small",
     }
     mistakes |= _sensitivities(full_scale_dps, profile)
     for power in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5):

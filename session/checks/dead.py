@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from math import erf, exp, pi, sqrt
+from statistics import NormalDist
+
 import numpy as np
 
 from session.checks.findings import Finding
@@ -15,8 +18,11 @@ LEAST_S, LEAST_READINGS = 1.0, 20
 CLIPPED_S = 5.0
 #: the body moves where another axis spans this, dps and g, over the middle four fifths of the readings
 MOVES_DPS, MOVES_G = 10.0, 0.1
-#: an axis scatters where fewer neighbours than this are equal
+#: an axis scatters where fewer neighbours than this are equal; of a short run fewer (``_scatter_bar``)
 SCATTERS = 0.6
+#: chance that an axis whose noise is the others' stays in one step of its register for a whole run; from so many readings on, a body
+#: that moves is enough
+BY_CHANCE, MANY = 1e-5, 60
 #: shorter runs than the least, by as much, are a coarse register's: it has runs of every length, noise has none of these
 COARSE_S, COARSE_READINGS, COARSE_RUNS = 0.15, 10, 3
 
@@ -58,7 +64,7 @@ def _dead_runs(six: np.ndarray, number: int, absent: np.ndarray, period_s: float
     for start, length in zip(starts[long].tolist(), lengths[long].tolist(), strict=True):
         run = six[start : start + length]
         clips = values[start] in extremes and length * period_s <= CLIPPED_S
-        if not clips and (_others_move(run, number) or (not coarse.any() and _others_scatter(run, number))):
+        if not clips and ((length >= MANY and _others_move(run, number)) or (not coarse.any() and _others_scatter(run, number))):
             found.append((start, start + length))
     return found
 
@@ -73,4 +79,16 @@ def _others_scatter(run: np.ndarray, number: int) -> bool:
     """Both other axes of the same sensor."""
     first = number - number % 3
     others = [other for other in range(first, first + 3) if other != number]
-    return bool(((np.diff(run[:, others], axis=0) == 0).mean(axis=0) < SCATTERS).all())
+    return bool(((np.diff(run[:, others], axis=0) == 0).mean(axis=0) < _scatter_bar(len(run))).all())
+
+
+def _scatter_bar(length: int) -> float:
+    """Share of equal neighbours below which noise leaves one step of a register within so many readings.
+
+    A slow sensor's noise may be smaller than its step: it then stays in one for long.  sigma, in steps, is that at which ``length``
+    readings stay within half a step of the middle by ``BY_CHANCE``; the share is what it makes of equal neighbours, over all places
+    of the mean within a step.
+    """
+    sigma = 0.5 / NormalDist().inv_cdf((1 + BY_CHANCE ** (1 / length)) / 2)
+    share = erf(1 / (2 * sigma)) - 2 * sigma / sqrt(pi) * (1 - exp(-1 / (4 * sigma**2)))
+    return min(SCATTERS, share)

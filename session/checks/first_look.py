@@ -14,7 +14,7 @@ from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean
 from session.checks.copies import check_copies
 from session.checks.dead import check_dead
 from session.checks.findings import Finding, worst
-from session.checks.rate import check_rate, check_warming
+from session.checks.rate import check_length, check_rate, check_warming
 from session.checks.samples import check_comments, check_reading, check_registers, check_stamps, check_temperature
 from session.checks.stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
 from session.checks.truth import check_truth
@@ -49,6 +49,8 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         # Where something better than gravity is the reference, nothing has to be still.
         return findings + check_truth(log, session.truths[session.logs.index(log)], config)
     ceiling = find_ceiling(log.samples.gyro)
+    if not good:
+        findings += check_length(log, config.protocol.segment_s)
     if not good and ceiling is not None:
         return [*findings, ceiling_finding(log, config.sensor, ceiling, good)]
     findings += check_stills(where, stills)

@@ -104,6 +104,15 @@ def check_warming(log: Log) -> list[Finding]:
     return [Finding("warning", log.path.name, "time unit", says, "is the time column's unit right (us read as ns)? is the temperature's?")]
 
 
+def check_length(log: Log, segment_s: float) -> list[Finding]:
+    """A log in which nothing rests, and which is over before one segment could be: time may be in another unit."""
+    lasts_s = log.samples.duration_s
+    if lasts_s >= segment_s:
+        return []
+    says = f"all {len(log.samples)} samples lie within {lasts_s:.3g} s, less than one segment of {segment_s:g} s"
+    return [Finding("error", log.path.name, "time unit", says, "is the time column's unit right (us read as ns)? else record for longer")]
+
+
 def _number(text: str | None) -> float | None:
     try:
         return None if text is None else float(text)

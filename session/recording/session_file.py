@@ -20,6 +20,7 @@ UNKNOWN = "unknown"
 #: what is said of registers whose sensor nobody names
 ASSUMED = f"nothing names the sensor: its registers are read as an {DEFAULT}'s; --sensor NAME for another (`calibrate.py sensors`)"
 NOMINAL_WITHIN = 0.2  #: INTERNAL_FREQ_FINE reaches so far
+DIVIDED_WITHIN = 0.05  #: where a divider makes many rates, the next one is hardly farther
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
 OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", *OWN_UNITS)
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
@@ -123,7 +124,9 @@ def nominal_hz(odr_hz: float, model: str = DEFAULT) -> float:
     """The model's nominal data rate that is nearest to a true one, or that itself where none is near, or its rates are not known."""
     profile = profile_of(model)
     nearest = None if profile is None else profile.nearest_hz(odr_hz)
-    return nearest if nearest is not None and abs(nearest / odr_hz - 1) < NOMINAL_WITHIN else odr_hz
+    if profile is None or nearest is None:
+        return odr_hz
+    return nearest if abs(nearest / odr_hz - 1) < (DIVIDED_WITHIN if profile.divided else NOMINAL_WITHIN) else odr_hz
 
 
 def _same_model(one: str, other: str) -> bool:

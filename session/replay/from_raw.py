@@ -53,7 +53,8 @@ def convert_raw(
         logs.close()
         if not logs.paths:
             raise FormatError(
-                f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line)"
+                f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line); "
+                "text in physical units that does not say its header needs --header t_us,gx_dps,…"
             )
         with naming(out):
             assumed = _configure(raw_path, out, decoder, bool(logs.physical), odr_hz, gyro_fs_dps, accel_fs_g, sensor)

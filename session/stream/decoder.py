@@ -44,7 +44,8 @@ class StreamDecoder:
         self.mode: str | None = None
         self._buffer = b""
         self._text_lines = LineReader(self._told)
-        self._continuity, self._steps = Continuity(), StepFilter(self._text_lines.form)
+        self._form = self._text_lines.form  # of the lines that are taken now
+        self._continuity, self._steps = Continuity(), StepFilter(self._form)
         self._damaged = False  # something unreadable came since the last reading
         self._last_us: int | None = None
         self._numbered_before: bool | None = None
@@ -214,7 +215,7 @@ class StreamDecoder:
             elif isinstance(item, Garbage):
                 self._garbage(item.count, out)
             elif isinstance(item, Form):
-                self._another_form(out)
+                self._another_form(item, out)
             else:
                 if isinstance(item, Info):
                     self.info = item
@@ -225,13 +226,13 @@ class StreamDecoder:
         damaged[0], self._damaged = self._damaged, False
         self._take(Readings(None, rows.t_us, rows.values, damaged), out)
 
-    def _another_form(self, out: Collector) -> None:
+    def _another_form(self, form: Form, out: Collector) -> None:
         """A header says that the columns are others: what was before, if anything, is another recording."""
         self._pass_on(self._continuity.finish(), out)
         if self._numbered_before is not None:
             self._pass_on([Trouble("reset", 1, self._last_us)], out)
         self._add(self._steps.finish(), out)
-        self._steps = StepFilter(self._text_lines.form)
+        self._form, self._steps = form, StepFilter(form)
 
     def _take(self, readings: Readings, out: Collector) -> None:
         numbered = readings.sequence is not None
@@ -239,7 +240,7 @@ class StreamDecoder:
             # The board was told to speak otherwise: what was before has no sequence to go on from.
             self._pass_on(self._continuity.finish(), out)
             self._pass_on([Trouble("reset", 1, self._last_us)], out)
-            self._steps = StepFilter(REGISTERS if numbered else self._text_lines.form)
+            self._steps = StepFilter(REGISTERS if numbered else self._form)
         self._numbered_before = numbered
         self._pass_on(self._continuity.take(readings), out)
 

@@ -12,6 +12,7 @@ from session.common.units import DEG, G
 from session.log.config import Sensor
 from session.log.folder import Session, read_session
 from session.log.samples import Samples
+from session.sensor.known import DEFAULT
 from session.sensor.registers import REGISTER_MAX, RegisterUnits
 from session.stream.events import Info
 from tinygc.simulation.options import SimulationOptions
@@ -23,19 +24,21 @@ STILL_S = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """rows (n, 7) int16 registers of the session, at info.odr_hz, and what they mean; config: text of its session.toml, or None."""
+    """rows (n, 7) int16 registers of the session, at info.odr_hz; config: text of its session.toml, or None; units: what they mean, where
+    the model and the full scales of ``info`` do not say it."""
 
     rows: np.ndarray
     info: Info
-    units: RegisterUnits
     config: str | None = None
+    units: RegisterUnits | None = None
 
     def in_units(self, rows: np.ndarray) -> np.ndarray:
         """Registers (n, 7) in dps, g and degC; 0 degC where the temperature's meaning is not known."""
-        values = rows.astype(float)
-        temp_c = self.units.temperature_c(values[:, 6])
+        values, info = rows.astype(float), self.info
+        units = self.units or RegisterUnits(info.sensor or DEFAULT, info.gyro_fs_dps, info.accel_fs_g)
+        temp_c = units.temperature_c(values[:, 6])
         temp_c = np.zeros(len(rows)) if temp_c is None else temp_c
-        return np.column_stack([values[:, :3] * (self.units.gyro_rps / DEG), values[:, 3:6] * (self.units.accel_mps2 / G), temp_c])
+        return np.column_stack([values[:, :3] * (units.gyro_rps / DEG), values[:, 3:6] * (units.accel_mps2 / G), temp_c])
 
     def take(self, start: int, stop: int, rng: np.random.Generator) -> np.ndarray:
         """Rows start <= i < stop; before 0 and behind the last, still ones: drawn from the first and the last still."""
@@ -52,7 +55,7 @@ def simulated(options: SimulationOptions) -> Source:
     simulation = simulate_session(options)
     parts = [part for part in (simulation.log, simulation.closure) if part is not None]
     info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.seed), options.sensor)
-    return Source(np.concatenate([_rows(part) for part in parts]), info, options.register_units, config_text(simulation, concealed=False))
+    return Source(np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False))
 
 
 def recorded(folder: Path) -> Source:
@@ -63,7 +66,7 @@ def recorded(folder: Path) -> Source:
     odr_hz = (len(logs[0]) - 1) / logs[0].duration_s
     info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial, _word(sensor))
     rows = np.concatenate([_registers(samples, session) for samples in logs])
-    return Source(rows, info, sensor.register_units, (folder / "session.toml").read_text("utf-8"))
+    return Source(rows, info, (folder / "session.toml").read_text("utf-8"), sensor.register_units)
 
 
 def _word(sensor: Sensor) -> str:

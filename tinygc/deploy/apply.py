@@ -24,6 +24,7 @@ from session.dialects.stamps import counted
 from session.files.fixed_point import rows
 from session.files.results import read_json, whole
 from session.log.config import OWN_UNITS, Accelerometer, read_config
+from session.recording.session_file import ASSUMED
 from session.sensor.known import DEFAULT
 from session.sensor.registers import RegisterUnits
 from tinygc import models
@@ -78,6 +79,8 @@ def apply_model(
     )
     source = _Source(reader, answers, known)
     pieces, rate_hz, notes = source.pieces(), None, []
+    if not answers.sensor and any(unit.si is None for _, _, unit in reader.layout.kinds):
+        notes.append(ASSUMED)
     if model.made_for_hz or Calibration(model, 1.0).uses_rate:
         first = next(pieces, None)
         if first is None:

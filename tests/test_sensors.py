@@ -9,7 +9,7 @@ import pytest
 from conftest import DEG, ROOT, SESSION_TOML, Table, session_of
 from looks import look, of, serious, with_sensor
 
-from session.checks.first_look import check_session
+from session.checks.first_look import check_keys, check_session
 from session.common.errors import FormatError
 from session.detect.clipping import accel_reach_g, gyro_reach_dps
 from session.log.config import Sensor, read_config
@@ -204,6 +204,16 @@ def test_its_data_sheet_s_numbers_are_enough(tmp_path):
     again.write_text(toml_text(given.config))
     assert read_config(again).sensor == given.config.sensor
     assert Registers.of(given.config) is not None
+
+
+def test_a_session_that_names_no_sensor_is_an_asm330lhh_s_and_says_so(tmp_path):
+    folder = write_registers(tmp_path / "s", '"ASM330LHH"')
+    named = read_session(folder)
+    (folder / "session.toml").write_text((folder / "session.toml").read_text().replace('model = "ASM330LHH"\n', ""))
+    unnamed = read_session(folder)
+    np.testing.assert_array_equal(unnamed.logs[0].samples.gyro, named.logs[0].samples.gyro)
+    assert "taken for an ASM330LHH's" in of(check_keys(unnamed.config), "sensor").says
+    assert check_keys(named.config) == []
 
 
 def test_the_wrong_sensor_shows_by_its_sensitivity(tmp_path):

@@ -112,13 +112,14 @@ class Protocol:
 
 @dataclass(frozen=True)
 class Config:
-    """unknown: keys that nothing reads, each with the known key nearest to it, or None."""
+    """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor."""
 
     sensor: Sensor
     accelerometer: Accelerometer
     site: Site
     protocol: Protocol
     unknown: tuple[tuple[str, str | None], ...] = ()
+    model_given: bool = True
 
 
 def _table(table: dict, name: str) -> dict:
@@ -178,7 +179,7 @@ def read_config(path: Path) -> Config:
     if protocol.reference not in REFERENCES:
         expected = '"gravity", "table" or "truth"'
         raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected {expected}')
-    return Config(sensor, accelerometer, site, protocol, reader.unknown())
+    return Config(sensor, accelerometer, site, protocol, reader.unknown(), "model" in table["sensor"])
 
 
 class _Reader:

@@ -105,15 +105,15 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
 
 
 def check_keys(config: Config) -> list[Finding]:
-    """Keys of session.toml that nothing reads: a misspelt one would silently leave its default in force.  And the sensor, if none is named."""
-    says = f"sensor.model is not given: what is read and judged here is taken for an {config.sensor.model}'s"
-    unnamed = (
-        [] if config.model_given else [Finding("note", "session.toml", "sensor", says, 'name it (`calibrate.py sensors`), or "unknown"')]
-    )
-    return unnamed + [
-        Finding("warning", "session.toml", "unknown key", f"{key} is read by nothing", f"did you mean {near}?" if near else "remove it")
-        for key, near in config.unknown
-    ]
+    """Keys of session.toml that nothing reads: a misspelt one would silently leave its default in force.  And a sensor without a name."""
+    findings = []
+    if not config.model_given:
+        says = f"sensor.model is not given: what is read and judged here is taken for an {config.sensor.model}'s"
+        findings.append(Finding("note", "session.toml", "sensor", says, 'name it (`calibrate.py sensors`), or say "unknown"'))
+    for key, near in config.unknown:
+        do = f"did you mean {near}?" if near else "remove it"
+        findings.append(Finding("warning", "session.toml", "unknown key", f"{key} is read by nothing", do))
+    return findings
 
 
 def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session | None, list[Finding]]:

@@ -109,7 +109,7 @@ def check_length(log: Log, segment_s: float) -> list[Finding]:
     lasts_s = log.samples.duration_s
     if lasts_s >= segment_s:
         return []
-    says = f"all {len(log.samples)} samples lie within {lasts_s:.3g} s, less than one segment of {segment_s:g} s"
+    says = f"no still and no turn: all {len(log.samples)} samples lie within {lasts_s:.3g} s, less than one segment of {segment_s:g} s"
     return [Finding("error", log.path.name, "time unit", says, "is the time column's unit right (us read as ns)? else record for longer")]
 
 

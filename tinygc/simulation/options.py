@@ -5,11 +5,13 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, field, fields
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from session.common.errors import CalibrationError
 from session.sensor.known import DEFAULT
-from session.sensor.registers import RegisterUnits
+
+if TYPE_CHECKING:
+    from session.sensor.registers import RegisterUnits
 
 #: nominal output data rate, Hz -> bandwidth (-3 dB) of the gyro's LPF2, Hz, always on (docs/sensor.md, LSM6DSO Table 18;
 #: the two highest rates are from memory, unchecked).  62.5 is no rate of the chip: slow boards and other sensors have it; its filter is
@@ -117,6 +119,8 @@ class SimulationOptions:
     @property
     def register_units(self) -> RegisterUnits:
         """What the sensor's registers mean."""
+        from session.sensor.registers import RegisterUnits
+
         return RegisterUnits(self.sensor, self.gyro_fs_dps, self.accel_fs_g)
 
     def _require(self, fine: bool, name: str, expected: str) -> None:

@@ -16,7 +16,6 @@ import numpy as np
 
 from session.common.units import DEG_PER_HOUR
 from session.log.config import Sensor
-from session.sensor.typical import typical_of
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
 from tinygc.closure.bias_wander import UNKNOWN, BiasInstability, wander_covariance
@@ -47,8 +46,8 @@ def bias_instability_of(sensor: Sensor, logs: list[StillSet], earths: dict[int, 
     """Of a session's sensor, with the stills of its logs and the Earth's rate by yaw group."""
     if sensor.gyro_bias_instability_dph is not None:
         return BiasInstability(sensor.gyro_bias_instability_dph * DEG_PER_HOUR, GIVEN)
-    if known := typical_of(sensor.model):
-        return BiasInstability(known[1].gyro_bias_instability_dph * DEG_PER_HOUR, f"typical of {known[0]}")
+    if typical := sensor.typical("gyro_bias_instability_dph"):
+        return BiasInstability(typical[1] * DEG_PER_HOUR, f"typical of {typical[0]}")
     return estimated(logs, earths)
 
 

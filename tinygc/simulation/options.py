@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass, field, fields
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from session.common.errors import CalibrationError
+from session.sensor.known import DEFAULT
+
+if TYPE_CHECKING:
+    from session.sensor.registers import RegisterUnits
 
 #: nominal output data rate, Hz -> bandwidth (-3 dB) of the gyro's LPF2, Hz, always on (docs/sensor.md, LSM6DSO Table 18;
 #: the two highest rates are from memory, unchecked).  62.5 is no rate of the chip: slow boards and other sensors have it; its filter is
@@ -38,6 +43,7 @@ class SimulationOptions:
     # Sensor
     odr_hz: float = _choice(208.0, "Hz, nominal: 62.5, 104, 208, 416, 833, 1667, 3333 or 6667")
     odr_error: float | None = _choice(None, "fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %")
+    sensor: str = _choice(DEFAULT, "whose registers it has (calibrate.py sensors); its noise stays what the other options say")
     gyro_fs_dps: float = _choice(500.0, "dps, full scale")
     accel_fs_g: float = _choice(4.0, "g, full scale")
     gyro_noise_dps_rthz: float = _choice(0.005, "dps/sqrt(Hz), white, one-sided density")
@@ -107,10 +113,15 @@ class SimulationOptions:
             ("turn_s", self.segments * self.turn_s),
         ):
             self._require(length_s * self.odr_hz <= MOST_SAMPLES, name, f"less: a session has at most {MOST_SAMPLES:.0e} samples")
-        from session.sensor import registers
+        units = self.register_units
+        self._require(units.gyro_rps > 0 and units.accel_mps2 > 0, "sensor", "one that `calibrate.py sensors` lists")
 
-        registers.gyro_rps_per_lsb(self.gyro_fs_dps)
-        registers.accel_mps2_per_lsb(self.accel_fs_g)
+    @property
+    def register_units(self) -> RegisterUnits:
+        """What the sensor's registers mean."""
+        from session.sensor.registers import RegisterUnits
+
+        return RegisterUnits(self.sensor, self.gyro_fs_dps, self.accel_fs_g)
 
     def _require(self, fine: bool, name: str, expected: str) -> None:
         if not fine:
@@ -133,6 +144,8 @@ def command_line(options: SimulationOptions) -> str:
             words.append(flag(option.name))
         elif isinstance(value, tuple):
             words.append(" ".join([flag(option.name), *map(repr, value)]))
+        elif isinstance(value, str):
+            words.append(f"{flag(option.name)} {shlex.quote(value)}")
         else:
             words.append(f"{flag(option.name)} {value!r}".removesuffix(".0"))
     return " ".join(words)

@@ -108,7 +108,7 @@ def config_text(simulation: Simulation, concealed: bool) -> str:
 {remark}schema = "{SCHEMA}"
 
 [sensor]
-model = "ASM330LHH"
+model = "{options.sensor}"
 serial = "{_serial(options)}"
 odr_hz = {float(options.odr_hz)!r}
 gyro_fs_dps = {options.gyro_fs_dps:g}

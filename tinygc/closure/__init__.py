@@ -6,6 +6,8 @@ May import: session, attitude, effects, models.
 from tinygc.closure.residual import (
     Batch,
     attitudes,
+    batch_residual,
+    directions,
     end_attitude,
     error_angles,
     like,
@@ -15,4 +17,16 @@ from tinygc.closure.residual import (
     sensitivity,
 )
 
-__all__ = ["Batch", "attitudes", "end_attitude", "error_angles", "like", "nearest_yaw", "residual", "segment_residuals", "sensitivity"]
+__all__ = [
+    "Batch",
+    "attitudes",
+    "batch_residual",
+    "directions",
+    "end_attitude",
+    "error_angles",
+    "like",
+    "nearest_yaw",
+    "residual",
+    "segment_residuals",
+    "sensitivity",
+]

@@ -47,7 +47,7 @@ class Windows:
         q_pred = rotation.multiply(
             np.broadcast_to(self.batch.start, (len(E), *self.batch.start.shape)), rotation.compose(rotation.exp(theta))
         )
-        return closure.residual(q_pred, self.batch.end, self.batch.yaw_known)
+        return closure.batch_residual(self.batch, q_pred)
 
 
 def preintegrate(batch: Batch) -> Windows:

@@ -61,7 +61,9 @@ def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) ->
     if problem.rest_rps is not None:
         design = _about(design, problem.rest_rps)[:, MATRIX]
     earth = _earth(problem, noise)
-    named, whole = (_goodness(angles, design, carry @ (given + earth) @ carry.T) for given in (noise.named, noise.covariance))
+    known = problem.batch.known.ravel()
+    covariances = ((carry @ (given + earth) @ carry.T)[np.ix_(known, known)] for given in (noise.named, noise.covariance))
+    named, whole = (_goodness(angles[known], design[known], covariance) for covariance in covariances)
     return named, whole.excess
 
 

@@ -15,7 +15,7 @@ from session.common.units import DEG
 from tinygc.closure.preintegration import preintegrate
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
-from tinygc.models.linear import BIAS, MATRIX, LinearModel
+from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA, LinearModel
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,9 @@ def fit_pso(
         total = np.sum(windows.residuals(E, B) ** 2 * weight, axis=(1, 2))
         if still_rates is not None:
             total = total + [np.sum(still_rates.residuals(LinearModel.from_vector(vector)) ** 2) for vector in vectors]
+        if batch.turns is not None:
+            # A few turns of known angle may be all there is: what they do not show stays where it began, as in least squares.
+            total = total + np.sum(((vectors - start.vector) / PRIOR_SIGMA) ** 2, axis=1)
         return total
 
     best = minimise(cost, start.vector, box * START_BOX, np.random.default_rng(seed), progress=progress)

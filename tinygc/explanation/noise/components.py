@@ -66,7 +66,7 @@ class Component:
 
 def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> list[Component]:
     """Of a twin whose channels have sizes (S d, 3 Q, Q)."""
-    floor = float(np.sqrt(np.mean(twin.problem.floor.sigma**2)))
+    floor = float(np.sqrt(np.mean(twin.problem.floor.sigma[twin.batch.known] ** 2)))
     reference = _reference(twin, sizes) if twin.stills else _truth(twin, sizes)
     found = [_wander(twin, sizes), _still_rate(twin, sizes), reference, _turn(sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:

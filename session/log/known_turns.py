@@ -32,7 +32,8 @@ class KnownTurn:
     """One row.
 
     turn: its number, over all logs, or in the log of that name; axis (3,) unit, body axes, nominal: what the sensor was turned about;
-    words: the axis as it was written; angle_rad about it by the right-hand rule, whole circles included; sigma_rad the stop's repeatability.
+    words: the axis as it was written; angle_rad about it by the right-hand rule, whole circles included; sigma_rad: the
+    stop's repeatability.
     """
 
     turn: int

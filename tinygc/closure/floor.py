@@ -20,15 +20,20 @@ UNKNOWN_RAD2 = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Floor:
-    """Covariance of the error angles, rad^2: own (S, d, d) of each segment; shared (S-1, d, d) of each with the next."""
+    """Covariance of the error angles, rad^2: own (S, d, d) of each segment; shared (S-1, d, d) of each with the next.
+
+    tilt_excess: factor on the tilt's sigma that a recording asks for beyond its floor.  It changes weights, no covariance: turns of known
+    angle, which know their own sigma, would else be outweighed by ends that only seem to be better.
+    """
 
     own: np.ndarray
     shared: np.ndarray
+    tilt_excess: float = 1.0
 
     @property
     def sigma(self) -> np.ndarray:
         """(S, d) rad: the weight of each angle is 1 / sigma^2; one for both of tilt, whose axes are only the table's."""
-        tilt = np.repeat((self.own[:, 0, 0] + self.own[:, 1, 1])[:, None] / 2, 2, axis=1)
+        tilt = self.tilt_excess**2 * np.repeat((self.own[:, 0, 0] + self.own[:, 1, 1])[:, None] / 2, 2, axis=1)
         return np.sqrt(np.concatenate([tilt, np.diagonal(self.own, axis1=1, axis2=2)[:, 2:]], axis=1))
 
     @property

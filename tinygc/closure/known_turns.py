@@ -27,8 +27,8 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, eq=False)
 class KnownTurns:
-    """Of S segments: angle_rad (S,), NaN where it is not known; sigma_rad (S,) of the stop, NaN there, too; axis (S, 3) unit, body, in whose
-    sense the angle is positive, as well as it is known."""
+    """Of S segments: angle_rad (S,), NaN where it is not known; sigma_rad (S,) of the stop, NaN there, too; axis (S, 3) unit, body, in
+    whose sense the angle is positive, as well as it is known."""
 
     angle_rad: np.ndarray
     sigma_rad: np.ndarray

@@ -10,8 +10,8 @@ from session.common.units import DEG
 
 
 class ClosureFigures(TypedDict):
-    """Root mean squares over segments, degrees; yaw_rms_deg: None where yaw is not known.  Where some turns have a known angle, it is that of
-    these turns, about each one's own axis."""
+    """Root mean squares over segments, degrees; yaw_rms_deg: None where yaw is not known.  Where some turns have a known angle, it is
+    that of these turns, about each one's own axis."""
 
     tilt_rms_deg: float
     roll_rms_deg: float

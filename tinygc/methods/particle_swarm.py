@@ -22,5 +22,8 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
 def _fit(seen: Seen) -> tuple[LinearModel, dict]:
     # A fold's optimum is near the whole's: its swarm starts in a twentieth of the box, around it, and still converges by itself.
     around, box = (seen.start, 1.0) if seen.whole is None else (cast(LinearModel, seen.whole), 0.05)
-    model = fit_pso(seen.batch, seen.sigma, around, seed=seen.options.seed, still_rates=seen.still_rates, box=box, progress=seen.progress)
+    # A few turns of known angle may be all there is; a swarm would wander along what they do not show.
+    prior = None if seen.batch.turns is None else seen.start
+    options, rates = seen.options, seen.still_rates
+    model = fit_pso(seen.batch, seen.sigma, around, seed=options.seed, still_rates=rates, box=box, prior=prior, progress=seen.progress)
     return model, {}

@@ -74,9 +74,13 @@ def fit_pso(
     seed: int,
     still_rates: StillRates | None = None,
     box: float = 1.0,
+    prior: LinearModel | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> LinearModel:
-    """The swarm's best linear model; ``box`` shrinks the box it starts in (around ``start``)."""
+    """The swarm's best linear model; ``box`` shrinks the box it starts in (around ``start``).
+
+    prior: where what no segment shows belongs, held as weakly as least squares holds it; None: nowhere.
+    """
     windows = preintegrate(batch)
     weight = (2 / sigma.reshape(len(batch), -1)) ** 2
 
@@ -85,9 +89,8 @@ def fit_pso(
         total = np.sum(windows.residuals(E, B) ** 2 * weight, axis=(1, 2))
         if still_rates is not None:
             total = total + [np.sum(still_rates.residuals(LinearModel.from_vector(vector)) ** 2) for vector in vectors]
-        if batch.turns is not None:
-            # A few turns of known angle may be all there is: what they do not show stays where it began, as in least squares.
-            total = total + np.sum(((vectors - start.vector) / PRIOR_SIGMA) ** 2, axis=1)
+        if prior is not None:
+            total = total + np.sum(((vectors - prior.vector) / PRIOR_SIGMA) ** 2, axis=1)
         return total
 
     best = minimise(cost, start.vector, box * START_BOX, np.random.default_rng(seed), progress=progress)

@@ -22,7 +22,7 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import Batch, attitudes, nearest_yaw
 from tinygc.closure.still_rates import StillRates
 from tinygc.models.linear import LinearModel, bias_only
-from tinygc.problem.known_turns import as_reference, known_turns_of, rates_at_rest, span_space
+from tinygc.problem.known_turns import as_reference, known_turns_of, rates_at_rest, span_space, tilt_excess
 from tinygc.problem.problem import Problem
 from tinygc.problem.rejections import CLIPPED, LEFT_OUT
 from tinygc.problem.still_set import StillSet
@@ -83,6 +83,8 @@ def build_problem(
         [logs[segment.log].noise for segment in accepted],
         DIAL_SIGMA_RAD,
     )
+    if batch.turns is not None:
+        floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model))
     return Problem(session, segments, batch, floor, earths, logs, fit.model, _still_rates(logs, earths), found, known_turns=turns)
 
 

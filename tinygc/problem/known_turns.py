@@ -12,8 +12,11 @@ from session.detect.known_turns import FoundTurn, find_known_turns
 from session.detect.segments import Segment, cut_segments
 from session.detect.session_stills import SessionStills
 from session.log.folder import Session
+from tinygc.closure.floor import Floor
 from tinygc.closure.known_turns import KnownTurns
+from tinygc.closure.residual import Batch, closure_angles
 from tinygc.closure.still_rates import StillRates
+from tinygc.models.linear import PARAMETERS, LinearModel
 from tinygc.problem.still_set import StillSet
 
 #: the smallest singular value of three axes at right angles is 1, of three in a plane 0
@@ -69,6 +72,17 @@ def span_space(turns: Sequence[FoundTurn]) -> bool:
     """Whether turns of known angle are about three axes that lie apart: then each scale factor has one of its own."""
     axes = np.array([turn.axis for turn in turns if turn.problem is None]).reshape(-1, 3)
     return len(axes) >= 3 and float(np.linalg.svd(axes, compute_uv=False)[2]) > AXES_APART
+
+
+def tilt_excess(batch: Batch, floor: Floor, model: LinearModel) -> float:
+    """Factor, 1 or more, by which the tilt at the ends misses more than its floor: what a hand, a data rate, or an accelerometer leaves.
+
+    The linear model takes up at most its own number of all angles.
+    """
+    missed = closure_angles(batch, model)[:, :2] / floor.sigma[:, :2]
+    angles = int(batch.known.sum())
+    left = max(angles - PARAMETERS, angles / 4) / angles
+    return max(1.0, float(np.sqrt(np.mean(missed**2) / left)))
 
 
 def rates_at_rest(logs: Sequence[StillSet]) -> StillRates:

@@ -13,7 +13,7 @@ A component is V_k s_k^2: V_k from the recording's geometry, s_k estimated (``re
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
@@ -66,7 +66,7 @@ class Component:
 
 def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> list[Component]:
     """Of a twin whose channels have sizes (S d, 3 Q, Q)."""
-    floor = float(np.sqrt(np.mean(twin.problem.floor.sigma[twin.batch.known] ** 2)))
+    floor = float(np.sqrt(np.mean(replace(twin.problem.floor, tilt_excess=1.0).sigma[twin.batch.known] ** 2)))
     reference = _reference(twin, sizes) if twin.stills else _truth(twin, sizes)
     found = [_wander(twin, sizes), _still_rate(twin, sizes), reference, _turn(sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:

@@ -170,6 +170,7 @@ def _require_enough(session: Session, logs: list[StillSet], segments: list[Segme
     if len(used) < FEWEST_SEGMENTS and not span_space(turns):
         raise SegmentError(
             f"{where}: {len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good): 12 parameters, 2 angles a segment"
+            + next((f"; turns.csv, {turn.known.name}: {turn.problem}" for turn in turns if turn.problem), "")
         )
 
 

@@ -84,7 +84,7 @@ def build_problem(
         DIAL_SIGMA_RAD,
     )
     if batch.turns is not None:
-        floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model))
+        floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model, at_rest))
     return Problem(session, segments, batch, floor, earths, logs, fit.model, _still_rates(logs, earths), found, known_turns=turns)
 
 

@@ -14,6 +14,7 @@ from session.detect.session_stills import SessionStills
 from session.log.folder import Session
 from tinygc.closure.floor import Floor
 from tinygc.closure.known_turns import KnownTurns
+from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.closure.still_rates import StillRates
 from tinygc.models.linear import PARAMETERS, LinearModel
@@ -74,15 +75,18 @@ def span_space(turns: Sequence[FoundTurn]) -> bool:
     return len(axes) >= 3 and float(np.linalg.svd(axes, compute_uv=False)[2]) > AXES_APART
 
 
-def tilt_excess(batch: Batch, floor: Floor, model: LinearModel) -> float:
+def tilt_excess(batch: Batch, floor: Floor, start: LinearModel, at_rest: StillRates | None) -> float:
     """Factor, 1 or more, by which the tilt at the ends misses more than its floor: what a hand, a data rate, or an accelerometer leaves.
 
-    The linear model takes up at most its own number of all angles.
+    By the model of these ends alone: a stop's error must not count as theirs.  1 where they are no more than the model's parameters.
     """
-    missed = closure_angles(batch, model)[:, :2] / floor.sigma[:, :2]
-    angles = int(batch.known.sum())
-    left = max(angles - PARAMETERS, angles / 4) / angles
-    return max(1.0, float(np.sqrt(np.mean(missed**2) / left)))
+    angles = 2 * len(batch)
+    if angles <= PARAMETERS:
+        return 1.0
+    tilt, sigma = replace(batch, turns=None), floor.sigma[:, :2]
+    model = fit_least_squares(tilt, sigma, start, still_rates=at_rest).model
+    missed = closure_angles(tilt, model) / sigma
+    return max(1.0, float(np.sqrt(np.sum(missed**2) / (angles - PARAMETERS))))
 
 
 def rates_at_rest(logs: Sequence[StillSet]) -> StillRates:

@@ -188,10 +188,10 @@ def _remarks(result: FitResult) -> list[Text]:
         remarks += [Text(f"{run.file}: {words}.", "yellow") for run, words in _losses(result) if words]
     unobserved = result.linear.notes.get("unobserved")
     if unobserved:
-        words = f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways."
+        seen = f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways."
         if result.problem.batch.turns is not None:
-            words += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
-        remarks.append(Text(words, "yellow"))
+            seen += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
+        remarks.append(Text(seen, "yellow"))
     pairs = _correlations(result.covariance)
     if pairs:
         remarks.append(Text("Correlated above 0.5: " + ", ".join(pairs)))

@@ -71,7 +71,7 @@ def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, 
     fits = {"ends": run_method("least_squares", problem, options), "stills": run_method("least_squares", level, options)}
     held = {name: fit.held_out for name, fit in fits.items()}
     p_value = less_by_chance(held["ends"], held["stills"])
-    unseen = any(name in NAMES[BIAS] for name in fits["ends"].notes["unobserved"])
+    unseen = problem.batch.turns is not None and any(name in NAMES[BIAS] for name in fits["ends"].notes["unobserved"])
     used = asked if asked != "auto" else ("stills" if unseen or p_value < BETTER_P else "ends")
     return BiasChoice(asked, used, held, p_value, unseen), level if used == "stills" else problem, fits[used]
 

@@ -14,6 +14,7 @@ from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean
 from session.checks.copies import check_copies
 from session.checks.dead import check_dead
 from session.checks.findings import Finding, worst
+from session.checks.known_turns import check_known_turns
 from session.checks.rate import check_length, check_rate, check_warming
 from session.checks.samples import check_comments, check_reading, check_registers, check_stamps, check_temperature
 from session.checks.stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
@@ -101,7 +102,7 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
             all_stills.append(here.stills)
     if all_stills and session.truths is None:
         findings += check_segment_count(session.name, all_stills)
-    return findings
+    return findings + check_known_turns(session, found)
 
 
 def check_keys(config: Config) -> list[Finding]:

@@ -6,6 +6,8 @@ May import: session, attitude, effects, models.
 from tinygc.closure.residual import (
     Batch,
     attitudes,
+    batch_residual,
+    directions,
     end_and_sensitivity,
     end_attitude,
     error_angles,
@@ -20,6 +22,8 @@ from tinygc.closure.residual import (
 __all__ = [
     "Batch",
     "attitudes",
+    "batch_residual",
+    "directions",
     "end_and_sensitivity",
     "end_attitude",
     "error_angles",

@@ -125,5 +125,5 @@ def _rows(batch: Batch, vector: np.ndarray, integrator: str, columns: np.ndarray
     end, sensitivity = closure.end_and_sensitivity(batch, rate)
     if integrator != "exact":
         end = closure.end_attitude(batch, rate, integrator)
-    angles = 2 * closure.residual(end, batch.end, batch.yaw_known)
+    angles = 2 * closure.batch_residual(batch, end)
     return Rows(vector, angles, linear.columns(sensitivity, batch.rate)[:, : batch.angles])

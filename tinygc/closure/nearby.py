@@ -11,7 +11,7 @@ factor wrong by 1 % over a turn of 270 degrees and more) errs by 1e-5 rad, one o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,7 +39,8 @@ class Nearby:
     @classmethod
     def about(cls, model: LinearModel, batch: Batch) -> Nearby:
         """Of a batch, about a model."""
-        end, sensitivity = closure.end_and_sensitivity(batch, model(batch.rate))
+        # In the table frame: known angles are measured about axes of their own.
+        end, sensitivity = closure.end_and_sensitivity(replace(batch, turns=None), model(batch.rate))
         count = len(batch)
         phi, pairs = np.empty((count, 3, PARAMETERS)), np.empty((count, 3, len(FIRST)))
         for first in range(0, count, TOGETHER):
@@ -58,7 +59,7 @@ class Nearby:
         delta = vectors - self.vector
         omega = delta @ self.phi + (delta[:, FIRST] * delta[:, SECOND]) @ self.half_x
         turn = rotation.exp(omega.reshape(len(vectors), -1, 3))
-        return closure.residual(rotation.multiply(turn, self.end), self.batch.end, self.batch.yaw_known)
+        return closure.batch_residual(self.batch, rotation.multiply(turn, self.end))
 
 
 def _along(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:

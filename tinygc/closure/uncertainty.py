@@ -47,6 +47,8 @@ def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, wander: Bia
     if wander is not None:
         bias, owner = design[:, linear.BIAS], np.repeat(np.arange(len(batch)), batch.angles)
         covariance = covariance + (bias @ bias.T) * wander.covariance()[np.ix_(owner, owner)]
+    known = batch.known.ravel()
+    angles, design, covariance = angles[known], design[known], covariance[np.ix_(known, known)]
     factor = np.linalg.cholesky(covariance)
     white = np.linalg.solve(factor, np.column_stack([angles, design * PRIOR_SIGMA]))
     left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]

@@ -56,12 +56,14 @@ def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) ->
     batch = problem.batch
     end, sensitivity = closure.end_and_sensitivity(batch, model(batch.rate))
     carry = _carry(problem, noise, sensitivity)
-    angles = closure.error_angles(closure.residual(end, batch.end, batch.yaw_known)).ravel()
+    angles = closure.error_angles(closure.batch_residual(batch, end)).ravel()
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(len(angles), PARAMETERS)
     if problem.rest_rps is not None:
         design = _about(design, problem.rest_rps)[:, MATRIX]
     earth = _earth(problem, noise)
-    named, whole = (_goodness(angles, design, carry @ (given + earth) @ carry.T) for given in (noise.named, noise.covariance))
+    known = problem.batch.known.ravel()
+    covariances = ((carry @ (given + earth) @ carry.T)[np.ix_(known, known)] for given in (noise.named, noise.covariance))
+    named, whole = (_goodness(angles[known], design[known], covariance) for covariance in covariances)
     return named, whole.excess
 
 

@@ -15,6 +15,7 @@ from session.log.config import Accelerometer, Protocol, Site
 from session.log.folder import Session
 from tinygc.effects import Effect, Movement, effect_of
 from tinygc.effects.conditions import vibration
+from tinygc.simulation.known_turns import stopped_turns
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import Distort, Recording, Simulation, plan_of, simulate_session
 from tinygc.simulation.unit import BIAS_DIGITS, MATRIX_DIGITS
@@ -108,4 +109,5 @@ def _session(simulation: Simulation) -> Session:
         site=Site(options.latitude_deg, options.gravity_mps2, unit.heading_deg if options.with_heading else None),
         protocol=Protocol(still_s=options.still_s, segment_s=2 * options.still_s + options.turn_s),
     )
-    return replace(session, config=replace(session.config, sensor=replace(session.config.sensor, odr_hz=options.odr_hz)))
+    turns = stopped_turns(simulation.plan, options)
+    return replace(session, config=replace(session.config, sensor=replace(session.config.sensor, odr_hz=options.odr_hz)), turns=turns)

@@ -29,10 +29,12 @@ class _Fits:
 
     def __call__(self, seen: Seen) -> tuple[LinearModel, dict]:
         options, rates = seen.options, seen.still_rates
+        # A few turns of known angle may be all there is; a swarm would wander along what they do not show.
+        prior = None if seen.batch.turns is None else seen.start
         if self.nearby is None or seen.whole is None:
-            model = fit_pso(seen.batch, seen.sigma, seen.start, seed=options.seed, still_rates=rates, progress=seen.progress)
+            model = fit_pso(seen.batch, seen.sigma, seen.start, seed=options.seed, still_rates=rates, prior=prior, progress=seen.progress)
             self.nearby = Nearby.about(model, seen.batch)
             return model, {}
         rng, whole = np.random.default_rng(options.seed), cast(LinearModel, seen.whole)
         nearby = Nearby.about(whole, seen.batch) if seen.among is None else self.nearby.pick(seen.among)
-        return near_best(nearby, seen.sigma, rng, still_rates=rates, progress=seen.progress), {}
+        return near_best(nearby, seen.sigma, rng, still_rates=rates, prior=prior, progress=seen.progress), {}

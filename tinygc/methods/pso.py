@@ -18,7 +18,7 @@ from tinygc import closure
 from tinygc.closure.nearby import Nearby
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
-from tinygc.models.linear import LinearModel
+from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
 
 @dataclass(frozen=True)
@@ -81,18 +81,20 @@ def fit_pso(
     *,
     seed: int,
     still_rates: StillRates | None = None,
+    prior: LinearModel | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> LinearModel:
     """The swarm's best linear model, searched for from a box around ``start``.
 
     The swarm sees the closure to second order about where it begins.  Where its best is another model, it begins again there, in a box of a
-    twentieth, until the closure is what it saw.
+    twentieth, until the closure is what it saw.  prior: where what no segment shows belongs, held as weakly as least squares holds it;
+    None: nowhere.
     """
     centre, box, rng = start, 1.0, np.random.default_rng(seed)
     for leg in range(LEGS):
         nearby = Nearby.about(centre, batch)
         told = partial(_tell, progress, leg)
-        centre = near_best(nearby, sigma, rng, box=box, still_rates=still_rates, progress=told)
+        centre = near_best(nearby, sigma, rng, box=box, still_rates=still_rates, prior=prior, progress=told)
         box *= NEARER
         seen = nearby.residuals(centre.vector[None])[0]
         exact = closure.segment_residuals(batch, centre(batch.rate))
@@ -109,6 +111,7 @@ def near_best(
     *,
     box: float = NEARER,
     still_rates: StillRates | None = None,
+    prior: LinearModel | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> LinearModel:
     """The best of one swarm, which sees the closure through ``nearby``, from a box around its model."""
@@ -118,6 +121,8 @@ def near_best(
         total = np.einsum("psd,sd->p", nearby.residuals(vectors) ** 2, weight)
         if still_rates is not None:
             total = total + [np.sum(still_rates.residuals(LinearModel.from_vector(vector)) ** 2) for vector in vectors]
+        if prior is not None:
+            total = total + np.sum(((vectors - prior.vector) / PRIOR_SIGMA) ** 2, axis=1)
         return total
 
     return LinearModel.from_vector(minimise(cost, nearby.vector, box * START_BOX, rng, progress=progress))

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from session.common.errors import CalibrationError
+from session.log.known_turns import MOST_SIGMA_DEG
 from session.sensor.known import DEFAULT
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ class SimulationOptions:
     vigour: float = _choice(1.0, "scales angles and rates of the turns; never beyond 0.85 of full scale")
     still_s: float = _choice(1.0, "s, still that the protocol asks for on each side of a turn")
     turn_s: float = _choice(3.0, "s, usual length of a turn")
+    stop_sigma_deg: float = _choice(0.0, "deg, a stop's repeatability: turns about one gimbal go into turns.csv; 0: none")
     unit_seed: int = _choice(-1, "seed of the unit's errors, for several sessions of one unit; -1: that of the rest")
 
     @property
@@ -89,6 +91,7 @@ class SimulationOptions:
             self._require(0 <= getattr(self, name) <= 0.1, name, "0 to 0.1 (larger ones may be no invertible matrix)")
         for name in ("gyro_bias_dps", "accel_bias_mg", "accel_calibration_error_mg"):
             self._require(getattr(self, name) >= 0, name, "0 or more")
+        self._require(0 <= self.stop_sigma_deg <= MOST_SIGMA_DEG, "stop_sigma_deg", f"0 to {MOST_SIGMA_DEG:g}")
         for name in ("vigour", "still_s", "turn_s"):
             self._require(getattr(self, name) > 0, name, "more than 0")
         self._require(1 <= self.segments <= MOST_SEGMENTS, "segments", f"1 to {MOST_SEGMENTS}")

@@ -20,7 +20,7 @@ GZIP_LEVEL = 1
 def write_spoilt(session: Session, logs: tuple[Samples, ...], folder: Path) -> None:
     """The session with other samples in its logs; closure runs, which ``explain`` does not read, and results stay behind."""
     with result_folder(folder), naming(folder):
-        for name in ("session.toml", "attitudes.csv"):
+        for name in ("session.toml", "attitudes.csv", "turns.csv"):
             if (session.folder / name).exists():
                 shutil.copyfile(session.folder / name, folder / name)
         for number, (log, samples) in enumerate(zip(session.logs, logs, strict=True)):

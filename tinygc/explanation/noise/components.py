@@ -13,7 +13,7 @@ A component is V_k s_k^2: V_k from the recording's geometry, s_k estimated (``re
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,9 +66,9 @@ class Component:
 
 def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> list[Component]:
     """Of a twin whose channels have sizes (S d, 3 Q, Q)."""
-    floor = float(np.sqrt(np.mean(twin.problem.floor.sigma**2)))
+    floor = float(np.sqrt(np.mean(replace(twin.problem.floor, tilt_excess=1.0).sigma[twin.batch.known] ** 2)))
     reference = _reference(twin, sizes) if twin.stills else _truth(twin, sizes)
-    found = [_wander(twin, sizes), _still_rate(twin, sizes), reference, _turn(sizes, floor)]
+    found = [_wander(twin, sizes), _still_rate(twin, sizes), reference, _turn(twin, sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:
         found.append(_undersampled(twin, sizes, missed))
     return [c for c in found if np.any(c.V.values if isinstance(c.V, Sparse) else c.V)]
@@ -129,9 +129,12 @@ def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     return Component(TRUTH, Sparse.of(V), sigma, "deg", DEG, "each moment of truth errs by itself", Prior(sigma, TRUTH_SPREAD))
 
 
-def _turn(sizes: tuple[int, int, int], floor: float) -> Component:
+def _turn(twin: Twin, sizes: tuple[int, int, int], floor: float) -> Component:
     diagonal = np.zeros(sum(sizes))
     diagonal[: sizes[0]] = 1.0
+    if twin.batch.turns is not None:
+        # A known angle has its stop's sigma: what an accelerometer or a hand does to the tilt at the ends is none of its.
+        diagonal[2 : sizes[0] : twin.batch.angles] = 0.0
     return Component(TURN, Sparse.of_diagonal(diagonal), floor, "deg", DEG, "each turn errs by itself")
 
 

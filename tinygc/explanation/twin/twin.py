@@ -141,7 +141,7 @@ class Twin:
         rates = self.rates(state) if rates is None else rates
         batch = self.batch_at(state)
         q_pred = closure.end_attitude(batch, self.padded(rates))
-        angles = closure.error_angles(closure.residual(q_pred, batch.end, batch.yaw_known))
+        angles = closure.error_angles(closure.batch_residual(batch, q_pred))
         return Channels(angles, self._still_rates(rates) - self._earth_in_stills(state), self._lengths(state))
 
     def batch_at(self, state: State) -> Batch:
@@ -159,6 +159,11 @@ class Twin:
     def _turns(self) -> np.ndarray:
         """(S, T, 3, 3) from the body to the table, by the first linear fit: within a degree, of which the Earth's rate knows nothing."""
         return rotation.matrix(closure.attitudes(self.batch, self.problem.first(self.batch.rate)))
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """(S, 3, 3) in the table frame: about which the closure is measured, as ``closure.directions``, by the first linear fit."""
+        return closure.directions(self.batch, closure.attitudes(self.batch, self.problem.first(self.batch.rate))[:, -1])
 
     @cached_property
     def level_axes(self) -> list[np.ndarray]:
@@ -234,7 +239,7 @@ class Twin:
 
     def earth_columns(self) -> Channels:
         """Of the Earth's rate in table axes, (3,): it turns the prediction by -w times the segment's duration."""
-        design = -self.batch.duration_s[:, None, None] * np.eye(3)[: self.batch.angles]
+        design = -self.batch.duration_s[:, None, None] * self.axes[:, : self.batch.angles]
         still = -rotation.matrix(self.q_tb).transpose(0, 2, 1)
         return Channels(design, still, np.zeros((len(self.stills), 3)))
 
@@ -264,7 +269,7 @@ class Twin:
         def look(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             bent = self._tilted(force)
             end = rotation.multiply(bent[self.first], turned)
-            angles = closure.error_angles(closure.residual(end, bent[self.last], base.yaw_known))
+            angles = closure.error_angles(closure.batch_residual(replace(base, start=bent[self.first], end=bent[self.last]), end))
             return angles, np.linalg.norm(force, axis=1)
 
         here = look(force)

@@ -133,7 +133,7 @@ def _covariance(twin: Twin) -> np.ndarray:
             log, still = twin.stills[number]
             period = problem.logs[log].samples.period_s
             shared_s = max(0, min(segment.stop, still.stop) - max(segment.start, still.start)) * period
-            block = (turn[number][:d] * walk[number]) * shared_s / duration[number]
+            block = (twin.axes[i, :d] @ turn[number] * walk[number]) * shared_s / duration[number]
             rows, at = slice(i * d, i * d + d), s * d + 3 * number
             full[rows, at : at + 3] += block
             full[at : at + 3, rows] += block.T

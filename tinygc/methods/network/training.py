@@ -123,7 +123,7 @@ class _Problem:
         self.integrator, self.start = integrator, start
         self.before = np.full(len(batch), -1) if before is None else before
         self.batch, self.still_rates = batch, still_rates
-        self.weight = 1 / sequences.carried_sigma(sigma.reshape(len(batch), -1), self.before)
+        self.weight = 1 / sequences.carried_sigma(sigma.reshape(len(batch), -1), self.before, batch.turns is not None)
         self.typical_rps = float(np.sqrt(np.mean(batch.rate[..., :3] ** 2)))
         self.identity = start.vector
 
@@ -142,7 +142,7 @@ class _Problem:
 
     def jacobian(self, vector: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
         net = self.net(vector)
-        design = sequences.carried(net.columns(sensitivity, self.batch.rate), self.before)
+        design = sequences.carried(net.columns(sensitivity, self.batch.rate), self.before, self.batch.turns is not None)
         rows = [(design * self.weight[..., None]).reshape(-1, len(vector))]
         if self.still_rates is not None:
             each = np.eye(3)[None, None] / self.still_rates.sigma[:, None, :, None]

@@ -1,4 +1,4 @@
 """The first look, an idea a file; ``first_look`` puts them together.
 
-May import: common, sensor, log, detect, accelerometer.
+May import: common, sensor, log, detect, accelerometer, alignment.
 """

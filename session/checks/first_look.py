@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from session.checks.accelerometer import with_own_accelerometer
+from session.checks.alignment import with_aligned_truth
 from session.checks.axes import check_axes
 from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
 from session.checks.copies import check_copies
@@ -88,7 +89,8 @@ def check_folder(folder: Path) -> list[Finding]:
     if session is None:
         return findings
     session, own = with_own_accelerometer(session)
-    return findings + own + check_session(session)
+    session, aligned = with_aligned_truth(session)
+    return findings + own + aligned + check_session(session)
 
 
 def check_session(session: Session, found: SessionStills | None = None) -> list[Finding]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.units import STANDARD_GRAVITY_MPS2
+from session.log.truth_reading import FRAMES, ORDERS, SAME_FRAME, SENSES, TruthGiven
 from session.sensor.known import DEFAULT, profile_of
 from session.sensor.profiles.profile import Profile
 from session.sensor.registers import RegisterUnits
@@ -21,6 +22,8 @@ SCHEMA = "tinygc-session/1"
 REFERENCES = ("gravity", "table", "truth")
 #: keys of a sensor whose registers are not this tool's to know
 OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
+#: of a mounting's rows from length 1 and a right angle: written to four digits
+ROTATION_WITHIN = 1e-3
 
 
 #: of a field that no key of session.toml gives
@@ -120,6 +123,7 @@ class Config:
     protocol: Protocol
     unknown: tuple[tuple[str, str | None], ...] = ()
     model_given: bool = True
+    truth: TruthGiven = field(default_factory=TruthGiven)
 
 
 def _table(table: dict, name: str) -> dict:
@@ -179,7 +183,20 @@ def read_config(path: Path) -> Config:
     if protocol.reference not in REFERENCES:
         expected = '"gravity", "table" or "truth"'
         raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected {expected}')
-    return Config(sensor, accelerometer, site, protocol, reader.unknown(), "model" in table["sensor"])
+    truth = _truth(reader)  # before what nobody has read
+    return Config(sensor, accelerometer, site, protocol, reader.unknown(), "model" in table["sensor"], truth)
+
+
+def _truth(reader: _Reader) -> TruthGiven:
+    """``[truth]``: how the truth file is to be read, as far as it is told."""
+    frame = reader.choice("truth", "frame", (*FRAMES, *SAME_FRAME))
+    return TruthGiven(
+        offset_s=reader.number("truth", "offset_s", None, low=-3600, high=3600),
+        frame=None if frame is None else SAME_FRAME.get(frame, frame),
+        sense=reader.choice("truth", "sense", SENSES),
+        order=reader.choice("truth", "order", ORDERS),
+        mounting=reader.rotation("truth", "mounting"),
+    )
 
 
 class _Reader:
@@ -231,6 +248,23 @@ class _Reader:
         if not isfinite(number) or not low <= number <= high:
             raise FormatError(f"{self._path}: {section}.{key} is {_said(value)}, expected a number from {low:g} to {high:g}")
         return number
+
+    def choice(self, section: str, key: str, choices: tuple[str, ...]) -> str | None:
+        """One of some words, or None where the key is missing."""
+        value = self._value(section, key, None)
+        if value is not None and value not in choices:
+            raise FormatError(f"{self._path}: {section}.{key} is {_said(value)}, expected one of {', '.join(choices)}")
+        return value
+
+    def rotation(self, section: str, key: str) -> np.ndarray | None:
+        """A rotation matrix (3, 3), made exactly orthogonal, or None where the key is missing."""
+        if self._value(section, key, None) is None:
+            return None
+        matrix = self.array(section, key, (3, 3), np.eye(3))
+        if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_WITHIN or np.linalg.det(matrix) < 0:
+            raise FormatError(f"{self._path}: {section}.{key} is no rotation: its rows must be of length 1, at right angles, right-handed")
+        left, _, right = np.linalg.svd(matrix)
+        return left @ right
 
     def array(self, section: str, key: str, shape: tuple[int, ...], default: np.ndarray) -> np.ndarray:
         value = self._value(section, key, default)

@@ -20,6 +20,7 @@ from session.log.known_turns import KnownTurn, read_known_turns
 from session.log.logfile import Log, read_log
 from session.log.samples import Samples, joined
 from session.log.truth import Truth, read_truth, truth_path
+from session.log.truth_reading import TruthAlignment, TruthReading
 
 #: far beyond any recording, and small enough for a table with a row each
 MOST_STILLS = 100_000
@@ -30,7 +31,8 @@ class Session:
     """What a folder holds.
 
     attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still.  truths: of each log, where
-    the reference is a truth file, else None.  turns: those whose angle is known beforehand.
+    the reference is a truth file, else None.  turns: those whose angle is known beforehand.  alignment: how the truths are read, where
+    that was found out (``session/alignment``).
     """
 
     folder: Path
@@ -40,6 +42,7 @@ class Session:
     attitudes: np.ndarray | None = None
     truths: tuple[Truth, ...] | None = None
     turns: tuple[KnownTurn, ...] = ()
+    alignment: TruthAlignment | None = None
 
     @classmethod
     def from_arrays(
@@ -143,7 +146,7 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
         logs=tuple(map(read, paths)),
         closures=tuple(map(read, closures)),
         attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
-        truths=tuple(read_truth(truth_path(path)) for path in paths) if config.protocol.reference == "truth" else None,
+        truths=_read_truths(config, paths) if config.protocol.reference == "truth" else None,
         turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
     )
 
@@ -157,6 +160,11 @@ def _read_turns(path: Path, config: Config, logs: list[str]) -> tuple[KnownTurn,
             'remove the file, or use reference = "gravity"'
         )
     return read_known_turns(path, logs)
+
+
+def _read_truths(config: Config, paths: list[Path]) -> tuple[Truth, ...]:
+    reading = TruthReading.of(config.truth)
+    return tuple(read_truth(truth_path(path), reading) for path in paths)
 
 
 def _read_attitudes(path: Path) -> np.ndarray:

@@ -1,16 +1,17 @@
 """A truth file: attitudes that something better than gravity saw, at some moments of a log (``reference = "truth"``).
 
 A motion capture, a total station, a rate table's encoder: whatever gives three angles.  Beside ``log0001.csv`` lies ``truth0001.csv``,
-CSV or CSV.gz, with the header ``t_us`` (or ``t_ns``, ``t_s``) ``,qw,qx,qy,qz`` and, optionally, ``,window``: time on the log's own clock,
-``q_nb`` scalar first, body to north-east-down (turned about the vertical by any constant heading).  Rows of one window, a whole number,
-bound one segment each; without windows the moments are taken one after the other.
+CSV or CSV.gz, with the header ``t_us`` (or ``t_ns``, ``t_s``) ``,qw,qx,qy,qz`` (or ``,qx,qy,qz,qw``) and, optionally, ``,window``: time on
+the log's own clock, ``q_nb``, body to north-east-down (turned about the vertical by any constant heading), unless ``[truth]`` of
+session.toml says otherwise (``truth_reading.py``).  Rows of one window, a whole number, bound one segment each; without windows the
+moments are taken one after the other.
 """
 
 from __future__ import annotations
 
 import gzip
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ import numpy as np
 from session.common.errors import FormatError
 from session.common.units import NS_PER_S
 from session.dialects.units import STAMP_NS
+from session.log.truth_reading import TruthReading
 
 #: a quaternion whose length is further from 1 than this was not one
 UNIT_WITHIN = 0.01
@@ -35,6 +37,11 @@ class Truth:
     def __len__(self) -> int:
         return len(self.t_ns)
 
+    def reread(self, before: TruthReading, after: TruthReading) -> Truth:
+        """The same file, read in another way than it was."""
+        shift_ns = round((after.offset_s - before.offset_s) * NS_PER_S)
+        return replace(self, t_ns=self.t_ns + shift_ns, q_nb=after.read(before.written(self.q_nb)))
+
 
 def truth_path(log: Path) -> Path:
     """Where the truth of a log lies: ``log0001.csv.gz`` → ``truth0001.csv`` or ``truth0001.csv.gz``.  FormatError if nowhere."""
@@ -47,11 +54,15 @@ def truth_path(log: Path) -> Path:
     )
 
 
-def read_truth(path: Path) -> Truth:
-    """Read a truth file.  FormatError names the line that is at fault."""
+#: columns of a quaternion, as the header may order them
+SCALAR_FIRST, SCALAR_LAST = ["qw", "qx", "qy", "qz"], ["qx", "qy", "qz", "qw"]
+
+
+def read_truth(path: Path, reading: TruthReading | None = None) -> Truth:
+    """Read a truth file, as the contract has it or as a reading says.  FormatError names the line that is at fault."""
     lines = [(n, line) for n, line in enumerate(_text(path).splitlines(), start=1) if line.strip() and not line.startswith("#")]
     names = [cell.strip() for cell in lines[0][1].split(",")] if lines else []
-    if not names or names[0] not in STAMP_NS or names[1:5] != ["qw", "qx", "qy", "qz"] or names[5:] not in ([], ["window"]):
+    if not names or names[0] not in STAMP_NS or names[1:5] not in (SCALAR_FIRST, SCALAR_LAST) or names[5:] not in ([], ["window"]):
         raise FormatError(f"{path.name}: the header must be t_us,qw,qx,qy,qz (or t_ns, t_s; optionally ,window)")
     if len(lines) < 3:
         raise FormatError(f"{path.name}: {len(lines) - 1} moments; a segment needs two")
@@ -70,7 +81,9 @@ def read_truth(path: Path) -> Truth:
         if not abs(t_ns[-1]) < 2**62 or (len(t_ns) > 1 and t_ns[-1] <= t_ns[-2]):
             raise FormatError(f"{path.name} line {number}: the time {cells[0][:20]} does not go on from the line before")
     q = np.array(rows)
-    return Truth(path, np.array(t_ns, dtype=np.int64), q / np.linalg.norm(q, axis=1, keepdims=True), np.array(window) if window else None)
+    q = np.roll(q, 1, axis=1) if names[1:5] == SCALAR_LAST else q
+    found = Truth(path, np.array(t_ns, dtype=np.int64), q / np.linalg.norm(q, axis=1, keepdims=True), np.array(window) if window else None)
+    return found if reading is None else found.reread(TruthReading(), reading)
 
 
 def _text(path: Path) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from session.checks.accelerometer import WHAT, with_own_accelerometer
+from session.checks.alignment import SAID, with_aligned_truth
 from session.checks.findings import Finding, stop_at_errors
 from session.checks.first_look import check_session
 from session.common.errors import CalibrationError
@@ -42,8 +43,9 @@ class Prepared:
 
     @property
     def warnings(self) -> list[Finding]:
-        """What costs accuracy, and an accelerometer that the session itself has calibrated."""
-        return [finding for finding in self.findings if finding.level == "warning" or finding.what == WHAT]
+        """What costs accuracy, an accelerometer that the session itself has calibrated, and a truth file that is not read as it stands."""
+        own = (WHAT, *SAID)
+        return [f for f in self.findings if f.level == "warning" or (f.what in own and f.level == "note")]
 
     def as_given(self) -> Prepared:
         """With the calibration that session.toml gives; the same where it gives none."""
@@ -72,9 +74,10 @@ def prepare(
             f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out"
         )
     session, own = with_own_accelerometer(session, anew=accelerometer == "fit")
+    session, aligned = with_aligned_truth(session)
     progress("first look")
     found = SessionStills(session)
-    findings = own + check_session(session, found)
+    findings = own + aligned + check_session(session, found)
     stop_at_errors(findings)
     problem = build_problem(session, use_earth=use_earth, exclude=exclude, found=found, progress=progress)
     if accelerometer == "given" or source not in ("given", "none"):  # or an estimation that has been made before

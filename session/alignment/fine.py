@@ -18,13 +18,13 @@ from scipy.spatial.transform import Rotation
 from session.alignment.frames import Seen
 from session.alignment.spans import Carried, Spans, carried, vector
 from session.log.samples import Samples
-from session.log.truth_reading import TruthReading, inverse, product, quaternion
+from session.log.truth_reading import TruthReading, inverse, product
 
 #: of independent spans: 60 angles for 13 unknowns
 FEWEST = 20
 STEPS = 4
-#: a twentieth of the session, but no shorter than four spans' own memory and no longer than a vehicle's slow errors
-BLOCKS, BLOCK_S = 20, (2.0, 10.0)
+#: a twentieth of the session, but no shorter than two spans and no longer than a vehicle's slow errors
+BLOCKS, BLOCK_S = 20, (1.0, 10.0)
 #: Huber's weights, in median lengths
 ROBUST, ROBUST_PASSES = 2.0, 4
 
@@ -48,7 +48,7 @@ def refined(seen: Sequence[Seen], samples: Sequence[Samples], reading: TruthRead
             gyro = [carried(part, part.gyro @ E.T + b) for part in samples]
         now = replace(reading, mounting=mounting, offset_s=offset_s)
         rows = [_rows(one, log, now) for one, log in zip(seen, gyro, strict=True)]
-        error, columns, begin = (np.concatenate(part) for part in zip(*rows, strict=True))
+        error, columns = (np.concatenate(part) for part in list(zip(*rows, strict=True))[:2])
         block = _blocks(rows)
         if len(error) < 3 or sum(_independent(part[2]) for part in rows) < FEWEST:
             return None

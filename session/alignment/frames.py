@@ -2,7 +2,7 @@
 
 The gyro's rates tell the sense of turning and the mounting: short spans' rotation vectors, seen in the body at the span's beginning, are
 the gyro's, turned by a constant rotation.  Those of an inverse attitude are the world's, which no constant rotation brings to the body.
-Cells in another order are an inverse with two constant turns, so the rates alone do not tell the two apart: the mounting that is least does.
+Cells in another order are an inverse with two constant turns, so the rates alone do not tell the two apart: the least mounting does.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _turns(one: Seen, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _mounting(truth: np.ndarray, gyro: np.ndarray, duration: np.ndarray, given: np.ndarray | None) -> tuple[np.ndarray, float]:
-    """The rotation (3, 3) that brings the gyro's vectors (K, 3) to the truth's, a constant bias taken off, and the share of squares left."""
+    """The rotation (3, 3) from the gyro's vectors (K, 3) to the truth's, a constant bias taken off, and the share of squares left."""
     matrix, bias = np.eye(3) if given is None else given, np.zeros(3)
     for _ in range(5):
         turned = gyro + bias * duration[:, None]

@@ -36,15 +36,20 @@ def with_aligned_truth(session: Session) -> tuple[Session, list[Finding]]:
     return aligned, [Finding(level, where, what, says, do) for level, what, says, do in findings if what]
 
 
-def words(alignment: TruthAlignment) -> str:
+def truth_words(alignment: TruthAlignment) -> str:
     """How the truth was read, in a sentence for a report."""
+    return f"clock {offset_text(alignment)}; {frame_text(alignment)}; gyro to truth {mounting_text(alignment)}"
+
+
+def frame_text(alignment: TruthAlignment) -> str:
+    """The truth's world and how its quaternions are written, each with where that is from."""
     reading, source = alignment.reading, alignment.source
-    parts = [f"clock {offset_text(alignment)}", f"world with {WORLDS[reading.frame]} ({source['frame']})"]
+    parts = [f"world with {WORLDS[reading.frame]} ({source['frame']})"]
     if reading.sense != "body_to_world":
         parts.append(f"quaternions from the world to the body ({source['sense']})")
     if reading.order != "wxyz":
         parts.append(f"scalar last ({source['order']})")
-    return "; ".join([*parts, f"gyro to truth {mounting_text(alignment)}"])
+    return "; ".join(parts)
 
 
 def offset_text(alignment: TruthAlignment) -> str:

@@ -31,7 +31,7 @@ SAME_FRAME = {"z_down": "ned", "z_up": "enu", "nwu": "enu", "nue": "y_up"}
 
 @dataclass(frozen=True, eq=False)
 class TruthGiven:
-    """What ``[truth]`` of session.toml says; None: found out from the recording.  mounting (3, 3): from the IMU's axes to the truth's body."""
+    """What ``[truth]`` of session.toml says; None: to be found out.  mounting (3, 3): from the IMU's axes to the truth's body."""
 
     offset_s: float | None = None
     frame: str | None = None

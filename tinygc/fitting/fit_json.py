@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.alignment.table import alignment_table
 from session.common.units import DEG, G
 from session.common.version import VERSION
 from tinygc.fitting.figures import closure_figures, run_figures
@@ -47,6 +48,7 @@ def to_json(result: FitResult) -> dict:
         "goodness": vars(result.goodness),
         "bias_from": result.bias_from.to_json(),
         "known_turns": known_turns_json(result),
+        "truth": None if result.session.alignment is None else alignment_table(result.session.alignment),
         "unobserved": result.linear.notes.get("unobserved", []),
         "earth": {
             "source": earth.source,

@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from session.checks.alignment import truth_words
 from session.checks.first_look import Finding
 from session.common.units import DEG
 from tinygc.fitting.figures import closure_figures, run_figures
@@ -181,6 +182,8 @@ def _accelerometer(result: FitResult) -> list[Table]:
 def _remarks(result: FitResult) -> list[Text]:
     remarks = [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in result.warnings]
     remarks += _noise_words(result)
+    if result.session.alignment is not None:
+        remarks.append(Text(f"Truth: {truth_words(result.session.alignment)}."))
     remarks.append(Text(result.bias_from.words))
     remarks += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:

@@ -1,4 +1,4 @@
-"""Evidence of a truth file: how the closure grows, what short segments say of clocks and frames, the accelerometer, the rests."""
+"""Evidence of a truth file: how the closure grows, how neighbours go together, the accelerometer, the rests."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.effects import movement_of
-from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.problem.conditions import conditions
 from tinygc.problem.problem import Problem
@@ -23,7 +22,6 @@ from tinygc.problem.truth import batch_of
 
 #: lengths at which the closure's growth is looked at, s
 LENGTHS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
-SHORT_S = 0.5
 #: of the specific force, over which a vehicle's own acceleration averages out: what stays below 0.5 m/s has a mean of 5 mg at most
 FORCE_WINDOW_S = 20.0
 
@@ -132,45 +130,13 @@ def neighbours_correlation(problem: Problem, angles: np.ndarray) -> float:
     return float(np.sum(angles[at] * angles[at + 1]) / np.sqrt(np.sum(angles[at] ** 2) * np.sum(angles[at + 1] ** 2)))
 
 
-def short_segments(problem: Problem, model: LinearModel) -> tuple[tuple[float, float], np.ndarray, np.ndarray]:
-    """Offset s of the truth's clock with its sigma, and the rotation (3,) rad from gyro to truth with its sigma (3,), from segments as
-    short as the truth allows: there the rates are greatest beside what the truth is wrong by."""
-    nothing = (float("nan"), float("nan")), np.full(3, np.nan), np.full(3, np.nan)
-    cut = _again(problem, SHORT_S)
-    if len(cut) < 40:  # 120 angles for 13 unknowns
-        return nothing
-    batch = batch_of(problem.logs, [s for s, _ in cut], [ends for _, ends in cut])
-    bare = LinearModel(np.eye(3), model.B)
-    angles, rate = error_angles(batch, bare), bare(batch.rate)
-    # Unknown: the offset, and all of the linear model, of which the antisymmetric part is the rotation.
-    design = np.concatenate([offset_columns(batch, bare)[..., None], linear.columns(closure.sensitivity(batch, rate), rate)], axis=-1)
-    scale = np.linalg.norm(design.reshape(-1, 13), axis=0)
-    design, weight = design / scale, np.ones(len(batch))
-    for _ in range(8):  # against moments of truth that are wrong: Huber's weights
-        rows = (design * weight[:, None, None]).reshape(-1, 13)
-        theta = np.linalg.lstsq(rows, -(angles * weight[:, None]).ravel(), rcond=None)[0]
-        left = angles + design @ theta
-        size = np.linalg.norm(left, axis=1)
-        weight = np.sqrt(np.minimum(1, 1.5 * np.median(size) / np.maximum(size, 1e-12)))
-    # Neighbours share a moment of truth, so a sandwich over blocks of ten segments.
-    score = np.einsum("sip,si,s->sp", design, left, weight**2)
-    blocks = np.add.reduceat(score, np.arange(0, len(score), 10), axis=0)
-    inverse = np.linalg.inv(rows.T @ rows)
-    covariance = inverse @ (blocks.T @ blocks) @ inverse / np.outer(scale, scale)
-    theta = theta / scale
-    pick = np.zeros((3, 13))
-    for axis, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
-        pick[axis, 1 + 3 * i + j], pick[axis, 1 + 3 * j + i] = 0.5, -0.5
-    return (float(theta[0]), float(np.sqrt(covariance[0, 0]))), pick @ theta, np.sqrt(np.diag(pick @ covariance @ pick.T))
-
-
-def force_against_truth(problem: Problem, turned: np.ndarray) -> Force | None:
-    """Mean specific force against the truth's vertical in long windows, over which a vehicle's acceleration averages out."""
+def force_against_truth(problem: Problem, stands: np.ndarray, turned: np.ndarray) -> Force | None:
+    """Mean specific force against the truth's vertical in long windows, over which a vehicle's acceleration averages out; stands, turned
+    (3, 3): from the sensor's axes to those that the problem's attitudes are of, by the truth as it stands and turned as the gyro asks."""
     rows: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     values: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     g = problem.session.config.site.expected_gravity_mps2
     down = np.array([0, 0, g])
-    spin = rotation.matrix(rotation.exp(np.nan_to_num(turned)))
     for log, truth in zip(problem.logs, problem.session.truths or (), strict=True):
         at, q = moments_inside(log.samples, truth)
         force, size = log.samples.accel[at], int(FORCE_WINDOW_S / np.median(np.diff(log.samples.t_ns[at]) * NS))
@@ -187,7 +153,7 @@ def force_against_truth(problem: Problem, turned: np.ndarray) -> Force | None:
             mean = np.einsum("t,tij->ij", weight, turn[part])
             for out, x in zip(rows, (mean, mean), strict=True):
                 out.append(x)
-            for out, f in zip(values, (force[part], force[part] @ spin.T), strict=True):
+            for out, f in zip(values, (force[part] @ stands.T, force[part] @ turned.T), strict=True):
                 out.append(np.einsum("t,tij,tj->i", weight, turn[part], f) + down)
     if len(rows[0]) < 3:
         return None

@@ -6,7 +6,8 @@ channel, the closure between moments of truth (``truth_twin.py``), is looked at 
 - its columns: the catalogue's rate effects and the truth's clock, weighed as for any recording (``names.py``);
 - its growth: closure against length tells the truth's own noise (constant) from the gyro's (root of time) and from a bias (time);
 - its neighbours: a wrong moment of truth is missed by the segment before it and made good by the one after;
-- its E: an antisymmetric part is a rotation between gyro and truth, and the accelerometer either asks for the same one or does not;
+- its clock and its frame, as they were found before anything was fitted (``session/alignment``): a rotation between gyro and truth that
+  a gyro may have itself is the truth's where the accelerometer asks for the same one;
 - its bias: in motion, against the mean rate at rest, which the truth is not needed for.
 """
 
@@ -17,9 +18,11 @@ from pathlib import Path
 
 import numpy as np
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from session.common.units import DEG
 from session.log.folder import Session
+from session.log.truth_reading import FOUND, TruthAlignment
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.explanation.truth.evidence import (
     Force,
@@ -27,11 +30,11 @@ from tinygc.explanation.truth.evidence import (
     growth,
     neighbours_correlation,
     noises,
-    short_segments,
     zero_at_rest,
 )
 from tinygc.explanation.truth.names import name_beside_truth
-from tinygc.explanation.truth.truth_effects import FRAME, wrong_moments
+from tinygc.explanation.truth.recorded_clock import with_recorded_clock
+from tinygc.explanation.truth.truth_effects import FRAME, MOUNTED, wrong_moments
 from tinygc.explanation.truth.truth_explanation import TruthClaim, TruthExplanation
 from tinygc.explanation.truth.wrong_moments import without_wrong_moments
 from tinygc.problem.prepared import Prepared, prepare
@@ -56,14 +59,14 @@ def explain_truth(
     sound, jumps, jumps_p = without_wrong_moments(problem)
     progress("naming", 2, 5)
     fit = fit_least_squares(sound.batch, sound.floor.sigma, problem.first)
-    names = name_beside_truth(sound, seed, lambda what: progress(what, 2, 5))
+    alignment = sound.session.alignment
+    names = with_recorded_clock(sound, name_beside_truth(sound, seed, lambda what: progress(what, 2, 5)), alignment)
     progress("growth and clocks", 3, 5)
     lengths, closures = growth(sound, fit.model)
     truth_rad, walk_rad = noises(lengths, closures)
-    offset, turned, turned_sigma = short_segments(sound, fit.model)
     progress("frames and rests", 4, 5)
-    force = force_against_truth(sound, turned)
-    claims = _frame_claim(turned, turned_sigma, force) + names.claims
+    force = force_against_truth(sound, *_stands_and_turned(alignment))
+    claims = _frame_claim(alignment, force) + names.claims
     if jumps:
         began = problem.began_s
         at_s = np.array([round(float(began[log]) + at, 3) for log, at in jumps])
@@ -74,7 +77,7 @@ def explain_truth(
         jumps=jumps,
         claims=claims,
         refused=names.refused,
-        p_value=names.decision.p_value,
+        p_value=names.p_value,
         angles=names.angles,
         held_out=names.held_out,
         excess=names.excess,
@@ -86,19 +89,37 @@ def explain_truth(
         walk_rad=walk_rad,
         gyro_rad=float(np.mean(sound.noise.angle_random_walk)),
         neighbours=(neighbours_correlation(sound, names.angles[0]), neighbours_correlation(sound, names.angles[1])),
-        offset=offset,
-        turned=turned,
-        turned_sigma=turned_sigma,
+        alignment=alignment,
         rests=zero_at_rest(sound, fit.model),
         force=force,
         warnings=prepared.warnings,
     )
 
 
-def _frame_claim(turned: np.ndarray, sigma: np.ndarray, force: Force | None) -> list[TruthClaim]:
-    """The truth's frame is turned if the gyro says so, and the accelerometer's apparent bias becomes less with it."""
-    if not np.isfinite(turned).all():
+def _not_taken_off(alignment: TruthAlignment | None) -> np.ndarray:
+    """(3,) rad of the rotation from the gyro's axes to the truth's body, beyond the mounting that the problem reckons with."""
+    if alignment is None or not np.isfinite(alignment.turned).all():
+        return np.zeros(3)
+    return (Rotation.from_matrix(alignment.reading.mounting).inv() * Rotation.from_rotvec(alignment.turned)).as_rotvec()
+
+
+def _stands_and_turned(alignment: TruthAlignment | None) -> tuple[np.ndarray, np.ndarray]:
+    """(3, 3) each: from the sensor's axes to those of the problem's attitudes, without a mounting that was found, and as the gyro asks."""
+    asked = Rotation.from_rotvec(_not_taken_off(alignment)).as_matrix()
+    if alignment is None or alignment.source["mounting"] != FOUND:
+        return np.eye(3), asked
+    return alignment.reading.mounting.T, asked
+
+
+def _frame_claim(alignment: TruthAlignment | None, force: Force | None) -> list[TruthClaim]:
+    """The truth's frame is turned if the gyro says so by more than it can be misaligned, or the accelerometer's apparent bias becomes less
+    with it."""
+    if alignment is None or not np.isfinite([alignment.turned, alignment.turned_sigma]).all():
         return []
+    turned, sigma = _not_taken_off(alignment), alignment.turned_sigma
+    if alignment.source["mounting"] == FOUND:
+        sure = float(np.sum((alignment.turned / sigma) ** 2))
+        return [TruthClaim(MOUNTED, alignment.turned, sigma, float(stats.chi2.sf(sure, 3)), None)]
     size = float(np.linalg.norm(turned))
     sure = float(np.sum((turned / sigma) ** 2))
     if size < FRAME_RAD or sure < FRAME_SIGMAS**2 or force is None:

@@ -15,9 +15,10 @@ from tinygc.explanation.naming.naming import STAND_IN, NamedEffect, Naming
 from tinygc.explanation.naming.search import exchanged, search
 from tinygc.explanation.naming.unknown import NAMELESS
 from tinygc.explanation.noise.components import WANDER
-from tinygc.explanation.truth.truth_effects import OFFSET, wander
+from tinygc.explanation.truth.truth_effects import OFFSET, common_delays, wander
 from tinygc.explanation.truth.truth_explanation import TruthClaim
 from tinygc.explanation.truth.truth_twin import TruthTwin
+from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.refit import Refit, refit
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.verdict.decision import NamingDecision, decided
@@ -32,7 +33,7 @@ WANDER_S = 20.0  #: between knots: a shape, whose number of knots is priced by t
 class TruthNames:
     """claims, strongest first; refused: what would fit, at a size that no gyroscope has; the decision, with p-value, noise and what was
     considered; before and after: each segment's closure (S, 3) rad; held_out (S, 3) rad of each, of segments that the fit did not see;
-    excess, chi-square per degree of freedom over what is stated, before and after."""
+    excess, chi-square per degree of freedom over what is stated, before and after; p_value of the detection."""
 
     claims: list[TruthClaim]
     refused: list[TruthClaim]
@@ -40,6 +41,8 @@ class TruthNames:
     angles: tuple[np.ndarray, np.ndarray]
     held_out: tuple[np.ndarray, np.ndarray]
     excess: tuple[float, float]
+    p_value: float
+    fit: Refit
 
 
 def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], None] = lambda what: None) -> TruthNames:
@@ -53,7 +56,7 @@ def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], Non
     while True:
         best = _best(evidence, tried, slow, progress)
         decision = _with_slow_bias(evidence, tried, slow, decided(evidence, best, first_p, len({effect.id for effect in tried})))
-        claims = _claims(decision)
+        claims = _claims(decision, decision.naming.fit, twin.clock_free)
         wrong = [claim for claim in claims if claim.implausible]
         if not wrong:
             break
@@ -61,15 +64,17 @@ def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], Non
         refused += wrong
         tried = [effect for effect in tried if effect.id not in ids]
         evidence.forget(ids)
-    first, last = decision.naming.first, decision.naming.fit
+    first, last = decision.naming.first, in_gauge(twin, decision.whiten, decision.naming.fit)
     angles = twin.residuals(first.state).closure, twin.residuals(last.state).closure
     return TruthNames(
-        claims,
+        _claims(decision, last, twin.clock_free),
         refused,
         decision,
         angles,
         (held_out(twin, decision.whiten, first), held_out(twin, decision.whiten, last)),
-        (_excess(problem, angles[0], 0), _excess(problem, angles[1], sum(len(claim.theta) for claim in claims))),
+        (excess_of(problem, angles[0], 0), excess_of(problem, angles[1], sum(len(claim.theta) for claim in claims))),
+        decision.p_value,
+        last,
     )
 
 
@@ -121,13 +126,15 @@ def _said(fit: Refit, effect: Effect, probability: float) -> NamedEffect:
     return NamedEffect(effect, float(stats.chi2.sf(gain, len(theta))), gain, probability)
 
 
-def _claims(decision: NamingDecision) -> list[TruthClaim]:
-    fit, naming = decision.naming.fit, decision.naming
+def _claims(decision: NamingDecision, fit: Refit, clock_free: bool) -> list[TruthClaim]:
+    """Of a decision, with the numbers of a fit with its names."""
+    naming = decision.naming
     numbers = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
-    return [
+    claims = [
         _claim(fit, numbers[each.effect.id], each, naming.first.chi_square)
         for each in sorted(naming.named + decision.beyond, key=lambda each: -each.gain)
     ]
+    return [replace(c, equivalent=common_delays()) if c.effect.kind == "truth" and clock_free else c for c in claims]
 
 
 def _claim(fit: Refit, number: int, named: NamedEffect, chi_square: float) -> TruthClaim:
@@ -154,7 +161,7 @@ def _shrunk(claim: AppliedEffect) -> Effect:
     return replace(claim.effect, parameter=replace(claim.effect.parameter, plausible=rms))
 
 
-def _excess(problem: Problem, angles: np.ndarray, parameters: int) -> float:
+def excess_of(problem: Problem, angles: np.ndarray, parameters: int) -> float:
     """Chi-square per degree of freedom over what is stated of gyro and truth, of closure angles (S, 3), beside the linear model's 12."""
     white = np.linalg.solve(np.linalg.cholesky(problem.floor.dense()), angles.ravel())
     return float(white @ white) / max(len(white) - PARAMETERS - parameters, 1)

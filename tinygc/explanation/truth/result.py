@@ -9,6 +9,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from session.alignment.table import alignment_table
+from session.checks.alignment import frame_text, mounting_text, offset_text
 from session.common.units import DEG, MG
 from session.common.version import VERSION
 from session.files.results import write_whole
@@ -64,10 +66,7 @@ def truth_to_json(e: TruthExplanation) -> dict:
             "closure_deg_by_length_s": lengths,
             "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
             "neighbours_correlation": {"before": _number(e.neighbours[0]), "after": _number(e.neighbours[1])},
-            "offset_s": _number(e.offset[0]),
-            "offset_std_s": _number(e.offset[1]),
-            "gyro_to_truth_deg": (e.turned / DEG).tolist(),
-            "gyro_to_truth_std_deg": (e.turned_sigma / DEG).tolist(),
+            **({} if e.alignment is None else alignment_table(e.alignment)),
         },
         "force": None
         if e.force is None
@@ -190,8 +189,8 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
         ("", f"by this growth {e.truth_rad / DEG:.3f}° a moment of truth, {e.walk_rad / DEG:.3f}°/√s"),
         ("", _own_noise(e)),
         ("", f"neighbouring segments correlate {before:+.2f}, after {after:+.2f} (-0.5: the truth's noise, 0: the gyro's, more: slow)"),
-        ("clocks", f"truth {1e3 * e.offset[0]:+.2f} ± {1e3 * e.offset[1]:.2f} ms against the gyro"),
-        ("frames", f"gyro to truth {triple(e.turned / DEG)} ± {triple(e.turned_sigma / DEG)}°"),
+        ("clocks", "truth not known" if e.alignment is None else f"truth {offset_text(e.alignment)}"),
+        ("frames", "not known" if e.alignment is None else f"gyro to truth {mounting_text(e.alignment)}; {frame_text(e.alignment)}"),
     ]
     if (force := e.force) is not None:
         off = f"accelerometer off by {triple(force.bias / MG, 0)} mg ± {triple(force.sigma / MG, 0)}"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.effects import Effect, Movement, Parameter, largest
+from tinygc.effects import Effect, Movement, Parameter, catalogue, largest
 
 
 def _nothing(movement: Movement) -> np.ndarray:
@@ -21,7 +23,8 @@ OFFSET = Effect(
     kind="truth",
     columns=_nothing,
     says=lambda theta: (
-        f"the truth's stamps are {1e3 * abs(theta[0]):.2f} ms {'early' if theta[0] > 0 else 'late'} beside the gyro's: shift one of them"
+        f"the truth's stamps are {1e3 * abs(theta[0]):.2f} ms {'early' if theta[0] > 0 else 'late'} beside the gyro's: shift one of them "
+        f"(truth.offset_s = {theta[0]:.6f}); a delay that all axes of the gyro share looks the same"
     ),
     splits="turn fast and stop: the truth must stop with the gyro",
 )
@@ -39,6 +42,20 @@ FRAME = Effect(
     ),
     splits="mount the sensor in the truth's body another way: a frame's error goes with the body, a gyro's misalignment with the gyro",
 )
+
+
+MOUNTED = replace(
+    FRAME,
+    says=lambda theta: (
+        f"the truth's body is turned by {np.linalg.norm(theta) / DEG:.1f} deg against the sensor's axes, more than a gyro's misalignment: "
+        "it is taken off, and what is common to the gyro's axes of misalignment with it"
+    ),
+)
+
+
+def common_delays() -> tuple[str, ...]:
+    """Ids of effects that can delay all axes alike: what they share cannot be told from a clock that nobody has given."""
+    return tuple(name for name, effect in catalogue().items() if effect.gauge is not None and effect.gauge.delays)
 
 
 def wander(knots_s: np.ndarray) -> Effect:

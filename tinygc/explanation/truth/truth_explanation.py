@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from session.checks.findings import Finding
+from session.log.truth_reading import TruthAlignment
 from tinygc.effects import Effect
 from tinygc.explanation.naming.selection import FAMILY_WISE
 from tinygc.explanation.noise.session_noise import SessionNoise
@@ -55,8 +56,8 @@ class TruthExplanation:
     closure about the truth's axes, held_out: the same by fits that did not see it, and excess, chi-square over what is stated; noise: its
     components as they are; considered: names that are not borne out, with their probability; lengths_s (L,), closure_rad (L, 3): growth;
     truth_rad a moment and walk_rad per root second, from it; gyro_rad per root second, the gyro's own walk at its quietest;
-    neighbours: correlation of neighbouring segments' errors, before and after; offset: s of the truth's clock and its sigma; turned (3,),
-    turned_sigma (3,): the gyro against the truth; rests; force; warnings of the first look.
+    neighbours: correlation of neighbouring segments' errors, before and after; alignment: clock and frame of the truth
+    against the gyro; rests; force; warnings of the first look.
     """
 
     problem: Problem
@@ -76,12 +77,21 @@ class TruthExplanation:
     walk_rad: float
     gyro_rad: float
     neighbours: tuple[float, float]
-    offset: tuple[float, float]
-    turned: np.ndarray
-    turned_sigma: np.ndarray
+    alignment: TruthAlignment | None
     rests: Rests | None
     force: Force | None
     warnings: list[Finding]
+
+    @property
+    def offset(self) -> tuple[float, float]:
+        """s of the truth's clock as it was recorded, and its sigma; nan where they are not known."""
+        return (float("nan"), float("nan")) if self.alignment is None else (self.alignment.offset_s, self.alignment.offset_sigma_s)
+
+    @property
+    def turned(self) -> tuple[np.ndarray, np.ndarray]:
+        """(3,) rad from the gyro's axes to the truth's body as it was recorded, and its sigma; nan where they are not known."""
+        nothing = np.full(3, np.nan)
+        return (nothing, nothing) if self.alignment is None else (self.alignment.turned, self.alignment.turned_sigma)
 
     @property
     def closure_rms(self) -> tuple[float, float]:

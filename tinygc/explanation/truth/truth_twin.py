@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from session.log.truth_reading import GIVEN
 from tinygc.attitude import rotation
 from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.residual import Batch, attitudes
@@ -17,6 +18,9 @@ from tinygc.effects import Effect
 from tinygc.explanation.truth.evidence import offset_columns
 from tinygc.explanation.twin.twin import Channels, State, Twin
 from tinygc.problem.problem import Problem
+
+#: of a clock that is set back; beyond, each is longer than two samples
+MOST_STEPS = 100
 
 
 class TruthTwin(Twin):
@@ -29,24 +33,32 @@ class TruthTwin(Twin):
         at = attitudes(problem.batch, problem.first(problem.batch.rate))
         own = gyro_variance(problem.batch, at, [problem.logs[segment.log].noise for segment in problem.used])
         super().__init__(replace(problem, floor=Floor(own, np.zeros_like(problem.floor.shared))))
+        alignment = problem.session.alignment
+        self.clock_free = alignment is None or alignment.source["offset_s"] != GIVEN
 
     def batch_at(self, state: State) -> Batch:
         """The batch with the truth's attitudes as its clock has them, and the state's Earth."""
         batch = super().batch_at(state)
         for claim in state.claims:
             if claim.effect.kind == "truth":
-                batch = self._later(batch, state, float(claim.theta[0]))
+                batch = self.later(batch, state, float(claim.theta[0]))
         return batch
 
-    def _later(self, batch: Batch, state: State, seconds: float) -> Batch:
-        """The truth's attitudes are those of so many seconds later: each taken back along the calibrated rate, that of half way."""
-        turned = []
+    def later(self, batch: Batch, state: State, seconds: float) -> Batch:
+        """The truth's attitudes are those of so many seconds later: each taken back along the calibrated rate, in steps of about a
+        segment's sample, each with the rate of its half way."""
+        period_s = float(np.median([self.problem.logs[s.log].samples.period_s for s in self.segments]))
+        steps = min(int(np.ceil(abs(seconds) / (2 * period_s))), MOST_STEPS) or 1
+        turned, step_s = [], seconds / steps
         for q, samples_at, earth in (
             (batch.start, [s.start for s in self.segments], batch.earth[:, 0]),
             (batch.end, [s.stop - 1 for s in self.segments], self._last_of(batch.earth)),
         ):
-            gyro = np.array([self._gyro(s.log, at, seconds / 2) for s, at in zip(self.segments, samples_at, strict=True)])
-            turned.append(rotation.multiply(q, rotation.exp(-seconds * (state.model(gyro) - earth))))
+            for number in reversed(range(steps)):
+                half_s = (number + 0.5) * step_s
+                gyro = np.array([self._gyro(s.log, at, half_s) for s, at in zip(self.segments, samples_at, strict=True)])
+                q = rotation.multiply(q, rotation.exp(-step_s * (state.model(gyro) - earth)))
+            turned.append(q)
         return replace(batch, start=turned[0], end=turned[1])
 
     def _gyro(self, log: int, at: int, later_s: float) -> np.ndarray:

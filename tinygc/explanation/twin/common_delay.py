@@ -8,7 +8,7 @@ import numpy as np
 
 from tinygc.effects import CommonDelay, Convention
 from tinygc.explanation.twin.layout import claim_slice
-from tinygc.explanation.twin.refit import Refit
+from tinygc.explanation.twin.refit import KNOWN, Refit
 from tinygc.explanation.twin.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
@@ -25,7 +25,7 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     diagonal is one plus differences) is the delay between gyro and accelerometer; that of a lag, as far as the closure lets it.
     """
     if not twin.stills:  # between moments of truth, where turns begin and end in motion, the closure sees a common delay
-        return fit
+        return _by_the_clock(twin, whiten, fit) if twin.clock_free else fit
     for number, claim in enumerate(fit.state.claims):
         gauge = claim.effect.gauge
         if isinstance(gauge, Convention):
@@ -33,6 +33,42 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
         elif isinstance(gauge, CommonDelay):
             fit = (_with_possible_lag if gauge.never_negative else _with_common_delay)(twin, whiten, fit, number, gauge)
     return fit
+
+
+def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    """A delay that all axes share, and a truth whose clock nobody has given, are one column: the clock has it.
+
+    An effect keeps what its axes differ by: about their mean, or from the earliest of them where a delay is never negative.  Where no
+    clock is among the claims, what they share is nobody's.
+    """
+    claims, change = list(fit.state.claims), np.eye(len(fit.covariance))
+    clock = next((number for number, claim in enumerate(claims) if claim.effect.kind == "truth"), None)
+    moved = []
+    for number, claim in enumerate(claims):
+        gauge = claim.effect.gauge
+        if gauge is None or not gauge.delays:
+            continue
+        entries, late = list(gauge.delays), gauge.late if isinstance(gauge, CommonDelay) else 1.0
+        earliest = isinstance(gauge, Convention) or gauge.never_negative
+        share = np.eye(3)[int(np.argmin(late * claim.theta[entries]))] if earliest else np.full(3, 1 / 3)
+        common, theta = float(share @ claim.theta[entries]), claim.theta.copy()
+        theta[entries] -= common
+        claims[number] = replace(claim, theta=theta)
+        rows = np.add(entries, claim_slice(fit.state.claims, number).start)
+        change[np.ix_(rows, rows)] -= share
+        moved.append(rows)
+        if clock is not None:
+            claims[clock] = replace(claims[clock], theta=claims[clock].theta + late * common)
+            change[claim_slice(fit.state.claims, clock).start, rows] += late * share
+    if not moved:
+        return fit
+    state = replace(fit.state, claims=tuple(claims))
+    rates = twin.rates(state)
+    r = whiten(twin.residuals(state, rates).stacked())
+    covariance = change @ fit.covariance @ change.T
+    for rows in moved:  # what is settled has no sigma of its own; a little keeps the matrix one that can be inverted
+        covariance[np.ix_(rows, rows)] += KNOWN**2
+    return replace(fit, state=state, rates=rates, r=r, chi_square=float(r @ r), covariance=covariance)
 
 
 def _with_theta(twin: Twin, whiten: Whitener, fit: Refit, number: int, theta: np.ndarray) -> Refit:

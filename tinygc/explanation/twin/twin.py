@@ -93,6 +93,9 @@ class Channels:
 class Twin:
     """A problem, ready to be replayed."""
 
+    #: whether the reference has a clock of its own that nobody has given: what delays all axes alike is then its offset
+    clock_free = False
+
     def __init__(self, problem: Problem):
         self.problem, self.batch = problem, problem.batch
         self.segments = problem.used

@@ -52,9 +52,10 @@ def refined(seen: Sequence[Seen], samples: Sequence[Samples], reading: TruthRead
         block = _blocks(rows)
         if len(error) < 3 or sum(_independent(part[2]) for part in rows) < FEWEST:
             return None
-        theta, covariance = _solved(error, columns, block)
-        if theta is None or covariance is None:
+        solved = _solved(error, columns, block)
+        if solved is None:
             return None
+        theta, covariance = solved
         offset_s -= float(theta[0])
         dE = -theta[1:10].reshape(3, 3)
         turn = np.array([dE[2, 1] - dE[1, 2], dE[0, 2] - dE[2, 0], dE[1, 0] - dE[0, 1]]) / 2
@@ -112,18 +113,19 @@ def _blocks(rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray
     return np.concatenate(numbers)
 
 
-def _solved(error: np.ndarray, columns: np.ndarray, block: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """theta (13,) that takes up most of the errors, robustly, and its covariance (13, 13) by a sandwich over blocks."""
+def _solved(error: np.ndarray, columns: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """theta (13,) that takes up most of the errors, robustly, and its covariance (13, 13) by a sandwich over blocks; None where the movement
+    does not fix them."""
     size = columns.shape[2]
     scale = np.linalg.norm(columns.reshape(-1, size), axis=0)
     if not (scale > 0).all():
-        return None, None
+        return None
     design, weight = columns / scale, np.ones(len(error))
     for _ in range(ROBUST_PASSES):
         rows = (design * weight[:, None, None]).reshape(-1, size)
         normal = rows.T @ rows
         if np.linalg.cond(normal) > 1e12:
-            return None, None
+            return None
         theta = np.linalg.solve(normal, rows.T @ (error * weight[:, None]).ravel())
         left = error - design @ theta
         length = np.linalg.norm(left, axis=1)

@@ -33,7 +33,8 @@ WANDER_S = 20.0  #: between knots: a shape, whose number of knots is priced by t
 class TruthNames:
     """claims, strongest first; refused: what would fit, at a size that no gyroscope has; the decision, with p-value, noise and what was
     considered; before and after: each segment's closure (S, 3) rad; held_out (S, 3) rad of each, of segments that the fit did not see;
-    excess, chi-square per degree of freedom over what is stated, before and after; p_value of the detection."""
+    excess, chi-square per degree of freedom over what is stated, before and after; p_value of the detection; evidence: all that was
+    weighed."""
 
     claims: list[TruthClaim]
     refused: list[TruthClaim]
@@ -42,7 +43,12 @@ class TruthNames:
     held_out: tuple[np.ndarray, np.ndarray]
     excess: tuple[float, float]
     p_value: float
-    fit: Refit
+    evidence: Evidence
+
+    @property
+    def named(self) -> tuple[Effect, ...]:
+        """What has a name, of what the last fit holds."""
+        return tuple(claim.effect for claim in self.decision.naming.fit.state.claims if not claim.effect.id.startswith(NAMELESS))
 
 
 def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], None] = lambda what: None) -> TruthNames:
@@ -74,7 +80,7 @@ def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], Non
         (held_out(twin, decision.whiten, first), held_out(twin, decision.whiten, last)),
         (excess_of(problem, angles[0], 0), excess_of(problem, angles[1], sum(len(claim.theta) for claim in claims))),
         decision.p_value,
-        last,
+        evidence,
     )
 
 

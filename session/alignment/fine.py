@@ -114,8 +114,8 @@ def _blocks(rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> np.ndarray
 
 
 def _solved(error: np.ndarray, columns: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """theta (13,) that takes up most of the errors, robustly, and its covariance (13, 13) by a sandwich over blocks; None where the movement
-    does not fix them."""
+    """theta (13,) that takes up most of the errors, robustly, and its covariance (13, 13) by a sandwich over blocks; None where they
+    are not fixed."""
     size = columns.shape[2]
     scale = np.linalg.norm(columns.reshape(-1, size), axis=0)
     if not (scale > 0).all():

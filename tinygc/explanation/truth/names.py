@@ -20,6 +20,7 @@ from tinygc.explanation.truth.truth_explanation import TruthClaim
 from tinygc.explanation.truth.truth_twin import TruthTwin
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.refit import Refit, refit
+from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.verdict.decision import NamingDecision, decided
 from tinygc.explanation.verdict.proof import FOLD_STEPS, fold_rows, folds_of
@@ -34,7 +35,7 @@ class TruthNames:
     """claims, strongest first; refused: what would fit, at a size that no gyroscope has; the decision, with p-value, noise and what was
     considered; before and after: each segment's closure (S, 3) rad; held_out (S, 3) rad of each, of segments that the fit did not see;
     excess, chi-square per degree of freedom over what is stated, before and after; p_value of the detection; evidence: all that was
-    weighed."""
+    weighed; fit: the last, with the clock beside what delays."""
 
     claims: list[TruthClaim]
     refused: list[TruthClaim]
@@ -44,6 +45,7 @@ class TruthNames:
     excess: tuple[float, float]
     p_value: float
     evidence: Evidence
+    fit: Refit
 
     @property
     def named(self) -> tuple[Effect, ...]:
@@ -62,7 +64,7 @@ def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], Non
     while True:
         best = _best(evidence, tried, slow, progress)
         decision = _with_slow_bias(evidence, tried, slow, decided(evidence, best, first_p, len({effect.id for effect in tried})))
-        claims = _claims(decision, decision.naming.fit, twin.clock_free)
+        claims = _claims(decision, decision.naming.fit)
         wrong = [claim for claim in claims if claim.implausible]
         if not wrong:
             break
@@ -70,10 +72,10 @@ def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], Non
         refused += wrong
         tried = [effect for effect in tried if effect.id not in ids]
         evidence.forget(ids)
-    first, last = decision.naming.first, in_gauge(twin, decision.whiten, decision.naming.fit)
+    first, last = decision.naming.first, beside_clock(twin, decision.whiten, decision.naming.fit)
     angles = twin.residuals(first.state).closure, twin.residuals(last.state).closure
     return TruthNames(
-        _claims(decision, last, twin.clock_free),
+        _claims(decision, last),
         refused,
         decision,
         angles,
@@ -81,7 +83,16 @@ def name_beside_truth(problem: Problem, seed: int, progress: Callable[[str], Non
         (excess_of(problem, angles[0], 0), excess_of(problem, angles[1], sum(len(claim.theta) for claim in claims))),
         decision.p_value,
         evidence,
+        last,
     )
+
+
+def beside_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+    """The fit with the truth's clock beside effects that delay, unless it was given: it has what all axes' delays share."""
+    effects = [claim.effect for claim in fit.state.claims]
+    if twin.clock_free and OFFSET not in effects and any(effect.id in common_delays() for effect in effects):
+        fit = refit(twin, whiten, [OFFSET, *effects], fit.state)
+    return in_gauge(twin, whiten, fit)
 
 
 def _slow_bias(twin: TruthTwin) -> Effect:
@@ -132,7 +143,7 @@ def _said(fit: Refit, effect: Effect, probability: float) -> NamedEffect:
     return NamedEffect(effect, float(stats.chi2.sf(gain, len(theta))), gain, probability)
 
 
-def _claims(decision: NamingDecision, fit: Refit, clock_free: bool) -> list[TruthClaim]:
+def _claims(decision: NamingDecision, fit: Refit) -> list[TruthClaim]:
     """Of a decision, with the numbers of a fit with its names."""
     naming = decision.naming
     numbers = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
@@ -140,7 +151,7 @@ def _claims(decision: NamingDecision, fit: Refit, clock_free: bool) -> list[Trut
         _claim(fit, numbers[each.effect.id], each, naming.first.chi_square)
         for each in sorted(naming.named + decision.beyond, key=lambda each: -each.gain)
     ]
-    return [replace(c, equivalent=common_delays()) if c.effect.kind == "truth" and clock_free else c for c in claims]
+    return [replace(c, equivalent=common_delays()) if c.effect.kind == "truth" else c for c in claims]
 
 
 def _claim(fit: Refit, number: int, named: NamedEffect, chi_square: float) -> TruthClaim:

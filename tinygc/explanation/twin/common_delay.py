@@ -38,11 +38,13 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
 def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     """A delay that all axes share, and a truth whose clock nobody has given, are one column: the clock has it.
 
-    An effect keeps what its axes differ by: about their mean, or from the earliest of them where a delay is never negative.  Where no
-    clock is among the claims, what they share is nobody's.
+    An effect keeps what its axes differ by: about their mean, or from the earliest of them where a delay is never negative.  Where the
+    clock is not among the claims, nothing is moved.
     """
     claims, change = list(fit.state.claims), np.eye(len(fit.covariance))
     clock = next((number for number, claim in enumerate(claims) if claim.effect.kind == "truth"), None)
+    if clock is None:
+        return fit
     moved = []
     for number, claim in enumerate(claims):
         gauge = claim.effect.gauge
@@ -57,9 +59,8 @@ def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
         rows = np.add(entries, claim_slice(fit.state.claims, number).start)
         change[np.ix_(rows, rows)] -= share
         moved.append(rows)
-        if clock is not None:
-            claims[clock] = replace(claims[clock], theta=claims[clock].theta + late * common)
-            change[claim_slice(fit.state.claims, clock).start, rows] += late * share
+        claims[clock] = replace(claims[clock], theta=claims[clock].theta + late * common)
+        change[claim_slice(fit.state.claims, clock).start, rows] += late * share
     if not moved:
         return fit
     state = replace(fit.state, claims=tuple(claims))

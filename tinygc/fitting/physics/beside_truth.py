@@ -7,11 +7,9 @@ from collections.abc import Callable
 from session.common.errors import FitError
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Evidence
-from tinygc.explanation.truth.names import name_beside_truth
-from tinygc.explanation.truth.truth_effects import OFFSET
+from tinygc.explanation.truth.names import beside_clock, name_beside_truth
 from tinygc.explanation.truth.truth_twin import TruthTwin
 from tinygc.explanation.truth.wrong_moments import without_wrong_moments
-from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.twin import Twin
 from tinygc.fitting.physics.physics_fit import PhysicsFit, effect_of
 from tinygc.models.physics import PhysicsModel
@@ -33,11 +31,9 @@ def fit_beside_truth(problem: Problem, ids: tuple[str, ...] | None, seed: int, p
         evidence = Evidence(TruthTwin(sound))
         effects = tuple(_effect(evidence.twin, name) for name in ids)
     twin = evidence.twin
-    if twin.clock_free and any(effect.gauge is not None for effect in effects) and OFFSET not in effects:
-        effects = (OFFSET, *effects)  # what all axes' delays share is the clock's
     # What wanders without a name is no part of a model: it is noise here.
     weighed = evidence.of(effects, evidence.nothing)
-    fit = in_gauge(twin, weighed.whiten, weighed.fit)
+    fit = beside_clock(twin, weighed.whiten, weighed.fit)
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
     model = PhysicsModel(fit.state.model, rate_claims, conditions(sound))
     return PhysicsFit(model, sound, twin, weighed.whiten, fit, (WRONG_MOMENTS,) if jumps else (), refused)

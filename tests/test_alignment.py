@@ -1,0 +1,240 @@
+"""A truth file as it comes: its clock, its world, inverse quaternions, another mounting, each put in and found again."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import DEG
+from scipy.linalg import polar
+from scipy.spatial.transform import Rotation
+from truth_sessions import Wrong, made, write
+
+import calibrate
+from session.alignment.align import align
+from session.checks.alignment import with_aligned_truth
+from session.checks.first_look import check_folder
+from session.common.errors import FormatError
+from session.log.config import read_config
+from session.log.folder import read_session
+from session.log.truth import read_truth
+from session.log.truth_reading import FRAMES, ORDERS, SENSES, TruthGiven, TruthReading, down_of
+from session.public.euroc import write_sequences
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.models.linear import LinearModel
+from tinygc.problem.prepared import prepare
+
+MILLI = 1e-3
+
+
+def matrix_of(q):
+    return Rotation.from_quat(q, scalar_first=True).as_matrix()
+
+
+def apart_deg(one, other):
+    """Between attitudes (K, 4), a turn about the vertical taken off."""
+    between = Rotation.from_quat(one, scalar_first=True) * Rotation.from_quat(other, scalar_first=True).inv()
+    yaw = Rotation.from_euler("z", np.median(between.as_euler("zyx")[:, 0]))
+    return float(np.degrees((yaw.inv() * between).magnitude().max()))
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("sense", SENSES)
+@pytest.mark.parametrize("frame", FRAMES)
+def test_what_is_written_is_read_and_written_again(order, sense, frame):
+    q = Rotation.random(20, random_state=1).as_quat(scalar_first=True)
+    reading = TruthReading(order, sense, frame, Rotation.random(random_state=2).as_matrix(), 0.1)
+    assert np.abs(np.abs(np.sum(reading.read(reading.written(q)) * q, axis=1)) - 1).max() < 1e-14
+    # By matrices: the file's world has its down where the frame says, and the mounting is on the body's side.
+    body_to_world = reading.written(q) if order == "wxyz" else np.roll(reading.written(q), 1, axis=1)
+    body_to_world = matrix_of(body_to_world) if sense == "body_to_world" else matrix_of(body_to_world).transpose(0, 2, 1)
+    down = np.einsum("kij,jl,kl->ki", body_to_world, reading.mounting, matrix_of(q)[:, 2, :])
+    assert np.abs(down - down_of(frame)).max() < 1e-12
+    assert abs(down_of(frame) @ (np.eye(3)["xyz".index(frame[0])] if frame[1] == "_" else [0, 0, 1])) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "found"),
+    [
+        (Wrong(), {}),
+        (Wrong(frame="enu"), {}),
+        (Wrong(frame="y_up"), {}),
+        (Wrong(sense="world_to_body"), {"sense"}),
+        (Wrong(sense="world_to_body", frame="enu"), {"sense"}),
+        (Wrong(order="xyzw"), {"order"}),
+        (Wrong(order="xyzw", frame="enu", late_s=-0.004), {"order", "offset_s"}),
+        (Wrong(late_s=0.00406), {"offset_s"}),
+        (Wrong(late_s=-0.3), {"offset_s"}),
+        (Wrong(late_s=1.5), {"offset_s"}),
+        (Wrong(mounting_deg=(3, -2, 1)), {"mounting"}),
+        (Wrong(mounting_deg=(0, 90, 0)), {"mounting"}),
+        (Wrong(mounting_deg=(180, 0, 0), frame="enu"), {"mounting"}),
+        (Wrong(mounting_deg=(0, 0, 90), sense="world_to_body", frame="enu", late_s=0.02), {"sense", "mounting", "offset_s"}),
+    ],
+)
+def test_each_is_found_and_nothing_else(wrong, found):
+    session, E = made(wrong)
+    aligned = align(session)
+    alignment = aligned.alignment
+    reading, source = alignment.reading, alignment.source
+    assert {name for name in ("offset_s", "sense", "order", "mounting") if source[name] == "found"} == set(found)
+    assert (reading.frame, reading.sense, reading.order) == (wrong.frame, wrong.sense, wrong.order)
+    assert abs(alignment.offset_s + wrong.late_s) < 4 * alignment.offset_sigma_s < 0.3 * MILLI
+    # The gyro's own common misalignment is in the mounting: its matrix is a rotation times what is symmetric.
+    own = Rotation.from_rotvec(np.multiply(wrong.mounting_deg, DEG)).as_matrix() @ polar(E)[0]
+    left = (Rotation.from_matrix(own).inv() * Rotation.from_rotvec(alignment.turned)).as_rotvec()
+    assert np.abs(left / alignment.turned_sigma).max() < 4.5
+    assert alignment.turned_sigma.max() < 0.02 * DEG
+    # What comes out are the attitudes that there were.
+    (truth,), (plain,) = aligned.truths, made(replace(wrong, frame="ned", sense="body_to_world", order="wxyz"))[0].truths
+    mounting = TruthReading(mounting=reading.mounting)
+    assert apart_deg(truth.q_nb, mounting.read(plain.q_nb)) < 1e-4
+
+
+def test_an_inverse_in_another_order_is_a_mounting_and_comes_to_the_same():
+    """(x, y, z, w) of an inverse is a turned attitude, exactly: no recording tells the two apart, and no calibration minds."""
+    session, _ = made(Wrong(order="xyzw", sense="world_to_body"))
+    (truth,), (plain,) = align(session).truths, made(Wrong())[0].truths
+    assert apart_deg(truth.q_nb, plain.q_nb) < 1.0  # the gyro's own misalignment is in the mounting
+
+
+def test_without_an_accelerometer_rates_alone_tell_the_sense():
+    alignment = align(made(Wrong(sense="world_to_body", force=False))[0]).alignment
+    assert (alignment.source["sense"], alignment.source["frame"], alignment.up) == ("found", "assumed", None)
+
+
+def test_turns_about_one_axis_do_not_make_an_inverse_of_a_truth():
+    """About z alone, an inverse and half a turn of mounting are the same motion: the contract's own way stands."""
+    alignment = align(made(Wrong(axis=(0, 0, 1), misaligned=0.0))[0]).alignment
+    assert {name for name, source in alignment.source.items() if source == "found"} <= {"frame"}
+
+
+def test_a_truth_of_another_recording_is_left_as_it_is():
+    session, other = made(Wrong(), seed=1)[0], made(Wrong(), seed=2)[0]
+    mixed = align(replace(session, truths=other.truths))
+    assert not np.isfinite(mixed.alignment.offset_s)
+    np.testing.assert_allclose(mixed.truths[0].q_nb, other.truths[0].q_nb, atol=1e-15)
+    assert set(mixed.alignment.source.values()) == {"assumed"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "wrong", [Wrong(late_s=0.00406), Wrong(turns=10), Wrong(sigma_deg=0.2, every_s=0.5), Wrong(mounting_deg=(3, -2, 1), frame="enu")]
+)
+def test_sigmas_are_what_they_say_and_none_is_claimed_that_is_not_there(wrong):
+    offset, turned, claimed = [], [], 0
+    for seed in range(40):
+        session, E = made(wrong, seed)
+        alignment = align(session).alignment
+        offset.append((alignment.offset_s + wrong.late_s) / alignment.offset_sigma_s)
+        own = Rotation.from_rotvec(np.multiply(wrong.mounting_deg, DEG)).as_matrix() @ polar(E)[0]
+        turned.append((Rotation.from_matrix(own).inv() * Rotation.from_rotvec(alignment.turned)).as_rotvec() / alignment.turned_sigma)
+        claimed += alignment.source["offset_s"] == "found"
+    # 40 offsets, and 120 angles that go together by threes: three sigmas of a share of 68 %.
+    assert abs(np.mean(np.abs(offset) < 1) - 0.68) < 3 * np.sqrt(0.68 * 0.32 / 40)
+    assert abs(np.mean(np.abs(turned) < 1) - 0.68) < 3 * np.sqrt(0.68 * 0.32 / 80)
+    assert np.sqrt(np.mean(np.square(offset))) < 1.4
+    assert claimed == (40 if wrong.late_s else 0)
+
+
+@pytest.mark.slow
+def test_parameters_behind_a_found_clock_and_mounting_are_within_their_sigmas():
+    wrong, pulls = Wrong(late_s=0.00406, mounting_deg=(3, -2, 1), frame="enu", sense="world_to_body"), []
+    mounting = Rotation.from_rotvec(np.multiply(wrong.mounting_deg, DEG)).as_matrix()
+    for seed in range(20):
+        session, E = made(wrong, seed)
+        problem = prepare(session).problem
+        fit = fit_least_squares(problem.batch, problem.floor.sigma, problem.first)
+        sigma = np.sqrt(np.diag(parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth)))
+        true_E = problem.session.alignment.reading.mounting.T @ mounting @ E
+        true = LinearModel(true_E, -true_E @ np.multiply((0.5, -0.3, 0.6), DEG)).vector
+        pulls.append((fit.model.vector - true) / sigma)
+    assert abs(np.mean(np.abs(pulls) < 1) - 0.68) < 3 * np.sqrt(0.68 * 0.32 / 240)
+
+
+def test_what_is_given_is_used_and_held_against_the_recording():
+    right = TruthGiven(offset_s=-0.004, frame="enu", sense="world_to_body", mounting=Rotation.from_rotvec([0, 90 * DEG, 0]).as_matrix())
+    wrong = Wrong(late_s=0.004, frame="enu", sense="world_to_body", mounting_deg=(0, 90, 0), given=right)
+    session, findings = with_aligned_truth(made(wrong)[0])
+    assert {finding.level for finding in findings} == {"ok"}
+    assert set(session.alignment.source.values()) == {"given", "assumed"}
+    assert session.alignment.reading.offset_s == -0.004
+    turned = Rotation.from_rotvec([0, 80 * DEG, 0]).as_matrix()
+    for name, what, value in (("offset_s", "clock", 0.0), ("frame", "frame", "ned"), ("mounting", "mounting", turned)):
+        session, findings = with_aligned_truth(made(replace(wrong, given=replace(right, **{name: value})))[0])
+        assert [finding.what for finding in findings if finding.level == "warning"] == [f"truth's {what}"]
+    assert abs(session.alignment.offset_s + 0.004) < 4 * session.alignment.offset_sigma_s
+
+
+def test_the_page_of_a_check_says_all_of_it_and_files_need_no_truth_section(tmp_path):
+    folder = write(tmp_path, Wrong(late_s=0.00406, sense="world_to_body", frame="enu", mounting_deg=(0, 0, 90)))
+    said = {finding.what: finding for finding in check_folder(folder) if finding.what.startswith("truth's")}
+    assert {finding.level for finding in said.values()} == {"note"}
+    assert "late" in said["truth's clock"].says
+    assert "z up (found)" in said["truth's frame"].says
+    assert "inverse" in said["truth's attitudes"].says
+    assert "taken off" in said["truth's mounting"].says
+    # What to keep is written so that it can be kept.
+    keeps = [finding.do.split(" in session.toml")[0].removeprefix("truth.") for finding in said.values()]
+    with (folder / "session.toml").open("a") as file:
+        file.write("[truth]\n" + "\n".join(keeps) + "\n")
+    again = {finding.what: finding for finding in check_folder(folder) if finding.what.startswith("truth's")}
+    assert {finding.level for finding in again.values()} == {"ok"}
+
+
+def test_fit_and_explain_put_it_into_their_json(tmp_path, capsys):
+    folder = write(tmp_path, Wrong(late_s=0.00406, frame="enu", turns=12))
+    words = ["fit", str(folder), "--methods", "least_squares", "--json", str(tmp_path / "fit.json")]
+    assert calibrate.main(words) == 0
+    told = json.loads((tmp_path / "fit.json").read_text())["truth"]
+    assert told["source"] == {"offset": "found", "frame": "found", "sense": "assumed", "order": "assumed", "mounting": "assumed"}
+    assert told["offset_used_s"] == told["offset_s"] == pytest.approx(-0.00406, abs=4 * told["offset_std_s"])
+    assert told["frame"] == "enu"
+    assert "added to its stamps" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('frame = "up"', "truth.frame"),
+        ('sense = "inverse"', "truth.sense"),
+        ("order = 4", "truth.order"),
+        ("offset_s = 1e9", "truth.offset_s"),
+        ("mounting = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]", "truth.mounting is no rotation"),
+        ("mounting = [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]", "truth.mounting is no rotation"),
+        ("mounting = [1, 0, 0]", "truth.mounting"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line(tmp_path, text, says):
+    path = tmp_path / "session.toml"
+    path.write_text(f'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 100\ngyro_fs_dps = 500\naccel_fs_g = 4\n[truth]\n{text}\n')
+    with pytest.raises(FormatError, match=says):
+        read_config(path)
+
+
+def test_a_header_may_have_the_scalar_last(tmp_path):
+    path = tmp_path / "truth0001.csv"
+    path.write_text("t_s,qx,qy,qz,qw\n0,0.6,0,0,0.8\n1,0,0.6,0,0.8\n")
+    np.testing.assert_allclose(read_truth(path).q_nb, [[0.8, 0.6, 0, 0], [0.8, 0, 0.6, 0]])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["MH_05", "V1_02"])
+def test_euroc_has_its_clock_and_gets_back_what_is_put_in(shared, tmp_path, name):
+    if not (shared / "euroc").is_dir():
+        pytest.skip(f"no recordings: {shared / 'euroc'} is not there")
+    session = read_session(write_sequences(shared / "euroc", [name], tmp_path, segment_s=2.0))
+    as_it_is = align(session).alignment
+    assert [part for part, source in as_it_is.source.items() if source == "found"] == ["frame"]
+    turn = Rotation.from_rotvec([0, 0, 90 * DEG]).as_matrix()
+    put = TruthReading("wxyz", "world_to_body", "enu", turn, 0.0)
+    (truth,) = session.truths
+    spoilt = replace(session, truths=(replace(truth, q_nb=put.written(truth.q_nb), t_ns=truth.t_ns + 4_060_000),))
+    alignment = align(spoilt).alignment
+    assert (alignment.reading.frame, alignment.reading.sense) == ("enu", "world_to_body")
+    assert alignment.offset_s - as_it_is.offset_s == pytest.approx(-0.00406, abs=0.3 * as_it_is.offset_sigma_s + 1e-6)
+    # The gyro's own small rotation goes into the mounting, and its matrix is without it.
+    held = [fit_least_squares(p.batch, p.floor.sigma, p.first) for p in (prepare(session).problem, prepare(spoilt).problem)]
+    # V1_02's own offset of -0.3 ms (2 sigmas) is taken off with what was put in.
+    assert np.abs(held[0].model.B - held[1].model.B).max() < 0.01 * DEG

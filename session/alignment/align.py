@@ -31,9 +31,9 @@ ROUGH_SPANS = 600
 def align(session: Session) -> Session:
     """The session with its truths read anew where nothing was given and the recording asks for it; ``alignment`` says how.
 
-    Sessions without a truth are returned as they are, and so are those whose truth does not go with the gyro at all.
+    Sessions without a truth, or aligned before, are returned as they are; so is a truth that does not go with the gyro at all.
     """
-    if session.truths is None:
+    if session.truths is None or session.alignment is not None:
         return session
     given = session.config.truth
     told = TruthReading.of(given)

@@ -65,7 +65,7 @@ WATCHED = {
         "truth.names": "WANDER_S",
         "truth.truth_explanation": "IMPLAUSIBLE",
         "truth.wrong_moments": "JUMP OPPOSITE",
-        "truth.evidence": "SHORT_S FORCE_WINDOW_S",
+        "truth.evidence": "FORCE_WINDOW_S",
     },
 }
 NEAR_ONE = 0.55

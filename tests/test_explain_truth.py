@@ -119,7 +119,7 @@ def test_a_turned_frame_is_asked_for_by_gyro_and_accelerometer(tmp_path):
 def test_the_page_is_drawn_with_wrong_moments_and_with_next_to_nothing(tmp_path):
     pytest.importorskip("matplotlib")
     whole = explain_truth(write(tmp_path / "whole", jumps=(20.3, 40.3)))
-    bare = replace(whole, lengths_s=np.zeros(0), closure_rad=np.zeros((0, 3)), turned=np.full(3, np.nan), force=None)
+    bare = replace(whole, lengths_s=np.zeros(0), closure_rad=np.zeros((0, 3)), alignment=None, force=None)
     for name, e in (("whole", whole), ("bare", bare)):
         draw_truth(e, tmp_path / f"{name}.png")
         assert (tmp_path / f"{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"

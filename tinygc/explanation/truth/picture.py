@@ -102,12 +102,11 @@ def _neighbours(e: TruthExplanation, axes: Axes) -> None:
 def _frame(e: TruthExplanation, axes: Axes) -> None:
     """The rotation from the gyro's axes to the truth's."""
     axes.set(ylabel="rotation (°)", title="Truth's frame against the gyro's, ± one sigma")
-    turned, turned_sigma = e.turned
-    if not np.isfinite([turned, turned_sigma]).all():
+    if not np.isfinite([e.turned, e.turned_sigma]).all():
         _nothing(axes, "too few segments")
         return
     for i, axis in enumerate("xyz"):
-        axes.errorbar(i, turned[i] / DEG, turned_sigma[i] / DEG, fmt="o", color=AXES[axis], capsize=6)
+        axes.errorbar(i, e.turned[i] / DEG, e.turned_sigma[i] / DEG, fmt="o", color=AXES[axis], capsize=6)
     axes.axhline(0, color=FLOOR, lw=0.8)
     axes.set_xticks(range(3), ["about x", "about y", "about z"])
     offset, sigma = (1e3 * x for x in e.offset)

@@ -88,10 +88,14 @@ class TruthExplanation:
         return (float("nan"), float("nan")) if self.alignment is None else (self.alignment.offset_s, self.alignment.offset_sigma_s)
 
     @property
-    def turned(self) -> tuple[np.ndarray, np.ndarray]:
-        """(3,) rad from the gyro's axes to the truth's body as it was recorded, and its sigma; nan where they are not known."""
-        nothing = np.full(3, np.nan)
-        return (nothing, nothing) if self.alignment is None else (self.alignment.turned, self.alignment.turned_sigma)
+    def turned(self) -> np.ndarray:
+        """(3,) rad from the gyro's axes to the truth's body as it was recorded; nan where that is not known."""
+        return np.full(3, np.nan) if self.alignment is None else self.alignment.turned
+
+    @property
+    def turned_sigma(self) -> np.ndarray:
+        """(3,) rad, of the same."""
+        return np.full(3, np.nan) if self.alignment is None else self.alignment.turned_sigma
 
     @property
     def closure_rms(self) -> tuple[float, float]:

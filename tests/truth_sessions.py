@@ -63,7 +63,7 @@ def made(wrong: Wrong, seed: int = 1) -> tuple[Session, np.ndarray]:
     q = (attitude * Rotation.from_rotvec(rng.normal(size=(len(moments), 3)) * wrong.sigma_deg * DEG)).as_quat(scalar_first=True)
     mounting = Rotation.from_rotvec(np.multiply(wrong.mounting_deg, DEG)).as_matrix()
     written = TruthReading(wrong.order, wrong.sense, wrong.frame, mounting).written(q)
-    config = Config(Sensor("", "", 208.0, 500, 4), Accelerometer(), Site(), Protocol(1.0, 2.0, "truth", wrong.sigma_deg), wrong.given)
+    config = Config(Sensor("", "", 208.0, 500, 4), Accelerometer(), Site(), Protocol(1.0, 2.0, "truth", wrong.sigma_deg), truth=wrong.given)
     log = Log(Path("log0001.csv"), Samples(samples.t_ns, gyro, samples.accel * wrong.force), raw=False)
     truth = Truth(Path("truth0001.csv"), np.rint(moments * 1e9).astype(np.int64), written)
     read = truth.reread(TruthReading(), TruthReading.of(wrong.given))

@@ -179,7 +179,7 @@ def test_the_command_writes_a_copy_and_leaves_the_recording(tmp_path, capsys):
     assert {path.name for path in copy.iterdir()} == set(before)
     found, was = read_session(copy).config, read_session(folder).config
     assert found.unknown == ()
-    assert dataclasses.replace(found, accelerometer=was.accelerometer) == was
+    assert dataclasses.replace(found, accelerometer=was.accelerometer, truth=was.truth) == was
     np.testing.assert_array_equal(found.accelerometer.matrix, np.triu(found.accelerometer.matrix))
     lengths = np.linalg.norm(found.accelerometer.correct(was.accelerometer.measured(GRAVITY * np.eye(3))), axis=1)
     np.testing.assert_allclose(lengths, GRAVITY, atol=0.1 * MG)

@@ -63,6 +63,7 @@ def to_json(result: FitResult) -> dict:
             }
             for name, fit in result.methods.items()
         },
+        "against_raw": result.against_raw.to_json(),
         "closure_runs": [
             {
                 "file": run.file,

@@ -32,6 +32,8 @@ LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bo
 def fit_report(result: FitResult) -> Group:
     """Closure by method, closure runs, parameters, and what to know about them."""
     parts: list[RenderableType] = [_headline(result), _methods(result)]
+    if result.against_raw.worse:
+        parts.append(Text(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
     if result.runs:
         parts.append(_closure_runs(result))
     parts += [_parameters(result), *_accelerometer(result), *_remarks(result)]

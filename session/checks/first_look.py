@@ -11,6 +11,7 @@ from pathlib import Path
 
 from session.checks.accelerometer import with_own_accelerometer
 from session.checks.axes import check_axes
+from session.checks.bridges import check_bridges
 from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
 from session.checks.copies import check_copies
 from session.checks.dead import check_dead
@@ -52,6 +53,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_rate(log, config.sensor),
         *check_stamps(log, noise, config.protocol.segment_s),
         *check_registers(log, config.sensor, good, missing_accel),
+        *check_bridges(log, config.sensor, noise, config.protocol.segment_s),
         *check_dead(log, missing_accel),
         *check_temperature(log, good, config.sensor),
         *check_warming(log),

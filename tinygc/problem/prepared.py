@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from session.checks.accelerometer import WHAT, with_own_accelerometer
+from session.checks.bridges import WHAT as BRIDGED
+from session.checks.bridges import with_bridges
 from session.checks.findings import Finding, stop_at_errors
 from session.checks.first_look import check_session
 from session.common.errors import CalibrationError
@@ -42,8 +44,8 @@ class Prepared:
 
     @property
     def warnings(self) -> list[Finding]:
-        """What costs accuracy, and an accelerometer that the session itself has calibrated."""
-        return [finding for finding in self.findings if finding.level == "warning" or finding.what == WHAT]
+        """What costs accuracy, what was put in, and an accelerometer that the session itself has calibrated."""
+        return [finding for finding in self.findings if finding.level == "warning" or finding.what in (WHAT, BRIDGED)]
 
     def as_given(self) -> Prepared:
         """With the calibration that session.toml gives; the same where it gives none."""
@@ -76,7 +78,9 @@ def prepare(
     found = SessionStills(session)
     findings = own + check_session(session, found)
     stop_at_errors(findings)
-    problem = build_problem(session, use_earth=use_earth, exclude=exclude, found=found, progress=progress)
+    whole = with_bridges(session)
+    found = SessionStills(whole, found)
+    problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, progress=progress)
     if accelerometer == "given" or source not in ("given", "none"):  # or an estimation that has been made before
         return Prepared(findings, problem)
     progress("accelerometer")

@@ -162,7 +162,7 @@ def test_check_says_what_was_put_in():
     assert "missing in" in findings[WHAT].says
     assert "none longer than 3 samples" in findings["gaps"].says
     assert not any(f.level == "error" for f in findings.values())
-    assert check_bridges(session_of(Table().tumble(3).samples()).logs[0], SENSOR, None, 5.0) == []
+    assert check_bridges(session_of(Table().tumble(3).samples()).logs[0], SENSOR, [], None, 5.0) == []
 
 
 def test_a_reading_at_the_registers_end_costs_no_turn():

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from session.checks.findings import Finding, axes_text
 from session.common.units import DEG
 from session.detect.bridges import CLIPPED, GAP, bridged
-from session.detect.stills import Noise
+from session.detect.segments import why_broken
+from session.detect.stills import Noise, Still
 from session.log.config import Sensor
 from session.log.folder import Session
 from session.log.logfile import Bridge, Log
@@ -29,9 +31,17 @@ def with_bridges(session: Session) -> Session:
     return replace(session, logs=tuple(map(whole, session.logs)), closures=tuple(map(whole, session.closures)))
 
 
-def check_bridges(log: Log, sensor: Sensor, noise: Noise | None, segment_s: float) -> list[Finding]:
-    """What a fit puts in, against what the gyro's own noise adds to a segment."""
-    _, bridges = bridged(log.samples, sensor)
+def check_bridges(log: Log, sensor: Sensor, stills: list[Still], noise: Noise | None, segment_s: float) -> list[Finding]:
+    """What a fit puts in, against what the gyro's own noise adds to a segment; what lies in turns that are not used for another reason,
+    between these stills, is not counted."""
+    samples, bridges = bridged(log.samples, sensor)
+    if not bridges:
+        return []
+    whole = replace(log, samples=samples, bridges=bridges)
+    turns = [(first.start_s + first.duration_s, last.start_s) for first, last in pairwise(stills)]
+    rows = np.searchsorted(samples.t_s, turns).reshape(-1, 2)
+    broken = [(a, b) for a, b in rows.tolist() if why_broken(samples, slice(a, b + 1), sensor, whole.put_in)]
+    bridges = tuple(bridge for bridge in bridges if not any(a <= bridge.row <= b for a, b in broken))
     if not bridges:
         return []
     floor = np.inf if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(segment_s)

@@ -16,6 +16,7 @@ from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean
 from session.checks.copies import check_copies
 from session.checks.dead import check_dead
 from session.checks.findings import Finding, worst
+from session.checks.impacts import check_impacts
 from session.checks.known_turns import check_known_turns
 from session.checks.rate import check_length, check_rate, check_warming
 from session.checks.samples import check_comments, check_reading, check_registers, check_stamps, check_temperature
@@ -53,7 +54,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_rate(log, config.sensor),
         *check_stamps(log, noise, config.protocol.segment_s),
         *check_registers(log, config.sensor, good, missing_accel),
-        *check_bridges(log, config.sensor, noise, config.protocol.segment_s),
+        *check_bridges(log, config.sensor, good, noise, config.protocol.segment_s),
         *check_dead(log, missing_accel),
         *check_temperature(log, good, config.sensor),
         *check_warming(log),
@@ -78,6 +79,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_gravity(where, good, config, noise),
         *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
         *check_undersampling(log, good, noise, config),
+        *check_impacts(where, log.samples.with_accel(force), good, config.sensor),
     ]
 
 

@@ -12,7 +12,8 @@ from session.log.samples import Samples
 
 SIDE = 4  #: samples on either side that carry the polynomial: two more than the highest order has coefficients
 ORDERS = (1, 3, 5)
-#: share of the speed at the gaps, or of the bend beside one, from which on a place is like them, up to its inverse (not critical: benchmarks/thresholds.py)
+#: share of the speed at the gaps, or of the bend beside one, from which on a place is like them, up to its inverse
+#: (not critical: benchmarks/thresholds.py)
 AS_FAST = 0.5
 FEWEST_TRIALS = 40  #: places: their rms is then known to 11 %; where fewer are alike, all that are as fast
 BEND_STEPS = 4  #: to an octave, in which bends are alike

@@ -9,6 +9,7 @@ import numpy as np
 
 from session.common.errors import DataError, SegmentError
 from session.common.units import DEG, NS
+from session.detect.impacts import find_impacts
 from session.detect.known_turns import FoundTurn
 from session.detect.segments import Segment, cut_segments
 from session.detect.session_stills import SessionStills
@@ -22,6 +23,7 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import Batch, attitudes, directions, nearest_yaw
 from tinygc.closure.still_rates import StillRates
 from tinygc.models.linear import LinearModel, bias_only
+from tinygc.problem.impacts import hits_of, widened_by_impacts
 from tinygc.problem.known_turns import as_reference, known_turns_of, rates_at_rest, span_space, tilt_excess
 from tinygc.problem.problem import Problem
 from tinygc.problem.rejections import CLIPPED, LEFT_OUT
@@ -92,6 +94,11 @@ def build_problem(
     more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
     about = directions(batch, at[:, -1])
     floor = floor.widened(about @ more @ about.transpose(0, 2, 1)) if widened else floor
+    more, hit = widened_by_impacts(accepted, hits_of(accepted, [find_impacts(log.samples) for log in logs]), batch, floor, fit.model)
+    if hit:  # and a first fit that they do not bend
+        floor, widened = floor.widened(about @ more @ about.transpose(0, 2, 1)), widened + hit
+        sigma = np.hypot(FIRST_SIGMA_RAD, np.sqrt(np.trace(floor.own[:, :2, :2], axis1=1, axis2=2)))
+        fit = fit_least_squares(batch, sigma, fit.model, still_rates=at_rest)
     if batch.turns is not None:
         floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model, at_rest))
     rates = _still_rates(logs, earths)

@@ -11,6 +11,7 @@ from session.checks.bridges import WHAT as BRIDGED
 from session.checks.bridges import with_bridges
 from session.checks.findings import Finding, stop_at_errors
 from session.checks.first_look import check_session
+from session.checks.impacts import WHAT as IMPACTS
 from session.common.errors import CalibrationError
 from session.detect.session_stills import SessionStills
 from session.log.folder import Session, read_session
@@ -45,7 +46,7 @@ class Prepared:
     @property
     def warnings(self) -> list[Finding]:
         """What costs accuracy, what was put in, and an accelerometer that the session itself has calibrated."""
-        return [finding for finding in self.findings if finding.level == "warning" or finding.what in (WHAT, BRIDGED)]
+        return [finding for finding in self.findings if finding.level == "warning" or finding.what in (WHAT, BRIDGED, IMPACTS)]
 
     def as_given(self) -> Prepared:
         """With the calibration that session.toml gives; the same where it gives none."""

@@ -7,14 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.checks.findings import Finding
 from session.common.units import DEG
 from session.detect.bridges import GAP
 from session.detect.segments import Segment
 from session.log.logfile import Bridge
 from tinygc.attitude import rotation
+
+if TYPE_CHECKING:
+    from tinygc.problem.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,18 @@ class Widening:
     def to_json(self) -> dict:
         """One of ``segments.widened`` of ``tinygc-fit/1``."""
         return {"segment": self.segment, "cause": self.cause, "sigma_deg": self.sigma_rad / DEG, "says": self.says}
+
+
+def weighed_down(problem: Problem) -> list[Finding]:
+    """What is to be said of a problem's segments that are less certain than the others, one line a cause."""
+    found = []
+    for cause in dict.fromkeys(each.cause for each in problem.widened):
+        mine = [each for each in problem.widened if each.cause == cause]
+        worst = max(mine, key=lambda each: each.sigma_rad)
+        many = f"{len(mine)} segments, most of all segment" if len(mine) > 1 else "segment"
+        says = f"{many} {worst.segment}: {worst.words}"
+        found.append(Finding("note", problem.session.name, f"weighed down ({cause})", says, "what they miss beyond that is looked at"))
+    return found
 
 
 def widened_by_bridges(

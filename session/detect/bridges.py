@@ -21,7 +21,7 @@ from session.log.config import Sensor
 from session.log.logfile import Bridge
 from session.log.samples import Samples
 
-#: readings: more are a movement that nobody saw (benchmarks/bridges.py)
+#: readings: more are a movement that nobody saw (benchmarks/real_logs.py)
 MOST = 3
 #: s on either side of a reading at the register's end: where there are more of them, on any axis, the movement is beyond the sensor
 AROUND_S = 0.5

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +16,6 @@ from session.detect.bridges import GAP
 from session.detect.segments import Segment
 from session.log.logfile import Bridge
 from tinygc.attitude import rotation
-
-if TYPE_CHECKING:
-    from tinygc.problem.problem import Problem
 
 
 @dataclass(frozen=True)
@@ -41,15 +37,15 @@ class Widening:
         return {"segment": self.segment, "cause": self.cause, "sigma_deg": self.sigma_rad / DEG, "says": self.says}
 
 
-def weighed_down(problem: Problem) -> list[Finding]:
-    """What is to be said of a problem's segments that are less certain than the others, one line a cause."""
+def weighed_down(session: str, widened: Sequence[Widening]) -> list[Finding]:
+    """What is to be said of a session's segments that are less certain than the others, one line a cause."""
     found = []
-    for cause in dict.fromkeys(each.cause for each in problem.widened):
-        mine = [each for each in problem.widened if each.cause == cause]
+    for cause in dict.fromkeys(each.cause for each in widened):
+        mine = [each for each in widened if each.cause == cause]
         worst = max(mine, key=lambda each: each.sigma_rad)
         many = f"{len(mine)} segments, most of all segment" if len(mine) > 1 else "segment"
         says = f"{many} {worst.segment}: {worst.words}"
-        found.append(Finding("note", problem.session.name, f"weighed down ({cause})", says, "what they miss beyond that is looked at"))
+        found.append(Finding("note", session, f"weighed down ({cause})", says, "what they miss beyond that is looked at"))
     return found
 
 

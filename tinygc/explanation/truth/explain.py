@@ -92,7 +92,7 @@ def explain_truth(
         turned_sigma=turned_sigma,
         rests=zero_at_rest(sound, fit.model),
         force=force,
-        warnings=prepared.warnings + weighed_down(problem),
+        warnings=prepared.warnings + weighed_down(prepared.session.name, problem.widened),
     )
 
 

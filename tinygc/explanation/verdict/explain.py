@@ -99,7 +99,7 @@ def explain_session(
     explanation.own_p = {name: (before[name], after[name]) for name in before}
     explanation.within = within_stills(twin)
     explanation.seen_from = seen_from(twin, whiten, naming.fit)
-    explanation.warnings = prepared.warnings + weighed_down(problem) + _heading_not_used(problem)
+    explanation.warnings = prepared.warnings + weighed_down(session.name, problem.widened) + _heading_not_used(problem)
     explanation.verdict = _verdict(explanation)
     return explanation
 

@@ -102,9 +102,7 @@ def build_problem(
     if batch.turns is not None:
         floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model, at_rest))
     rates = _still_rates(logs, earths)
-    return Problem(
-        session, segments, batch, floor, earths, logs, fit.model, rates, found, known_turns=turns, widened=tuple(widened)
-    )
+    return Problem(session, segments, batch, floor, earths, logs, fit.model, rates, found, known_turns=turns, widened=tuple(widened))
 
 
 def _stills_and_segments(

@@ -7,8 +7,9 @@ import pytest
 from conftest import DEG, Table
 from spoilt_registers import RATES, clean, closed_up, noise_std, rows_in_turns, with_glitches, with_losses
 
+from session.detect import interpolation
 from session.log.samples import Samples
-from tinygc.explanation.mends import interpolation, lost_samples
+from tinygc.explanation.mends import lost_samples
 from tinygc.explanation.mends.false_readings import find_glitches
 from tinygc.explanation.mends.lost_samples import find_jumps, find_losses, with_lost
 

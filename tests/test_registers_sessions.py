@@ -7,7 +7,8 @@ import pytest
 from conftest import DEG, Table
 from spoilt_registers import closed_up, rows_in_turns, session_of_logs, with_glitches, with_losses
 
-from tinygc.explanation.mends import interpolation, lost_samples
+from session.detect import interpolation
+from tinygc.explanation.mends import lost_samples
 from tinygc.explanation.mends.mending import mend
 from tinygc.problem.build import build_problem
 

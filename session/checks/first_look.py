@@ -6,24 +6,36 @@ datasheet, not from recordings.  Order: the log by itself, then its stills, then
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from session.checks.accelerometer import with_own_accelerometer
 from session.checks.alignment import with_aligned_truth
 from session.checks.axes import check_axes
+from session.checks.bridges import check_bridges
 from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
 from session.checks.copies import check_copies
 from session.checks.dead import check_dead
 from session.checks.findings import Finding, worst
+from session.checks.impacts import check_impacts
 from session.checks.known_turns import check_known_turns
 from session.checks.rate import check_length, check_rate, check_warming
 from session.checks.samples import check_comments, check_reading, check_registers, check_stamps, check_temperature
-from session.checks.stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
+from session.checks.stills import (
+    accel_unit_factor,
+    check_gravity,
+    check_noise,
+    check_segment_count,
+    check_stills,
+    check_unused_rests,
+    check_zero_rate,
+)
 from session.checks.truth import check_truth
 from session.checks.undersampling import check_undersampling
 from session.common.errors import CalibrationError
 from session.detect.session_stills import SessionStills
 from session.detect.stills import Noise, Still
+from session.detect.unused_rests import UnusedRest
 from session.log.config import Config, read_config
 from session.log.folder import Session, log_paths, read_session
 from session.log.logfile import Log, read_log
@@ -32,8 +44,8 @@ from session.log.samples import Samples
 __all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
 
 
-def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | None) -> list[Finding]:
-    """All checks of one log; stills and noise as ``SessionStills`` found them."""
+def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | None, unused: Sequence[UnusedRest] = ()) -> list[Finding]:
+    """All checks of one log; stills, noise and rests that are none as ``SessionStills`` found them."""
     config, where = session.config, log.path.name
     good = [still for still in stills if still.problem is None]
     missing_accel = session.truths is not None
@@ -43,6 +55,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_rate(log, config.sensor),
         *check_stamps(log, noise, config.protocol.segment_s),
         *check_registers(log, config.sensor, good, missing_accel),
+        *check_bridges(log, config.sensor, good, noise, config.protocol.segment_s),
         *check_dead(log, missing_accel),
         *check_temperature(log, good, config.sensor),
         *check_warming(log),
@@ -55,7 +68,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         findings += check_length(log, config.protocol.segment_s)
     if not good and ceiling is not None:
         return [*findings, ceiling_finding(log, config.sensor, ceiling, good)]
-    findings += check_stills(where, stills)
+    findings += check_stills(where, stills) + check_unused_rests(where, unused, stills)
     if not good:
         return findings
     factor, _ = accel_unit_factor(good, config)
@@ -67,6 +80,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_gravity(where, good, config, noise),
         *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
         *check_undersampling(log, good, noise, config),
+        *check_impacts(where, log.samples.with_accel(force), good, config.sensor),
     ]
 
 
@@ -99,7 +113,8 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
     findings, all_stills = check_keys(session.config) + check_copies((*session.logs, *session.closures)), []
     for log in (*session.logs, *session.closures):
         here = found.of(log)
-        findings += first_look(session, log, here.stills, here.noise)
+        unused = here.unused if log in session.logs and session.truths is None else ()
+        findings += first_look(session, log, here.stills, here.noise, unused)
         if log in session.logs:
             all_stills.append(here.stills)
     if all_stills and session.truths is None:

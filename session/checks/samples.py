@@ -6,6 +6,7 @@ import numpy as np
 
 from session.checks.findings import Finding, axes_text
 from session.common.units import DEG, G
+from session.detect.bridges import MOST, short_gaps
 from session.detect.clipping import accel_reach_g, gyro_reach_dps, plateau, run_bar
 from session.detect.pace import pace_of
 from session.detect.segments import GAP_PERIODS
@@ -72,10 +73,13 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
 def _gaps(samples: Samples, gaps: np.ndarray, lost: int, single: int, where: str) -> Finding:
     """What is missing: in gaps, which cost turns, and one at a time, which cost accuracy."""
     if gaps.any():
+        long = int(np.count_nonzero(gaps)) - int(np.count_nonzero(gaps[short_gaps(samples)[0]]))
         longest_s, first_s = samples.dt_s.max(), samples.t_s[int(np.argmax(gaps))]
         says = f"{gaps.sum()} gaps, {lost} samples lost{f' ({single} of them singly)' if single else ''}"
         says += f", the longest {longest_s:.3f} s, the first at {first_s:.1f} s"
-        return Finding("warning", where, "gaps", says, "turns with a gap are not used; look at the card or the port")
+        says += f"; {long} of them longer than {MOST} samples" if long else f"; none longer than {MOST} samples"
+        do = f"turns with a gap of more than {MOST} samples are not used; " if long else ""
+        return Finding("warning", where, "gaps", says, f"{do}look at the card or the port")
     if not single:
         return Finding("ok", where, "gaps", f"none longer than {GAP_PERIODS:g} periods")
     share = single / (len(samples) + single)

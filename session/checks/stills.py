@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from session.accelerometer.from_stills import force_of
+from session.accelerometer.lengths import APART_RAD, attitudes_of
 from session.checks.findings import Finding, xyz_text
 from session.common.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.stills import Noise, Still
+from session.detect.unused_rests import UnusedRest
 from session.log.config import Config, Sensor
 
 NOISE_RATIO = 3.0  #: units differ by 1.4 at most
 GRAVITY_OK = 0.02  #: an accelerometer's sensitivity tolerance
 GRAVITY_WRONG = 0.10  #: what an offset of 65 mg and 2 % of sensitivity can do together
+MOST_LISTED = 8  #: places in one line; ``fit`` writes all of them into its JSON
 ENOUGH_SEGMENTS = 13
+ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes; fewer can all have gravity's length by chance
 
 
 def check_stills(where: str, stills: list[Still]) -> list[Finding]:
@@ -28,10 +35,25 @@ def check_stills(where: str, stills: list[Still]) -> list[Finding]:
     findings = [Finding("ok", where, "stills", says + (f", {bumps} bumps survived" if bumps else ""))]
     bad = [(number, still) for number, still in enumerate(stills) if still.problem]
     if bad:
-        listed = "; ".join(f"still {number} at {still.start_s:.1f} s {still.problem}" for number, still in bad[:3])
-        says = f"{len(bad)} of {len(stills)} are no reference: {listed}" + ("; …" if len(bad) > 3 else "")
+        listed = _first_few([f"still {number} at {still.start_s:.1f} s {still.problem}" for number, still in bad])
+        says = f"{len(bad)} of {len(stills)} are no reference: {listed}"
         findings.append(Finding("warning", where, "not still", says, "their turns are joined over them; take the hand off the table"))
     return findings
+
+
+def check_unused_rests(where: str, unused: Sequence[UnusedRest], stills: list[Still]) -> list[Finding]:
+    """Rests that became no still, each with its place and reason; those that are in the list of stills are said there."""
+    stood = {still.start_s for still in stills}
+    rests = [rest for rest in unused if rest.start_s not in stood]
+    if not rests:
+        return []
+    places = [f"at {rest.start_s:.1f} s ({rest.duration_s:.1f} s) {rest.cause}" for rest in rests]
+    says = f"{len(rests)} rest{'s' * (len(rests) != 1)} no reference: {_first_few(places)}"
+    return [Finding("note", where, "rests not used", says, "where a turn ends, take the hand off and wait for the whole of still_s")]
+
+
+def _first_few(texts: list[str]) -> str:
+    return "; ".join(texts[:MOST_LISTED]) + (f"; and {len(texts) - MOST_LISTED} more" if len(texts) > MOST_LISTED else "")
 
 
 def check_segment_count(where: str, stills_per_log: list[list[Still]]) -> list[Finding]:
@@ -144,13 +166,27 @@ def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise 
     spread = float(lengths.std())
     tilt = spread / lengths.mean()
     floor = np.inf if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(config.protocol.segment_s)
-    says = f"{spread / MG:.2f} mg over {len(lengths)} attitudes, worth {tilt / DEG:.4f} deg of tilt"
-    says += f"; gyro noise per segment {floor / DEG:.4f}"
     level = "warning" if tilt > 3 * floor else "note" if tilt > floor else "ok"
     do = "calibrate the accelerometer again: the reference is worse than the gyro" if level != "ok" else ""
+    attitudes = attitudes_of(force_of(stills))
+    says = f"{spread / MG:.2f} mg over {_attitudes_text(stills, attitudes)}, worth {tilt / DEG:.4f} deg of tilt"
+    says += f"; gyro noise per segment {floor / DEG:.4f}"
+    if attitudes < ENOUGH_ATTITUDES and level == "ok":
+        level, do = "note", f"it tells nothing of other attitudes: rest it in {ENOUGH_ATTITUDES} or more, on all sides"
     if len(lengths) > 1:
         findings.append(Finding(level, where, "gravity spread", says, do))
     return findings
+
+
+def _attitudes_text(stills: list[Still], attitudes: int) -> str:
+    """How many stills lie in how many attitudes; where all are one, within which angle."""
+    if attitudes > 1:
+        return f"{len(stills)} stills in {attitudes} attitudes (more than {APART_RAD / DEG:.0f} deg apart)"
+    down = np.array([still.accel_mean / max(still.gravity_mps2, 1e-12) for still in stills])
+    middle = down.mean(axis=0) / max(float(np.linalg.norm(down.mean(axis=0))), 1e-12)
+    sine = np.linalg.norm(np.cross(down, middle), axis=1)
+    widest = 2 * float(np.arctan2(sine, down @ middle).max())
+    return f"{len(stills)} stills that are all one attitude (within {widest / DEG:.2g} deg)"
 
 
 def _unit_advice(factor: float, length: float, config: Config) -> str:

@@ -16,3 +16,10 @@ def sigma_of(deviations: np.ndarray, axis: int | None = 0) -> np.ndarray:
 def sigma_of_steps(values: np.ndarray) -> np.ndarray:
     """Standard deviation of white noise in values (N, …), from their steps: what changes slowly does not count."""
     return sigma_of(np.diff(values, axis=0)) / np.sqrt(2)
+
+
+def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    """The value (of N) up to which half of the weights (N,) lie."""
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, below[-1] / 2)])

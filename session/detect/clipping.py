@@ -8,11 +8,16 @@ from math import ceil, log, pi, sqrt
 import numpy as np
 
 from session.common.runs import runs_of
+from session.common.units import DEG
 from session.log.config import Sensor
 from session.sensor.profiles.profile import REGISTER_MAX, REGISTER_SPAN
 
 FALSE_ALARM = 1e-4  #: chance that an extreme of pure noise is taken for a plateau
 LEAST_RUN = 4
+#: share by which a register's end and the full scale that is written for it differ: 32767 / 16.4 LSB/dps is 1998 dps for 2000
+FULL_SCALE_ROUNDING = 2e-3
+#: share by which the ends of both signs differ, 32767 and 32768, and a little more
+SIGNS_APART = 1e-4
 
 
 def register_reach(full_scale: float, table: Mapping[float, float] | None, per_lsb: float) -> float:
@@ -38,6 +43,18 @@ def accel_reach_g(sensor: Sensor) -> float:
     if sensor.accel_mg_per_lsb is not None:
         return REGISTER_MAX * sensor.accel_mg_per_lsb * 1e-3
     return np.inf if sensor.profile is None else register_reach(sensor.accel_fs_g, sensor.profile.accel, 1e-3)
+
+
+def register_end_dps(sensor: Sensor, gyro: np.ndarray) -> float:
+    """From which rate on, dps, a reading stands at the register's end, by the sensor and its rates (N, 3) rad/s.
+
+    Of a sensor that is not known the register ends near its full scale, where the log's greatest reading is there; else nobody knows.
+    """
+    end = gyro_reach_dps(sensor)
+    if np.isfinite(end):
+        return end * (1 - SIGNS_APART)
+    peak = float(np.abs(gyro).max(initial=0.0)) / DEG
+    return np.inf if abs(peak / sensor.gyro_fs_dps - 1) > FULL_SCALE_ROUNDING else peak * (1 - SIGNS_APART)
 
 
 def clips(magnitude: np.ndarray, full_scale: float, reach: float) -> bool:

@@ -60,19 +60,35 @@ class Segment:
 
 
 def cut_segments(
-    samples: Samples, stills: list[Still], sensor: Sensor, protocol: Protocol, *, log: int = 0, number: int = 0
+    samples: Samples,
+    stills: list[Still],
+    sensor: Sensor,
+    protocol: Protocol,
+    *,
+    log: int = 0,
+    number: int = 0,
+    put_in: np.ndarray | None = None,
 ) -> list[Segment]:
-    """All segments of one log, accepted or with the reason why not, in order; ``number`` is given to the first."""
+    """All segments of one log, accepted or with the reason why not, in order; ``number`` is given to the first; put_in (N,) bool: samples
+    that are no readings, but what was put in their place."""
     references = [still for still in stills if still.problem is None]
     segments: list[Segment] = []
     for first, last in pairwise(references):
         passed = [still for still in stills if first.start < still.start < last.start]
-        segments.append(_cut(samples, first, last, passed, sensor, protocol, log, number + len(segments)))
+        segments.append(_cut(samples, first, last, passed, sensor, protocol, log, number + len(segments), put_in))
     return segments
 
 
 def _cut(
-    samples: Samples, first: Still, last: Still, passed: list[Still], sensor: Sensor, protocol: Protocol, log: int, number: int
+    samples: Samples,
+    first: Still,
+    last: Still,
+    passed: list[Still],
+    sensor: Sensor,
+    protocol: Protocol,
+    log: int,
+    number: int,
+    put_in: np.ndarray | None,
 ) -> Segment:
     start, stop = _window(samples, first, last, protocol)
     turn = slice(first.stop, last.start + 1)
@@ -82,7 +98,7 @@ def _cut(
     rate = np.linalg.norm(samples.gyro[turn] - bias, axis=1)
     turn_deg = float(np.trapezoid(rate, t_s)) / DEG
     duration_s = float(samples.t_ns[stop - 1] - samples.t_ns[start]) * NS
-    broken = why_broken(samples, turn, sensor)
+    broken = why_broken(samples, turn, sensor, put_in)
     return Segment(
         number=number,
         log=log,
@@ -120,13 +136,15 @@ def _note(passed: list[Still], turn_s: float, turn_deg: float, protocol: Protoco
     return None
 
 
-def why_broken(samples: Samples, turn: slice, sensor: Sensor) -> str | None:
-    """Why the movement cannot be integrated, or None."""
+def why_broken(samples: Samples, turn: slice, sensor: Sensor, put_in: np.ndarray | None = None) -> str | None:
+    """Why the movement cannot be integrated, or None; put_in (N,) bool: samples that are no readings."""
     steps = np.diff(samples.t_ns[max(turn.start - 1, 0) : turn.stop]) * NS
     if len(steps) and (worst := steps.max()) > GAP_PERIODS * samples.period_s:
         lost = round(worst / samples.period_s) - 1
         return f"{lost} samples are missing during the turn (gap of {worst:.3f} s)"
     rate_dps = np.abs(samples.gyro[turn]) / DEG
+    if put_in is not None:  # beyond the register's end, perhaps, but not clipped any more
+        rate_dps = np.where(put_in[turn][:, None], 0.0, rate_dps)
     clipped = [clips(rate_dps[:, i], sensor.gyro_fs_dps, gyro_reach_dps(sensor)) for i in range(3)]
     if any(clipped):
         axes = ", ".join(axis for axis, bad in zip("xyz", clipped, strict=True) if bad)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from session.detect.stills import Noise, Still, find_stills
+from session.detect.unused_rests import UnusedRest, unused_rests
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
@@ -12,11 +14,18 @@ from session.log.samples import Samples
 
 @dataclass(frozen=True, eq=False)
 class LogStills:
-    """One log: samples with the accelerometer's pre-calibration applied, stills in them, their noise (None where nothing is still)."""
+    """One log: samples with the accelerometer's pre-calibration applied, stills in them, their noise (None where nothing is still);
+    still_s: how long a still should be, s."""
 
     samples: Samples
     stills: list[Still]
     noise: Noise | None
+    still_s: float = 1.0
+
+    @cached_property
+    def unused(self) -> list[UnusedRest]:
+        """Rests that are no reference, with their reasons; looked for when they are first asked for."""
+        return unused_rests(self.samples, self.stills, self.still_s)
 
 
 class SessionStills:
@@ -33,7 +42,7 @@ class SessionStills:
         before, after = self._session.config.accelerometer, session.config.accelerometer
         for log, found in self._found:
             stills = [replace(still, accel_mean=after.correct(before.measured(still.accel_mean))) for still in found.stills]
-            other._found.append((log, LogStills(session.calibrated(log), stills, found.noise)))
+            other._found.append((log, LogStills(session.calibrated(log), stills, found.noise, found.still_s)))
         return other
 
     def samples(self) -> list[Samples]:
@@ -45,7 +54,7 @@ class SessionStills:
         for looked_at, found in self._found:
             if looked_at is log:
                 return found
-        samples = self._session.calibrated(log)
-        found = LogStills(samples, *find_stills(samples, self._session.config.protocol.still_s))
+        samples, still_s = self._session.calibrated(log), self._session.config.protocol.still_s
+        found = LogStills(samples, *find_stills(samples, still_s), still_s)
         self._found.append((log, found))
         return found

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.common.robust import sigma_of
+from session.common.robust import sigma_of, weighted_median
 from session.common.runs import runs_of
 from session.common.units import DEG, NS
 from session.detect.blocks import Blocks, block_moments
@@ -92,9 +92,8 @@ def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], No
     blocks = block_moments(samples)
     if len(blocks) < 3:
         return [], None
-    quiet = _quiet_blocks(blocks)
-    spread = _spread_of_block_means(blocks.gyro_mean, quiet)
-    runs = _close_bumps(_trim_to_constant_rate(_runs(quiet), blocks, spread), blocks, spread)
+    quiet, spread = quiet_runs(blocks)
+    runs = _close_bumps(quiet, blocks, spread)
     shortest = MIN_STILL_FRACTION * still_s / blocks.duration_s
     runs = [run for run in runs if sum(stop - start for start, stop in run) >= shortest]
     if not runs:
@@ -102,6 +101,13 @@ def find_stills(samples: Samples, still_s: float = 1.0) -> tuple[list[Still], No
     noise = _noise(runs, blocks)
     stills = [_settled(samples, run, blocks.size, noise, round(shortest)) for run in runs]
     return _without_steady_turns(stills), noise
+
+
+def quiet_runs(blocks: Blocks) -> tuple[list[tuple[int, int]], np.ndarray]:
+    """Runs (start, stop) of quiet blocks at a constant rate, however short; (3,) what noise alone scatters a block's mean rate by."""
+    quiet = _quiet_blocks(blocks)
+    spread = _spread_of_block_means(blocks.gyro_mean, quiet)
+    return _trim_to_constant_rate(_runs(quiet), blocks, spread), spread
 
 
 def _quiet_blocks(blocks: Blocks) -> np.ndarray:
@@ -118,8 +124,7 @@ def _quiet_blocks(blocks: Blocks) -> np.ndarray:
 def noise_variance(variance: np.ndarray) -> np.ndarray:
     """(3,) variance of the sensor's noise from that of blocks (B, 3): the median of the quiet ones, found from the quietest twentieth."""
     total = variance.sum(axis=1)
-    # A register that stands still has no scatter at all; such blocks say nothing of the noise.
-    alive = total > 0
+    alive = total > 0  # a register that stands still has no scatter at all, and says nothing of the noise
     if not alive.any():
         return np.full(3, np.finfo(float).tiny)
     bar = 4 * np.quantile(total[alive], 0.05)
@@ -273,28 +278,23 @@ def _creep(still: Still, whole: Still, zero_rate: np.ndarray, noise: Noise) -> b
 
     if np.linalg.norm(still.tilt_rate) > max(CREEP_SIGMAS * tilt_sigma(still.duration_s), CREEP_RPS):
         return True
-    gyro_sigma = noise.angle_random_walk.max() / np.sqrt(still.duration_s)
-    sigma = np.hypot(tilt_sigma(whole.duration_s), gyro_sigma)
+    sigma = np.hypot(tilt_sigma(whole.duration_s), noise.angle_random_walk.max() / np.sqrt(still.duration_s))
     return still is not whole and _horizontal_rate(still, zero_rate) > max(CREEP_SIGMAS * sigma, CREEP_RPS)
 
 
 def _without_end(run: list[tuple[int, int]], cut: int, at_start: bool) -> list[tuple[int, int]]:
     """A still's runs of blocks, ``cut`` blocks shorter at one end."""
     blocks = np.concatenate([np.arange(start, stop) for start, stop in run])
-    blocks = blocks[cut:] if at_start else blocks[:-cut]
-    first, last = blocks[0], blocks[-1] + 1
+    first, last = (blocks[cut], blocks[-1] + 1) if at_start else (blocks[0], blocks[-cut - 1] + 1)
     return [(max(a, first), min(b, last)) for a, b in run if max(a, first) < min(b, last)]
 
 
 def _without_steady_turns(stills: list[Still]) -> list[Still]:
     """A turn at constant rate is quiet as well; its rate tells it from the stills."""
-    weights = np.array([still.duration_s for still in stills])
-    rates = np.array([still.gyro_mean for still in stills])
-    usual = np.array([_weighted_median(rates[:, i], weights) for i in range(3)])
+    usual = usual_rate(*(np.array([getattr(still, name) for still in stills]) for name in ("gyro_mean", "duration_s")))
     return [still for still in stills if np.abs(still.gyro_mean - usual).max() <= TURNING_RPS]
 
 
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values)
-    below = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(below, below[-1] / 2)])
+def usual_rate(rates: np.ndarray, durations_s: np.ndarray) -> np.ndarray:
+    """(3,) rad/s: what most of the time at rest reads, of mean rates (Q, 3) over durations (Q,) s."""
+    return np.array([weighted_median(rates[:, i], durations_s) for i in range(3)])

@@ -25,9 +25,17 @@ class Ends:
 
 
 def cut_at_truth(
-    samples: Samples, truth: Truth, sensor: Sensor, protocol: Protocol, *, log: int = 0, number: int = 0
+    samples: Samples,
+    truth: Truth,
+    sensor: Sensor,
+    protocol: Protocol,
+    *,
+    log: int = 0,
+    number: int = 0,
+    put_in: np.ndarray | None = None,
 ) -> list[tuple[Segment, Ends]]:
-    """Segments between moments of the truth, accepted or with the reason why not; ``number`` is given to the first.
+    """Segments between moments of the truth, accepted or with the reason why not; ``number`` is given to the first; put_in: as in
+    ``cut_segments``.
 
     Raises DataError where the truth's times are not the log's.
     """
@@ -39,7 +47,7 @@ def cut_at_truth(
     for first, last in _pairs(truth, protocol.segment_s):
         a, b = int(nearest[first]), int(nearest[last])
         missing = None if there[first] and there[last] else "the log has no sample at one of its moments of truth"
-        segment = _segment(samples, a, max(b, a + 1), missing, sensor, protocol, log, number + len(segments))
+        segment = _segment(samples, a, max(b, a + 1), missing, sensor, protocol, log, number + len(segments), put_in)
         segments.append((segment, Ends(q[first], q[last], first, last)))
     return segments
 
@@ -88,11 +96,19 @@ def _pairs(truth: Truth, segment_s: float) -> list[tuple[int, int]]:
 
 
 def _segment(
-    samples: Samples, start: int, last: int, missing: str | None, sensor: Sensor, protocol: Protocol, log: int, number: int
+    samples: Samples,
+    start: int,
+    last: int,
+    missing: str | None,
+    sensor: Sensor,
+    protocol: Protocol,
+    log: int,
+    number: int,
+    put_in: np.ndarray | None,
 ) -> Segment:
     duration_s = float(samples.t_ns[last] - samples.t_ns[start]) * NS
     long = duration_s > LONGEST_TURN_SEGMENTS * protocol.segment_s
-    problem = missing or why_broken(samples, slice(start + 1, last + 1), sensor)
+    problem = missing or why_broken(samples, slice(start + 1, last + 1), sensor, put_in)
     rate = np.linalg.norm(samples.gyro[start : last + 1] - samples.gyro[start : last + 1].mean(axis=0), axis=1)
     turn_deg = float(np.trapezoid(rate, samples.t_s[start : last + 1])) / DEG
     return Segment(

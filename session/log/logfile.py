@@ -15,11 +15,24 @@ from session.log.samples import Samples
 
 
 @dataclass(frozen=True, eq=False)
+class Bridge:
+    """Readings that were put in from their neighbours (``session/detect/bridges.py``): what was there, ``gap`` or ``clipped``; row of the
+    first, how many; at_s of the log; sigma_rad (3,): by how much the rotation over them may be off, body axes."""
+
+    what: str
+    row: int
+    count: int
+    at_s: float
+    sigma_rad: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Log:
     """One file's samples, and what else it said.
 
     samples with the specific force as measured; comments: ``key=value`` pairs of its # lines; notes: what was mended
-    or left out while reading; raw: whether it held registers; in_memory: arrays that were never a file, path being but a name.
+    or left out while reading; raw: whether it held registers; in_memory: arrays that were never a file, path being but a name; bridges:
+    readings of the samples that were put in.
     """
 
     path: Path
@@ -28,6 +41,15 @@ class Log:
     notes: tuple[str, ...] = ()
     raw: bool = True
     in_memory: bool = False
+    bridges: tuple[Bridge, ...] = ()
+
+    @property
+    def put_in(self) -> np.ndarray:
+        """(N,) bool: which samples are no readings, but were put in."""
+        mask = np.zeros(len(self.samples), dtype=bool)
+        for bridge in self.bridges:
+            mask[bridge.row : bridge.row + bridge.count] = True
+        return mask
 
     def __repr__(self) -> str:
         return f"<Log {self.path.name}: {len(self.samples)} samples, {self.samples.duration_s:.1f} s>"

@@ -6,7 +6,7 @@ share a still, so their accelerometer parts are correlated, with opposite signs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,12 +23,25 @@ class Floor:
     """Covariance of the error angles, rad^2: own (S, d, d) of each segment; shared (S-1, d, d) of each with the next.
 
     tilt_excess: factor on the tilt's sigma that a recording asks for beyond its floor.  It changes weights, no covariance: turns of known
-    angle, which know their own sigma, would else be outweighed by ends that only seem to be better.
+    angle, which know their own sigma, would else be outweighed by ends that only seem to be better.  wider (S, d, d): what of ``own`` is
+    not noise but the uncertainty of single segments (bridged readings, impacts), or None.
     """
 
     own: np.ndarray
     shared: np.ndarray
     tilt_excess: float = 1.0
+    wider: np.ndarray | None = None
+
+    def widened(self, more: np.ndarray) -> Floor:
+        """With a further covariance (S, 3, 3) rad^2 of single segments, about the axes of ``directions``."""
+        d = self.own.shape[1]
+        more = more[:, :d, :d]
+        return replace(self, own=self.own + more, wider=more if self.wider is None else self.wider + more)
+
+    @property
+    def white(self) -> np.ndarray:
+        """(S, d, d) of noise alone."""
+        return self.own if self.wider is None else self.own - self.wider
 
     @property
     def sigma(self) -> np.ndarray:
@@ -38,8 +51,8 @@ class Floor:
 
     @property
     def tilt_rms(self) -> float:
-        """rad: expected root mean square of the tilt error over the segments."""
-        return float(np.sqrt(np.mean(self.own[:, 0, 0] + self.own[:, 1, 1])))
+        """rad: root mean square of the tilt error over the segments that is expected from noise alone."""
+        return float(np.sqrt(np.mean(self.white[:, 0, 0] + self.white[:, 1, 1])))
 
     def dense(self) -> np.ndarray:
         """(S d, S d)."""

@@ -54,8 +54,9 @@ def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
     """The problem with each log's bias levelled, for any method to be fitted to, and the biases' spread (3,) rad/s."""
     days = level_days(problem)
     factor = (days.sigma / problem.floor.sigma)[:, 0]
-    own, shared = problem.floor.own * factor[:, None, None] ** 2, problem.floor.shared * (factor[:-1] * factor[1:])[:, None, None]
-    floor = replace(problem.floor, own=own, shared=shared)
+    square, before = factor[:, None, None] ** 2, problem.floor
+    shared = before.shared * (factor[:-1] * factor[1:])[:, None, None]
+    floor = replace(before, own=before.own * square, shared=shared, wider=None if before.wider is None else before.wider * square)
     return replace(problem, batch=days.batch, floor=floor), days.sigma_rps
 
 

@@ -34,7 +34,12 @@ def to_json(result: FitResult) -> dict:
             "used": len(problem.used),
             "rejected": [{"segment": segment.number, "why": segment.problem} for segment in rejected],
             "notes": [{"segment": s.number, "note": s.note} for s in problem.segments if s.accepted and s.note],
+            "widened": [each.to_json() for each in problem.widened],
         },
+        "rests_not_used": [
+            {"log": log, "at_s": round(rest.start_s, 3), "duration_s": round(rest.duration_s, 3), "cause": rest.cause, "why": rest.why}
+            for log, rest in problem.unused_rests
+        ],
         "noise": {
             "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
             "accel_g_rthz": (problem.noise.accel / G).tolist(),
@@ -65,6 +70,7 @@ def to_json(result: FitResult) -> dict:
             }
             for name, fit in result.methods.items()
         },
+        "against_raw": result.against_raw.to_json(),
         "closure_runs": [
             {
                 "file": run.file,

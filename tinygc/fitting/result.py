@@ -11,6 +11,7 @@ from session.checks.first_look import Finding
 from session.log.folder import Session
 from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.fitting.accelerometer import AccelerometerFit, accelerometer_fit
+from tinygc.fitting.against_raw import AgainstRaw
 from tinygc.fitting.bias_choice import BiasChoice
 from tinygc.fitting.stated_noise import StatedNoise
 from tinygc.methods.method_fit import MethodFit
@@ -29,11 +30,11 @@ class FitResult:
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
     ``widened``, what no noise explains; accelerometer_covariance (12, 12): what of it the accelerometer's pre-calibration adds; noise
     that the recording shows, None where it is not estimated; bias_from: where the bias comes from; other_choice: least squares with the
-    opposite choice of still rates; first_order_rad: the largest error of the paper's integrator on these segments; warnings of the first
-    look; physics that was fitted as well, or None; reused: methods that were not fitted again, but taken from what had been saved;
-    lost_s: with physics, moments in each run after which samples seem to be missing; bias_sigma_rps (3,): spread of the logs' biases,
-    where each had its own; joint_covariance (21, 21): of both sensors together (``accelerometer.JOINT_NAMES``), widened as well, where they
-    were estimated together.
+    opposite choice of still rates; against_raw: whether what was fitted is better than nothing; first_order_rad: the largest error of
+    the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
+    were not fitted again, but taken from what had been saved; lost_s: with physics, moments in each run after which samples seem to be
+    missing; bias_sigma_rps (3,): spread of the logs' biases, where each had its own; joint_covariance (21, 21): of both sensors together
+    (``accelerometer.JOINT_NAMES``), widened as well, where they were estimated together.
     """
 
     problem: Problem
@@ -47,6 +48,7 @@ class FitResult:
     widened: float
     bias_from: BiasChoice
     other_choice: MethodFit
+    against_raw: AgainstRaw
     first_order_rad: float
     warnings: list[Finding]
     physics: PhysicsFit | None = None

@@ -16,6 +16,7 @@ from session.log.hashes import input_hashes
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import GoodnessOfFit, goodness, parameter_covariance
 from tinygc.fitting import saved_fit
+from tinygc.fitting.against_raw import RAW, against_raw
 from tinygc.fitting.bias_choice import choose
 from tinygc.fitting.result import FitResult
 from tinygc.fitting.stated_noise import StatedNoise, stated_noise
@@ -30,9 +31,6 @@ from tinygc.problem.problem import Problem
 
 #: told what is being done, and how many steps of how many are done
 Progress = Callable[[str, int, int], None]
-
-#: methods that fit nothing: shown as the sensor measured
-RAW = ("raw", "raw_bias_removed")
 
 if TYPE_CHECKING:
     from tinygc.fitting.physics.fit_physics import PhysicsFit
@@ -111,6 +109,7 @@ def fit_session(
         warnings=prepared.warnings,
         bias_sigma_rps=spread,
         reused=reused,
+        against_raw=against_raw(problem, options, fits),
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
     )
 

@@ -58,6 +58,8 @@ class StatedNoise:
     def tilt_rms(self) -> float:
         """rad: the tilt error that noise leaves, over the segments; the accelerometer's pre-calibration is in E, and leaves none."""
         variance = np.diag(self.white + self.noise.covariance)[self.closure].reshape(len(self.twin.segments), -1)
+        if (wider := self.twin.problem.floor.wider) is not None:  # single turns' own uncertainty is no noise
+            variance = variance - np.diagonal(wider, axis1=1, axis2=2)
         return float(np.sqrt(np.mean(variance[:, 0] + variance[:, 1])))
 
     def to_json(self) -> list[dict]:

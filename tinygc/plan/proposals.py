@@ -15,6 +15,7 @@ import numpy as np
 
 from session.checks.accelerometer import with_own_accelerometer
 from session.checks.alignment import with_aligned_truth
+from session.checks.bridges import with_bridges
 from session.common.units import DEG
 from session.log.folder import read_session
 from tinygc import closure
@@ -45,7 +46,7 @@ def propose(folder: Path, count: int = 5) -> tuple[list[Proposal], str | None]:
     """Proposals for a session, and what `explain` asked for there, if it did.  Raises what ``build_problem`` raises."""
     session, _ = with_own_accelerometer(read_session(folder))
     session, _ = with_aligned_truth(session)
-    problem = build_problem(session)
+    problem = build_problem(with_bridges(session))
     covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
     return _greedy(problem, covariance, count), requested_by_explain(session.folder)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from session.common.errors import DataError, SegmentError
 from session.common.units import DEG, NS
+from session.detect.impacts import find_impacts
 from session.detect.known_turns import FoundTurn
 from session.detect.segments import Segment, cut_segments
 from session.detect.session_stills import SessionStills
@@ -19,19 +20,23 @@ from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import closure_floor
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.residual import Batch, attitudes, nearest_yaw
+from tinygc.closure.residual import Batch, attitudes, directions, nearest_yaw
 from tinygc.closure.still_rates import StillRates
 from tinygc.models.linear import LinearModel, bias_only
+from tinygc.problem.impacts import hits_of, widened_by_impacts
 from tinygc.problem.known_turns import as_reference, known_turns_of, rates_at_rest, span_space, tilt_excess
 from tinygc.problem.problem import Problem
 from tinygc.problem.rejections import CLIPPED, LEFT_OUT
 from tinygc.problem.still_set import StillSet
 from tinygc.problem.truth import build_truth_problem
+from tinygc.problem.widened import bridged_sigma, widened_by_bridges
 from tinygc.problem.yaw import angle_between, carry_yaw
 
 #: how well a person reads a dial
 DIAL_SIGMA_RAD = 0.05 * DEG
 DIAL_LIMIT_RAD = 1.0 * DEG
+#: of a segment, before its floor is known
+FIRST_SIGMA_RAD = 1e-3
 #: a linear fit with 12 parameters and two angles a segment needs at least this many
 FEWEST_SEGMENTS = 7
 
@@ -61,7 +66,7 @@ def build_problem(
     _require_enough(session, logs, segments, turns)
     chain = replace(_batch(session, logs, segments), turns=as_reference(turns, len(segments), segments))
     used = np.array([segment.accepted for segment in segments])
-    sigma = np.full(int(used.sum()), 1e-3)
+    sigma = np.hypot(FIRST_SIGMA_RAD, bridged_sigma([s for s in segments if s.accepted], [log.bridges for log in logs]))
     start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
     at_rest = rates_at_rest(logs) if chain.turns is not None else None
     # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
@@ -78,16 +83,26 @@ def build_problem(
         chain = replace(chain, earth=np.stack([earths[g].in_body(q) for g, q in zip(groups, at, strict=True)]))
     batch = chain.pick(used).trimmed()
     accepted = [segment for segment in segments if segment.accepted]
+    at = attitudes(batch, fit.model(batch.rate))
     floor = closure_floor(
         batch,
-        attitudes(batch, fit.model(batch.rate)),
+        at,
         [segment.stills for segment in accepted],
         [logs[segment.log].noise for segment in accepted],
         DIAL_SIGMA_RAD,
     )
+    more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
+    about = directions(batch, at[:, -1])
+    floor = floor.widened(about @ more @ about.transpose(0, 2, 1)) if widened else floor
+    more, hit = widened_by_impacts(accepted, hits_of(accepted, [find_impacts(log.samples) for log in logs]), batch, floor, fit.model)
+    if hit:  # and a first fit that they do not bend
+        floor, widened = floor.widened(about @ more @ about.transpose(0, 2, 1)), widened + hit
+        sigma = np.hypot(FIRST_SIGMA_RAD, np.sqrt(np.trace(floor.own[:, :2, :2], axis1=1, axis2=2)))
+        fit = fit_least_squares(batch, sigma, fit.model, still_rates=at_rest)
     if batch.turns is not None:
         floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model, at_rest))
-    return Problem(session, segments, batch, floor, earths, logs, fit.model, _still_rates(logs, earths), found, known_turns=turns)
+    rates = _still_rates(logs, earths)
+    return Problem(session, segments, batch, floor, earths, logs, fit.model, rates, found, known_turns=turns, widened=tuple(widened))
 
 
 def _stills_and_segments(
@@ -109,8 +124,9 @@ def _stills_and_segments(
             continue
         stills = [replace(s, problem="turns about the vertical") if number + i in moving else s for i, s in enumerate(here.stills)]
         number += len(stills)
-        segments += cut_segments(samples, stills, session.config.sensor, session.config.protocol, log=len(logs), number=len(segments))
-        logs.append(StillSet(samples, stills, noise, np.zeros((0, 4)), np.zeros(0, dtype=int)))
+        sensor, protocol, numbered = session.config.sensor, session.config.protocol, len(segments)
+        segments += cut_segments(samples, stills, sensor, protocol, log=len(logs), number=numbered, put_in=log.put_in)
+        logs.append(StillSet(samples, stills, noise, np.zeros((0, 4)), np.zeros(0, dtype=int), log.bridges))
     segments = [replace(s, problem=CLIPPED, breaks_yaw=True) if s.number in clipped else s for s in segments]
     excluded = [replace(s, problem=LEFT_OUT) if s.number in exclude else s for s in segments]
     if session.config.protocol.reference == "table":

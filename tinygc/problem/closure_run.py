@@ -89,7 +89,7 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
             f"{name}: does not return: gravity at its end is {away / DEG:.2f} deg from where it began, expected at most "
             f"{RETURN_RAD / DEG:g}; set the table back to the same marks, or name the file log*.csv to fit it"
         )
-    if why := why_broken(samples, slice(first.stop, last.start + 1), session.config.sensor):
+    if why := why_broken(samples, slice(first.stop, last.start + 1), session.config.sensor, log.put_in):
         raise DataError(f"{name}: {why}; a closure run must be whole: record it again, or remove the file")
     margin = round(MARGIN_S / samples.period_s)
     rows = slice(max(first.stop - 1 - margin, first.start), min(last.start + margin, last.stop) + 1)
@@ -102,6 +102,8 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
     batch = Batch(bare.rate, bare.dt, earth.in_body(attitudes), bare.start, bare.end, yaw_known=True)
     variance = np.diagonal(gyro_variance(batch, attitudes, [problem.noise])[0]).copy()
     variance[:2] += still_tilt_variance(first, problem.noise) + still_tilt_variance(last, problem.noise)
+    for bridge in (each for each in log.bridges if rows.start <= each.row < rows.stop):
+        variance += rotation.matrix(attitudes[0, bridge.row - rows.start]) ** 2 @ bridge.sigma_rad**2
     return ClosureRun(
         file=name,
         duration_s=float(samples.t_ns[last.start] - samples.t_ns[first.stop - 1]) * NS,

@@ -8,8 +8,11 @@ from pathlib import Path
 
 from session.checks.accelerometer import WHAT, with_own_accelerometer
 from session.checks.alignment import SAID, with_aligned_truth
+from session.checks.bridges import WHAT as BRIDGED
+from session.checks.bridges import with_bridges
 from session.checks.findings import Finding, stop_at_errors
 from session.checks.first_look import check_session
+from session.checks.impacts import WHAT as IMPACTS
 from session.common.errors import CalibrationError
 from session.detect.session_stills import SessionStills
 from session.log.folder import Session, read_session
@@ -43,9 +46,10 @@ class Prepared:
 
     @property
     def warnings(self) -> list[Finding]:
-        """What costs accuracy, an accelerometer that the session itself has calibrated, and a truth file that is not read as it stands."""
-        own = (WHAT, *SAID)
-        return [f for f in self.findings if f.level == "warning" or (f.what in own and f.level == "note")]
+        """What costs accuracy, what was put in, an accelerometer that the session itself has calibrated, and a truth file that is not read as
+        it stands."""
+        own = (WHAT, BRIDGED, IMPACTS)
+        return [f for f in self.findings if f.level == "warning" or f.what in own or (f.what in SAID and f.level == "note")]
 
     def as_given(self) -> Prepared:
         """With the calibration that session.toml gives; the same where it gives none."""
@@ -79,7 +83,9 @@ def prepare(
     found = SessionStills(session)
     findings = own + aligned + check_session(session, found)
     stop_at_errors(findings)
-    problem = build_problem(session, use_earth=use_earth, exclude=exclude, found=found, progress=progress)
+    whole = with_bridges(session)
+    found = SessionStills(whole, found)
+    problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, progress=progress)
     if accelerometer == "given" or source not in ("given", "none"):  # or an estimation that has been made before
         return Prepared(findings, problem)
     progress("accelerometer")

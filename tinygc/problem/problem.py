@@ -12,6 +12,7 @@ from session.detect.known_turns import FoundTurn
 from session.detect.segments import Segment
 from session.detect.session_stills import SessionStills
 from session.detect.stills import Noise, Still
+from session.detect.unused_rests import UnusedRest
 from session.log.folder import Session
 from session.log.samples import start_times
 from tinygc.attitude.earth import EarthRate
@@ -23,6 +24,7 @@ from tinygc.models.linear import LinearModel
 from tinygc.problem.bias_instability import bias_instability_of
 from tinygc.problem.joint_fit import JointFit
 from tinygc.problem.still_set import StillSet
+from tinygc.problem.widened import Widening
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +35,8 @@ class Problem:
     by log; first: the linear fit that carried the yaw; still_rates of every reference still; found: the session's stills as they were
     found, for its closure runs; rest_rps: the mean bias (3,) rad/s, as it is measured, where the batch has every turn at it by the
     stills on either side (``still_bias.py``), else None; joint: the estimation of both sensors that its references are of, if there
-    was one; known_turns: those of ``turns.csv``, used or with the reason why not.
+    was one; known_turns: those of ``turns.csv``, used or with the reason why not; widened: used segments that are less certain than
+    their noise, and why.
     """
 
     session: Session
@@ -48,6 +51,7 @@ class Problem:
     rest_rps: np.ndarray | None = None
     joint: JointFit | None = None
     known_turns: tuple[FoundTurn, ...] = ()
+    widened: tuple[Widening, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Problem {self.session.name}: {len(self.stills)} stills, {len(self.used)} of {len(self.segments)} segments used>"
@@ -95,6 +99,13 @@ class Problem:
     def stills(self) -> list[Still]:
         """Of all logs, in order."""
         return [still for log in self.logs for still in log.stills]
+
+    @property
+    def unused_rests(self) -> list[tuple[str, UnusedRest]]:
+        """Rests of the logs that are no reference, with their log's file, in order; none where the reference is a truth file."""
+        if self.session.truths is not None:
+            return []
+        return [(log.path.name, rest) for log in self.session.logs for rest in self.found.of(log).unused]
 
     @property
     def noise(self) -> Noise:

@@ -28,6 +28,7 @@ from tinygc.models.linear import LinearModel, bias_only
 from tinygc.problem.problem import Problem
 from tinygc.problem.rejections import LEFT_OUT
 from tinygc.problem.still_set import StillSet
+from tinygc.problem.widened import widened_by_bridges
 
 #: "stills" noisier than this are a steady flight: no MEMS gyro is worse by itself
 STILL_NOISE_RPS_RTHZ = 0.1 * DEG
@@ -54,9 +55,9 @@ def build_truth_problem(
     for number, (log, truth) in enumerate(zip(session.logs, session.truths or (), strict=True)):
         progress(f"truth of {log.path.name}")
         here = found.of(log)
-        part = cut_at_truth(here.samples, truth, sensor, protocol, log=number, number=len(cut))
+        part = cut_at_truth(here.samples, truth, sensor, protocol, log=number, number=len(cut), put_in=log.put_in)
         cut += part
-        logs.append(_still_set(here, part))
+        logs.append(replace(_still_set(here, part), bridges=log.bridges))
     unknown = sorted(set(exclude) - {segment.number for segment, _ in cut})
     if unknown:
         raise SegmentError(f"{session.folder}: no segment {unknown[0]} to leave out; there are 0 to {len(cut) - 1}")
@@ -78,7 +79,9 @@ def build_truth_problem(
     model = fit_least_squares(batch, np.full(len(batch), 1e-3), model).model
     logs = [_with_attitudes(log, number, batch, accepted, at, model) for number, log in enumerate(logs)]
     floor = _floor(batch, at, accepted, ends, logs, protocol.truth_sigma_deg * DEG)
-    return Problem(session, segments, batch, floor, {0: earth}, logs, model, _still_rates(logs, earth), found)
+    more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
+    floor = floor.widened(more) if widened else floor
+    return Problem(session, segments, batch, floor, {0: earth}, logs, model, _still_rates(logs, earth), found, widened=tuple(widened))
 
 
 def _still_set(found: LogStills, cut: list[tuple[Segment, Ends]]) -> StillSet:
@@ -125,7 +128,7 @@ def _first_fit(session: Session, logs: list[StillSet], batch: Batch) -> LinearMo
         cut = [
             pair
             for number, (log, truth) in enumerate(zip(logs, session.truths or (), strict=True))
-            for pair in cut_at_truth(log.samples, truth, session.config.sensor, short, log=number)
+            for pair in cut_at_truth(log.samples, truth, session.config.sensor, short, log=number, put_in=session.logs[number].put_in)
             if pair[0].accepted
         ]
         inside = batch_of(logs, [segment for segment, _ in cut], [ends for _, ends in cut])

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 TITLES = {name: method.title for name, method in METHODS.items()}
 NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
+MOST_RESTS = 8  #: rests that are no reference, in the text
 SAME_FLOOR = 0.01  #: two floors that differ by less are one
 LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
 
@@ -33,6 +34,8 @@ LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bo
 def fit_report(result: FitResult) -> Group:
     """Closure by method, closure runs, parameters, and what to know about them."""
     parts: list[RenderableType] = [_headline(result), _methods(result)]
+    if result.against_raw.worse:
+        parts.append(Text(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
     if result.runs:
         parts.append(_closure_runs(result))
     parts += [_parameters(result), *_accelerometer(result), *_remarks(result)]
@@ -68,6 +71,14 @@ def _headline(result: FitResult) -> Text:
     )
     for segment in rejected:
         text.append(f"  segment {segment.number} at {segment.start_s:.0f} s left out: {segment.problem}\n", "yellow")
+    starts = {segment.number: segment.start_s for segment in problem.used}
+    for each in problem.widened:
+        text.append(f"  segment {each.segment} at {starts[each.segment]:.0f} s: {each.words}\n", "yellow")
+    unused = problem.unused_rests
+    for log, rest in unused[:MOST_RESTS]:
+        text.append(f"  rest {rest} ({log})\n" if len(problem.session.logs) > 1 else f"  rest {rest}\n", "not bold")
+    if len(unused) > MOST_RESTS:
+        text.append(f"  … and {len(unused) - MOST_RESTS} more rests that are no reference (fit.json has all)\n", "not bold")
     for segment in problem.used:
         if segment.note:
             text.append(f"  segment {segment.number} at {segment.start_s:.0f} s: {segment.note}\n", "not bold")

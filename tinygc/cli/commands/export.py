@@ -18,6 +18,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--to", required=True, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
     command.add_argument("--model", metavar="NAME", help="method of the fit, or a model file (least_squares)")
     command.add_argument("--out", type=Path, metavar="DIR", help="where the files go (export/ in the session folder)")
+    command.add_argument("--anyway", action="store_true", help="export a model that closes held-out segments worse than raw rates, too")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -35,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
         said.append(line)
         print(f"calibrate: {line}", file=sys.stderr)
 
-    model, context = read_context(args.folder, args.model, say)
+    model, context = read_context(args.folder, args.model, say, anyway=args.anyway)
     folder = args.out or args.folder / "export"
     files = exporter(args.to).export(model, context)
     with result_folder(folder):

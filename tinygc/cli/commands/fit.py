@@ -63,7 +63,9 @@ def run(args: argparse.Namespace) -> int:
     above = [] if args.limit is None else _above(table, args.limit)
     if above:
         print(f"calibrate: above --limit {args.limit:g} deg: {'; '.join(above)}", file=sys.stderr)
-    return 1 if above else 0
+    if failed := result.result.against_raw.failed:
+        print(f"calibrate: {result.result.against_raw.words}", file=sys.stderr)
+    return 1 if above or failed else 0
 
 
 def _physics(words: str) -> tuple[str, ...]:

@@ -26,8 +26,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The calibration as one HTML file."""
+    from session.common.units import DEG
     from tinygc.cli.console import progress_bar
     from tinygc.report.html.evidence import gather
+    from tinygc.report.html.numbers import tilt_rms
     from tinygc.report.html.page import save
     from tinygc.report.html.summary import summary
 
@@ -48,5 +50,8 @@ def run(args: argparse.Namespace) -> int:
         print(
             f"calibrate: above --limit {args.limit:g} deg: {'; '.join(text for met, text in decision.reasons if not met)}", file=sys.stderr
         )
+        return 1
+    if evidence.fit.against_raw.is_worse(tilt_rms(evidence.adopted.angles) / DEG):
+        print("calibrate: the calibration closes held-out segments worse than the raw rates do: do not apply it", file=sys.stderr)
         return 1
     return 0

@@ -19,6 +19,8 @@ from tinygc import models
 from tinygc.deploy.errors import ExportError
 from tinygc.deploy.needs import Needs
 from tinygc.fitting import bias
+from tinygc.fitting.against_raw import worse_in_table
+from tinygc.fitting.save import AT_END
 from tinygc.models.model import Model
 
 #: the method that is taken unless another is asked for
@@ -81,11 +83,14 @@ class Context:
         return (float(min(map(np.min, seen))), float(max(map(np.max, seen)))) if seen else None
 
 
-def read_context(folder: Path, method: str | None = None, say: Callable[[str], None] = lambda line: None) -> tuple[Model, Context]:
+def read_context(
+    folder: Path, method: str | None = None, say: Callable[[str], None] = lambda line: None, *, anyway: bool = False
+) -> tuple[Model, Context]:
     """``(model, Context)`` of a fitted session.
 
-    ``method`` names one of the fit's models, or is a model file; without it least squares is taken.
-    Raises ExportError where there is no fit, FormatError for files that cannot be read.
+    ``method`` names one of the fit's models, or is a model file; without it least squares is taken.  anyway: a model that closes held-out
+    segments worse than the raw rates do is not refused, and said.
+    Raises ExportError where there is no fit, and for such a model; FormatError for files that cannot be read.
     """
     config = read_config(folder / "session.toml")
     path = _model_path(folder, method)
@@ -103,6 +108,11 @@ def read_context(folder: Path, method: str | None = None, say: Callable[[str], N
     hashes = {source.name: sha256_of(source) for source in sources}
     name = table.get("session") if isinstance(table.get("session"), str) else folder.resolve().name
     named = table.get("method") if isinstance(table.get("method"), str) else path.stem.removeprefix("model_")
+    if worse := worse_in_table(fit, named.removesuffix(AT_END)):
+        words = f"{path.name} closes held-out segments with {worse[0]:.4g} deg, worse than the raw rates with {worse[1]:.4g} deg"
+        if not anyway:
+            raise ExportError(f"{words}: a device is better off without it; record more turns, or insist with --anyway")
+        say(f"{words}; exported because of --anyway")
     return model, Context(name, named, config, table, fit, hashes, say, tuple(log_paths(folder, "log")))
 
 

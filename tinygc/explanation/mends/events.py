@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.detect import interpolation
+from session.detect.bridges import GAP
 from session.log.folder import Session
 from session.log.samples import Samples
-from tinygc.explanation.mends import interpolation, lost_samples
+from tinygc.explanation.mends import lost_samples
 from tinygc.explanation.mends.false_readings import Glitches, find_glitches, without_glitches
 
 FALSE, LOST = "data.glitches", "timing.dropped_samples"
@@ -38,7 +40,15 @@ def proposed(session: Session) -> list[Event]:
         samples = session.calibrated(replace(log, samples=samples))
         losses = lost_samples.possible_losses(lost_samples.find_jumps(samples), samples.duration_s)
         events += [Event(LOST, number, row) for row in losses.tolist()]
-    return events
+    return [event for event in events if not _in_bridge(session, event)]
+
+
+def _in_bridge(session: Session, event: Event) -> bool:
+    """Whether an event is where readings were put in: what looks wrong there is no reading's, and the stamps have told the loss."""
+    first, last = event.row, event.row + max(event.samples, 1)
+    bridges = session.logs[event.log].bridges
+    gaps = [each for each in bridges if each.what == GAP]
+    return any(first <= each.row + each.count + interpolation.SIDE and last >= each.row - interpolation.SIDE for each in gaps)
 
 
 def bridged(session: Session, events: list[Event]) -> Session:

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.common.runs import runs_of
+from session.detect import interpolation
 from session.log.samples import Samples
-from tinygc.explanation.mends import interpolation, lost_samples
+from tinygc.explanation.mends import lost_samples
 
 LONGEST = 8  #: samples: what the cubic across them may span, twice its own readings on a side
 SIDE = 4  #: samples on either side that carry the cubic: twice as many as it has coefficients

@@ -15,9 +15,9 @@ from scipy.ndimage import maximum_filter1d
 
 from session.common.robust import sigma_of
 from session.common.units import NS_PER_S
+from session.detect import interpolation
 from session.detect.pace import pace_of
 from session.log.samples import Samples
-from tinygc.explanation.mends import interpolation
 
 #: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump
 #: (benchmarks/thresholds.py: half of it gives false names)

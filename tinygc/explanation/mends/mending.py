@@ -11,12 +11,13 @@ from scipy.stats import chi2
 
 from session.common.errors import CalibrationError
 from session.common.units import DEG
+from session.detect import interpolation
 from session.detect.segments import Segment
 from session.detect.session_stills import SessionStills
 from session.log.folder import Session
 from tinygc.closure.residual import closure_angles
 from tinygc.effects import Effect
-from tinygc.explanation.mends import interpolation, lost_samples
+from tinygc.explanation.mends import lost_samples
 from tinygc.explanation.mends.clipping import FEWEST_WHOLE, Clipping, find_clipping
 from tinygc.explanation.mends.common_count import common_count
 from tinygc.explanation.mends.creeping import about_the_vertical, chance_of_creep
@@ -157,7 +158,8 @@ def _with_lost(session: Session, lost: list[Event], length: int) -> tuple[Sessio
         if len(rows):
             orders, missed_rad = zip(*(interpolation.best_order(log.samples, np.array([row]), length) for row in rows), strict=True)
             gaps += [Gap(number, int(row) + 1 + i * length, missed) for i, (row, missed) in enumerate(zip(rows, missed_rad, strict=True))]
-            log = replace(log, samples=lost_samples.with_lost(log.samples, rows, length, np.array(orders)))
+            moved = tuple(replace(each, row=each.row + length * int(np.sum(rows < each.row))) for each in log.bridges)
+            log = replace(log, samples=lost_samples.with_lost(log.samples, rows, length, np.array(orders)), bridges=moved)
         logs.append(log)
     return replace(session, logs=tuple(logs)), gaps
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.detect import interpolation
 from tinygc import closure
-from tinygc.explanation.mends import interpolation
 from tinygc.explanation.mends.events import FALSE, LOST, Crossing, Event, crossing
 from tinygc.explanation.mends.together import Choice, chance_of_each, choices
 from tinygc.explanation.naming.evidence import PRIOR_ODDS, SCALES, Hypothesis

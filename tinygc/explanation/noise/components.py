@@ -66,7 +66,8 @@ class Component:
 
 def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> list[Component]:
     """Of a twin whose channels have sizes (S d, 3 Q, Q)."""
-    floor = float(np.sqrt(np.mean(replace(twin.problem.floor, tilt_excess=1.0).sigma[twin.batch.known] ** 2)))
+    white = replace(twin.problem.floor, tilt_excess=1.0, own=twin.problem.floor.white, wider=None)
+    floor = float(np.sqrt(np.mean(white.sigma[twin.batch.known] ** 2)))
     reference = _reference(twin, sizes) if twin.stills else _truth(twin, sizes)
     found = [_wander(twin, sizes), _still_rate(twin, sizes), reference, _turn(twin, sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:

@@ -38,6 +38,7 @@ from tinygc.explanation.truth.truth_effects import FRAME, MOUNTED, wrong_moments
 from tinygc.explanation.truth.truth_explanation import TruthClaim, TruthExplanation
 from tinygc.explanation.truth.wrong_moments import without_wrong_moments
 from tinygc.problem.prepared import Prepared, prepare
+from tinygc.problem.widened import weighed_down
 
 #: a rotation of the frame is claimed if it is as large (a zero-g offset of 10 mg turns the vertical by 0.6 deg, so that no accelerometer
 #: could confirm less), as sure (by chance once in 60 000), and leaves at most this of the accelerometer's bias (not critical: as above)
@@ -92,7 +93,7 @@ def explain_truth(
         alignment=alignment,
         rests=zero_at_rest(sound, fit.model),
         force=force,
-        warnings=prepared.warnings,
+        warnings=prepared.warnings + weighed_down(prepared.session.name, problem.widened),
     )
 
 

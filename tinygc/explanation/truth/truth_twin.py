@@ -32,7 +32,9 @@ class TruthTwin(Twin):
     def __init__(self, problem: Problem):
         at = attitudes(problem.batch, problem.first(problem.batch.rate))
         own = gyro_variance(problem.batch, at, [problem.logs[segment.log].noise for segment in problem.used])
-        super().__init__(replace(problem, floor=Floor(own, np.zeros_like(problem.floor.shared))))
+        own, wider = own[:, : problem.batch.angles, : problem.batch.angles], problem.floor.wider
+        floor = Floor(own, np.zeros_like(problem.floor.shared))
+        super().__init__(replace(problem, floor=floor if wider is None else floor.widened(wider)))
         alignment = problem.session.alignment
         self.clock_free = alignment is None or alignment.source["offset_s"] != GIVEN
 

@@ -42,7 +42,8 @@ def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, fl
     numbers = {segment.number for segment, ok in zip(problem.used, keep, strict=True) if not ok}
     segments = [replace(s, problem="one of its moments of truth is wrong") if s.number in numbers else s for s in problem.segments]
     jumps = [(problem.used[i].log, problem.used[i].start_s + problem.used[i].duration_s) for i in wrong]
-    floor = replace(problem.floor, own=problem.floor.own[keep], shared=np.zeros((max(keep.sum() - 1, 0), 3, 3)))
+    wider = None if problem.floor.wider is None else problem.floor.wider[keep]
+    floor = replace(problem.floor, own=problem.floor.own[keep], wider=wider, shared=np.zeros((max(keep.sum() - 1, 0), 3, 3)))
     kept = replace(problem, segments=segments, batch=problem.batch.pick(keep), floor=floor)
     # What two neighbours share is kept where both are.
     both = np.flatnonzero(keep[:-1] & keep[1:])

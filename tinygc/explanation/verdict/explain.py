@@ -25,6 +25,7 @@ from tinygc.explanation.verdict.decision import NamingDecision, decide
 from tinygc.explanation.verdict.proof import Proof, prove, tilt_rms
 from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
+from tinygc.problem.widened import weighed_down
 
 
 @dataclass(eq=False)
@@ -98,7 +99,7 @@ def explain_session(
     explanation.own_p = {name: (before[name], after[name]) for name in before}
     explanation.within = within_stills(twin)
     explanation.seen_from = seen_from(twin, whiten, naming.fit)
-    explanation.warnings = prepared.warnings + _heading_not_used(problem)
+    explanation.warnings = prepared.warnings + weighed_down(session.name, problem.widened) + _heading_not_used(problem)
     explanation.verdict = _verdict(explanation)
     return explanation
 

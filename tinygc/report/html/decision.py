@@ -2,7 +2,8 @@
 
 With a limit: the held-out closure of the segments and the error of each closure run, of the calibration that is reported, must not be
 above it.  Without one: both must be what noise allows (p at least 0.01), and held-out closure must be near enough to its floor, of
-enough segments, for that to mean anything: few segments leave little that a fit could not follow.
+enough segments, for that to mean anything: few segments leave little that a fit could not follow.  Either way, a calibration that closes
+held-out segments worse than the raw rates do fails.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from session.checks.stills import ENOUGH_SEGMENTS
 from session.common.units import DEG
 from tinygc.closure.uncertainty import MISMATCH_P
+from tinygc.fitting.against_raw import AgainstRaw
 from tinygc.report.html.adopted import Adopted, agrees
 from tinygc.report.html.numbers import degrees, probability, significant, tilt_rms
 
@@ -45,8 +47,8 @@ class Decision:
         return {"pass": "Pass", "doubtful pass": "Pass, with doubts", "not decided": "Not decided", "fail": "Fail"}[self.answer]
 
 
-def decide(adopted: Adopted, files: list[str], limit_deg: float | None) -> Decision:
-    """Judge the calibration; files names the closure runs."""
+def decide(adopted: Adopted, files: list[str], limit_deg: float | None, raw: AgainstRaw | None = None) -> Decision:
+    """Judge the calibration; files names the closure runs; raw: what the rates leave as they were measured."""
     if limit_deg is not None:
         reasons = [_against("segments, held out, rms of tilt", tilt_rms(adopted.angles), limit_deg)]
         reasons += [_against(f"{file}, RMSE", rmse(error), limit_deg) for file, error in zip(files, adopted.run_errors, strict=True)]
@@ -60,6 +62,10 @@ def decide(adopted: Adopted, files: list[str], limit_deg: float | None) -> Decis
             f"at most {NEAR_FLOOR:g} times the floor, of at least {ENOUGH_SEGMENTS} segments."
         )
     reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *adopted.run_losses], strict=True)]
+    if raw is not None and raw.is_worse(tilt_rms(adopted.angles) / DEG):
+        words = f"segments, held out, rms of tilt: {degrees(tilt_rms(adopted.angles))}, worse than the"
+        reasons.append((False, f"{words} {significant(raw.tilt_rms_deg, 2)}° of the raw rates"))
+        rule += " Worse than the raw rates is a fail in any case."
     return Decision(all(met for met, _ in reasons), rule, reasons, _doubts(adopted), limit_deg is not None)
 
 

@@ -144,11 +144,13 @@ def _temperature(problem: Problem, width: int) -> str:
 def _left_out(problem: Problem) -> str:
     rows = [(str(s.number), f"{s.start_s:.0f} s", escape(s.problem)) for s in problem.segments if s.problem]
     rows += [(str(s.number), f"{s.start_s:.0f} s", f"used: {escape(s.note)}") for s in problem.used if s.note]
-    creeping = [still for still in problem.stills if still.problem]
-    said = paragraph(f"{len(creeping)} of the stills are no reference: {escape(creeping[0].problem)}.") if creeping else ""
-    if not rows:
-        return said + ("" if creeping else paragraph("Nothing was left out.", "soft"))
-    return said + table(("Segment", "begins", "why"), rows, kind="words")
+    rows += [(str(each.segment), "", f"used: {escape(each.words)}") for each in problem.widened]
+    rests = [(f"{rest.start_s:.1f} s", f"{rest.duration_s:.1f} s", escape(rest.why)) for _, rest in problem.unused_rests]
+    said = table(("Segment", "begins", "why"), rows, kind="words") if rows else ""
+    if rests:
+        said += paragraph(f"{len(rests)} rest{'s' * (len(rests) != 1)} of the log{'s' * (len(problem.logs) != 1)} served as no reference.")
+        said += table(("Rest begins", "lasts", "why it is no reference"), rests, kind="words")
+    return said or paragraph("Nothing was left out.", "soft")
 
 
 def _coverage(problem: Problem) -> str:

@@ -1,0 +1,135 @@
+"""Gaps of a few readings, and readings at the register's end: put back from their neighbours, with how far off the rotation may be.
+
+A turn in which one to three readings are missing, or stood at the end of the register, is not lost: a movement is smooth.  What the
+neighbours say is put in their place, by the polynomial that crosses this recording's own movement best where the rate bends as much, and
+the error of those crossings is what nobody can know of it: the segment is so much less certain (``tinygc/problem/widened.py``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import norm
+
+from session.common.runs import runs_of
+from session.common.units import DEG
+from session.detect.clipping import register_end_dps
+from session.detect.interpolation import FEWEST_TRIALS, SIDE, Crossings, across, bend
+from session.detect.pace import pace_of
+from session.log.config import Sensor
+from session.log.logfile import Bridge
+from session.log.samples import Samples
+
+#: readings: more are a movement that nobody saw (benchmarks/real_logs.py)
+MOST = 3
+#: s on either side of a reading at the register's end: where there are more of them, on any axis, the movement is beyond the sensor
+AROUND_S = 0.5
+#: of a period: where later steps are shorter by as much as one is longer, the reading came late, and none is missing
+LATE = 0.5
+GAP, CLIPPED = "gap", "clipped"
+#: sigmas of what the neighbours say, beyond which a reading is nothing that they know of
+UNLIKE = 5.0
+
+
+def bridged(samples: Samples, sensor: Sensor) -> tuple[Samples, tuple[Bridge, ...]]:
+    """The log with its short gaps filled and its short peaks beyond the register's end estimated; and what was put in, in order of rows.
+
+    Rows of the bridges are those of the filled samples.  Without any, the samples are returned as they are.
+    """
+    samples, gaps = _without_gaps(samples)
+    samples, peaks = _with_peaks(samples, sensor, gaps)
+    return samples, tuple(sorted((*gaps, *peaks), key=lambda bridge: bridge.row))
+
+
+def short_gaps(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (G,) after which one to ``MOST`` readings are missing by the stamps, and how many (G,)."""
+    if len(samples) < 2 * SIDE:
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+    pace = pace_of(samples.t_ns)
+    steps = samples.dt_s / pace.period_s
+    counts = pace.periods(samples.dt_s).astype(int) - 1
+    rows = np.flatnonzero((counts >= 1) & (counts <= MOST))
+    # A reading that only came late has its time made up in the steps beside it.
+    total = np.concatenate([[0.0], np.cumsum(steps - np.maximum(counts, 0) - 1)])
+    over = total[np.minimum(rows + 1 + SIDE, len(steps))] - total[np.maximum(rows - SIDE, 0)]
+    rows = rows[over > -LATE]
+    return rows, counts[rows]
+
+
+def _without_gaps(samples: Samples) -> tuple[Samples, list[Bridge]]:
+    rows, counts = short_gaps(samples)
+    if not len(rows):
+        return samples, []
+    spoilt = np.zeros(len(samples), dtype=bool)
+    spoilt[rows] = spoilt[rows + 1] = True
+    crossings = {count: Crossings(samples.gyro, count, spoilt) for count in np.unique(counts).tolist()}
+    bends = bend(samples.gyro, rows, rows + 1)
+    names = ["t_ns", "gyro", "accel"] + (["temp_c"] if samples.temp_c is not None else [])
+    put_in: dict[str, list[np.ndarray]] = {name: [] for name in names}
+    bridges, before = [], 0
+    for row, count, bent in zip(rows.tolist(), counts.tolist(), bends.tolist(), strict=True):
+        if len(crossings[count]) < FEWEST_TRIALS:  # too short a log to learn from: it stays a gap
+            for name in names:
+                put_in[name].append(getattr(samples, name)[:0])
+            continue
+        order, errors = crossings[count].like(bent)
+        share = np.arange(1, count + 1) / (count + 1)
+        put_in["t_ns"].append(samples.t_ns[row] + np.rint(share * (samples.t_ns[row + 1] - samples.t_ns[row])).astype(np.int64))
+        put_in["gyro"].append(across(samples.gyro, row, row + 1, count, order))
+        put_in["accel"].append(across(samples.accel, row, row + 1, count, 1))
+        if samples.temp_c is not None:
+            put_in["temp_c"].append(np.full(count, samples.temp_c[row]))
+        sigma = np.sqrt(np.mean(errors.sum(axis=1) ** 2, axis=0)) * samples.period_s
+        bridges.append(Bridge(GAP, row + 1 + before, count, float(samples.t_s[row]), sigma))
+        before += count
+    at = np.repeat(rows + 1, [len(part) for part in put_in["t_ns"]])
+    filled = {name: np.insert(getattr(samples, name), at, np.concatenate(put_in[name]), axis=0) for name in names}
+    return Samples(filled["t_ns"], filled["gyro"], filled["accel"], filled.get("temp_c")), bridges
+
+
+def _with_peaks(samples: Samples, sensor: Sensor, gaps: list[Bridge]) -> tuple[Samples, list[Bridge]]:
+    end = register_end_dps(sensor, samples.gyro) * DEG
+    at_end = np.abs(samples.gyro) >= end
+    if not at_end.any():
+        return samples, []
+    spoilt, around = at_end.any(axis=1), round(AROUND_S / samples.period_s)
+    for gap in gaps:
+        spoilt[gap.row : gap.row + gap.count] = True
+    gyro, bridges = samples.gyro.copy(), []
+    crossings: dict[int, Crossings] = {}
+    for axis in range(3):
+        starts, stops = runs_of(at_end[:, axis])
+        for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+            count, near = stop - start, slice(max(start - SIDE, 0), stop + SIDE)
+            crowd = at_end[max(start - around, 0) : stop + around].sum()
+            if crowd > MOST or at_end[near, axis].sum() > count or start < SIDE or stop > len(samples) - SIDE:
+                continue
+            crossings.setdefault(count, Crossings(samples.gyro, count, spoilt))
+            if len(crossings[count]) < FEWEST_TRIALS:
+                continue
+            order, errors = crossings[count].like(float(bend(samples.gyro, np.array([start - 1]), np.array([stop]))[0]))
+            guess = across(samples.gyro, start - 1, stop, count, order)[:, axis]
+            sign, spread = np.sign(samples.gyro[start, axis]), np.sqrt(np.mean(errors[:, :, axis] ** 2, axis=0))
+            beyond, off = _beyond(sign * guess, spread, end)
+            gyro[start:stop, axis] = sign * beyond
+            sigma = np.zeros(3)
+            sigma[axis] = off.sum() * samples.period_s
+            bridges.append(Bridge(CLIPPED, start, count, float(samples.t_s[start]), sigma))
+    return (replace(samples, gyro=gyro), bridges) if bridges else (samples, [])
+
+
+def _beyond(guess: np.ndarray, spread: np.ndarray, end: float) -> tuple[np.ndarray, np.ndarray]:
+    """What readings (K,) at the register's end may have been, and their sigmas: normal about what the neighbours say, cut at the end.
+
+    Where the neighbours say far less than the end, it was a jolt, of which they know nothing: normal with a spread of what is lacking; or
+    the reading is false, and they are right.  Nothing in the rates tells which: even odds.
+    """
+    lacking = np.maximum(end - guess, 0.0)
+    wide = np.maximum(spread, lacking) + 1e-12
+    at = (end - guess) / wide
+    hazard = np.exp(norm.logpdf(at) - norm.logsf(at))
+    beyond, off = guess + wide * hazard, wide * np.sqrt(np.maximum(1 + at * hazard - hazard**2, 1e-3))
+    jolt = lacking > UNLIKE * spread
+    half = (beyond - guess) / 2
+    return np.where(jolt, guess + half, beyond), np.where(jolt, np.sqrt(off**2 / 2 + half**2), off)

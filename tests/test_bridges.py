@@ -1,0 +1,185 @@
+"""Short gaps and short peaks beyond the register: what is put in is as near the truth as its sigma says, and no turn is lost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import DEG, Table, config, session_of
+
+from session.checks.bridges import WHAT, check_bridges, with_bridges
+from session.checks.first_look import check_session
+from session.detect.bridges import CLIPPED, GAP, bridged, short_gaps
+from session.log.folder import read_session
+from session.log.samples import Samples
+from tinygc.closure.residual import closure_angles
+from tinygc.problem.build import build_problem
+from tinygc.problem.prepared import prepare
+
+SENSOR = config().sensor
+
+
+def without(samples: Samples, rows, count: int) -> Samples:
+    keep = np.ones(len(samples), dtype=bool)
+    for row in rows:
+        keep[row : row + count] = False
+    return Samples(samples.t_ns[keep], samples.gyro[keep], samples.accel[keep], None if samples.temp_c is None else samples.temp_c[keep])
+
+
+def fast_rows(samples: Samples, number: int, seed: int, slowest_dps: float = 20.0) -> np.ndarray:
+    """Rows within turns, well apart."""
+    speed = np.linalg.norm(samples.gyro - np.median(samples.gyro, axis=0), axis=1)
+    rows = np.flatnonzero(speed > slowest_dps * DEG)
+    rows = np.sort(np.random.default_rng(seed).choice(rows[(rows > 100) & (rows < len(samples) - 100)], number, replace=False))
+    return rows[np.concatenate([[True], np.diff(rows) > 25])]
+
+
+def pulls_of_gaps(samples: Samples, count: int, seeds, number: int = 40) -> np.ndarray:
+    """(K, 3): error of the rotation over gaps that are cut into a log, in the sigmas that are stated for it."""
+    pulls = []
+    for seed in seeds:
+        rows = fast_rows(samples, number, seed)
+        filled, bridges = bridged(without(samples, rows, count), SENSOR)
+        assert len(filled) == len(samples)
+        np.testing.assert_allclose(filled.t_s, samples.t_s, atol=0.2 * samples.period_s)
+        for bridge in bridges:
+            assert (bridge.what, bridge.count) == (GAP, count)
+            part = slice(bridge.row, bridge.row + count)
+            pulls.append((filled.gyro[part] - samples.gyro[part]).sum(axis=0) * samples.period_s / bridge.sigma_rad)
+    return np.array(pulls)
+
+
+@pytest.mark.parametrize("odr_hz", [52.0, 208.0])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_what_is_put_into_a_gap_is_off_by_as_much_as_is_said(count, odr_hz):
+    samples = Table().tumble(24, seed=count).samples(odr_hz=odr_hz)
+    pulls = pulls_of_gaps(samples, count, range(6), 40 if odr_hz > 100 else 20)
+    assert len(pulls) > 60
+    assert np.mean(np.abs(pulls) < 1) == pytest.approx(0.68, abs=0.08)
+    assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("name", ["xsens", "mikov/imu0", "mikov/imu2"])
+def test_so_it_is_in_real_recordings(shared, name, count):
+    """A hand's movement has longer tails than a simulated one: more within one sigma, and a few far beyond."""
+    pulls = pulls_of_gaps(read_session(shared / name).logs[0].samples, count, range(6), 12)
+    assert 0.6 < np.mean(np.abs(pulls) < 1) < 0.92
+    assert np.mean(np.abs(pulls) < 2) > 0.87
+
+
+def test_a_gap_that_is_longer_is_none_of_them_and_a_late_stamp_is_no_gap():
+    samples = Table().tumble(6).samples()
+    rows = fast_rows(samples, 6, 0)
+    assert len(short_gaps(without(samples, rows, 4))[0]) == 0
+    late = samples.t_ns.copy()
+    late[rows] += round(1.2e9 * samples.period_s)  # as much as a missing sample; the next step is shorter by it
+    late[rows + 1] += round(0.3e9 * samples.period_s)
+    assert len(short_gaps(replace(samples, t_ns=late))[0]) == 0
+    filled, bridges = bridged(samples, SENSOR)
+    assert filled is samples
+    assert bridges == ()
+
+
+# A reading at the register's end
+
+
+def peaked(seed: int, count: int) -> tuple[Samples, Samples, np.ndarray]:
+    """A log whose single fastest readings lie beyond a register of ±level, the same clipped there, and the level, dps."""
+    true = Table().tumble(20, seed=seed).samples(seed=seed, registers=False, odr_hz=52.0)
+    top = np.sort(np.abs(true.gyro).max(axis=1))[-1 - count]
+    return true, replace(true, gyro=np.clip(true.gyro, -top, top)), top / DEG
+
+
+def test_what_stood_beyond_the_register_is_estimated_within_its_sigma():
+    """A hand's smooth peak: the neighbours tell it; cut at the register's end, never below it."""
+    pulls, gains = [], []
+    for seed in range(40):
+        true, clipped, level = peaked(seed, 1 + seed % 3)
+        sensor = replace(SENSOR, model="other", gyro_fs_dps=level)
+        filled, bridges = bridged(clipped, sensor)
+        for bridge in bridges:
+            assert bridge.what == CLIPPED
+            part = slice(bridge.row, bridge.row + bridge.count)
+            (axis,) = np.flatnonzero(bridge.sigma_rad)
+            off = (filled.gyro[part, axis] - true.gyro[part, axis]).sum() * true.period_s
+            was = (clipped.gyro[part, axis] - true.gyro[part, axis]).sum() * true.period_s
+            pulls.append(off / bridge.sigma_rad[axis])
+            gains.append(abs(off) < abs(was))
+            assert (np.abs(filled.gyro[part, axis]) > 0.997 * level * DEG).all()
+    assert len(pulls) >= 20
+    assert 0.55 < np.mean(np.abs(pulls) < 1) < 0.95
+    assert np.mean(np.abs(pulls) < 3) > 0.95
+    assert np.mean(gains) > 0.6
+
+
+@pytest.mark.parametrize("true_dps", [100.0, 700.0])
+def test_a_jolt_that_the_neighbours_know_nothing_of_may_be_false_or_real(true_dps):
+    """The sigma covers both: the reading may be false, and the neighbours right, or the body jerked beyond the register."""
+    samples = Table().tumble(8).samples()
+    row = int(fast_rows(samples, 5, 1)[2])
+    gyro = samples.gyro.copy()
+    neighbours = gyro[row, 0]
+    gyro[row, 0] = 32767 * 17.5e-3 * DEG
+    filled, (bridge,) = bridged(replace(samples, gyro=gyro), SENSOR)
+    assert bridge.row == row
+    true = neighbours if true_dps == 100 else true_dps * DEG
+    assert abs(filled.gyro[row, 0] - true) * samples.period_s < 1.6 * bridge.sigma_rad[0]
+
+
+# What a fit makes of it
+
+
+def spoilt(samples: Samples, count: int, seed: int) -> Samples:
+    return without(samples, fast_rows(samples, 8, seed, 60.0), count)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_no_turn_is_lost_to_a_short_gap_and_each_is_said(count):
+    whole = Table().tumble(16, seed=3).samples()
+    problem = prepare(session_of(spoilt(whole, count, 5))).problem
+    assert len(problem.used) == 16
+    assert {each.cause for each in problem.widened} == {GAP}
+    assert all(0 < each.sigma_rad < 0.02 * DEG for each in problem.widened)
+    before = build_problem(session_of(whole))
+    worse = [closure_angles(each.batch, each.first) for each in (before, problem)]
+    assert np.sqrt(np.mean(worse[1] ** 2)) < 1.2 * np.sqrt(np.mean(worse[0] ** 2))
+    # the floor that noise alone makes is what it was, the weights know of the gaps
+    assert problem.floor.tilt_rms == pytest.approx(before.floor.tilt_rms, rel=0.02)
+    touched = [segment.number in {each.segment for each in problem.widened} for segment in problem.used]
+    extra = np.trace(problem.floor.own - problem.floor.white, axis1=1, axis2=2)
+    assert ((extra > 0) == touched).all()
+
+
+def test_a_gap_of_four_still_costs_its_turn():
+    problem = prepare(session_of(spoilt(Table().tumble(16, seed=3).samples(), 4, 5))).problem
+    assert len(problem.used) < 16
+    assert any("4 samples are missing" in str(segment.problem) for segment in problem.segments)
+
+
+def test_check_says_what_was_put_in():
+    samples = spoilt(Table().tumble(16, seed=3).samples(), 2, 5)
+    findings = {f.what: f for f in check_session(session_of(samples))}
+    assert "missing in" in findings[WHAT].says
+    assert "none longer than 3 samples" in findings["gaps"].says
+    assert not any(f.level == "error" for f in findings.values())
+    assert check_bridges(session_of(Table().tumble(3).samples()).logs[0], SENSOR, [], None, 5.0) == []
+
+
+def test_a_reading_at_the_registers_end_costs_no_turn():
+    samples = Table().tumble(16, seed=3).samples()
+    row = int(fast_rows(samples, 8, 5, 60.0)[3])
+    gyro = samples.gyro.copy()
+    gyro[row, 1] = 32767 * 17.5e-3 * DEG
+    problem = prepare(session_of(replace(samples, gyro=gyro))).problem
+    assert len(problem.used) == 16
+    (only,) = problem.widened
+    assert only.cause == CLIPPED
+    assert 1 * DEG < only.sigma_rad < 3 * DEG  # 500 dps for 1/208 s, whole or not at all
+    others = prepare(session_of(samples)).problem
+    moved = problem.first.vector - others.first.vector  # as if the turn were left out
+    assert np.abs(moved[:9]).max() < 5e-4
+
+
+def test_logs_without_any_are_the_same_objects():
+    session = session_of(Table().tumble(3).samples())
+    assert with_bridges(session).logs[0] is session.logs[0]

@@ -1,0 +1,141 @@
+"""Impacts: found by the specific force, and weighed down by as much as the closure of their own turns asks for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import DEG, GRAVITY, Table, session_of
+from scipy.spatial.transform import Rotation
+
+from session.checks.first_look import check_session
+from session.checks.impacts import WHAT
+from session.common.units import G
+from session.detect.impacts import find_impacts
+from session.log.samples import Samples
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.problem.build import build_problem
+from tinygc.problem.prepared import prepare
+
+ODR_HZ = 104.0
+TURNS = 24
+
+
+def hit(seed: int, missed_deg: float, turns=(2, 7, 11, 16, 20), jump_g: float = 3.0, odr_hz: float = ODR_HZ) -> tuple[Samples, list[int]]:
+    """A log whose given turns end at a stop: 0.1 s before the rest the specific force jumps, and the body turns by ``missed_deg`` about a
+    random axis between two readings, of which the gyro sees nothing."""
+    table, rng = Table().tumble(TURNS, seed=seed), np.random.default_rng(seed + 1000)
+    t_ns = np.rint(np.arange(0, table.duration_s, 1 / odr_hz) * 1e6).astype(np.int64) * 1000
+    rate, attitude = table.truth(t_ns * 1e-9)
+    force_more = np.zeros_like(rate)
+    jolted = attitude.as_quat()
+    nyquist = np.sqrt(odr_hz / 2)
+    noise = rng.normal(size=(2, *rate.shape)) * nyquist
+    for turn in turns:
+        row = int((table.rests[turn + 1][0] - 0.1) * odr_hz)
+        axis = rng.normal(size=3)
+        after = Rotation.from_rotvec(missed_deg * rng.normal() * DEG * axis / np.linalg.norm(axis))
+        # What follows starts from where the jolt has left the body.
+        before = Rotation.from_quat(jolted[row - 1])
+        jolted[row:] = (before * after * before.inv() * Rotation.from_quat(jolted[row:])).as_quat()
+        force_more[row] = jump_g * G * (Rotation.from_quat(jolted[row]).inv().apply([0, 0, -1]))
+    # A calibration that is not the identity: 1 %, 5 mrad, and a bias.
+    error = np.eye(3) + 0.01 * np.random.default_rng(7).normal(size=(3, 3))
+    gyro = rate @ error.T + np.multiply((0.5, -0.3, 0.6), DEG) + 5e-3 * DEG * noise[0]
+    accel = Rotation.from_quat(jolted).inv().apply([0, 0, -GRAVITY]) + force_more + 6e-4 * noise[1]
+    return Samples(t_ns, gyro, accel, 25 + 0.02 * rng.normal(size=len(t_ns))), list(turns)
+
+
+def truth() -> np.ndarray:
+    error = np.eye(3) + 0.01 * np.random.default_rng(7).normal(size=(3, 3))
+    E = np.linalg.inv(error)
+    return np.concatenate([E.ravel(), -E @ np.multiply((0.5, -0.3, 0.6), DEG)])
+
+
+def problem_of(samples: Samples):
+    session = session_of(samples, raw=False, odr_hz=ODR_HZ)
+    # An ideal table: nothing turns below it.
+    site = replace(session.config.site, latitude_deg=None)
+    return build_problem(replace(session, config=replace(session.config, site=site)))
+
+
+def test_an_impact_is_found_where_it_is_and_a_turn_is_none():
+    samples, turns = hit(1, 0.5)
+    found = find_impacts(samples)
+    assert len(found) == len(turns)
+    problem = problem_of(samples)
+    assert [each.segment for each in problem.widened] == turns
+    assert {each.cause for each in problem.widened} == {"impact"}
+    assert all(each.jump_g == pytest.approx(3.0, abs=0.05) for each in found)
+    assert find_impacts(Table().tumble(TURNS).samples()) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("missed_deg", [0.3, 1.0])
+def test_the_sigma_is_what_the_impacts_did(missed_deg):
+    """Of five impacts of one size the median of the likelihood is known to a factor; over sessions it has no bias to speak of."""
+    sigmas = []
+    for seed in range(12):
+        problem = problem_of(hit(seed, missed_deg)[0])
+        sigmas.append(np.mean([each.sigma_rad for each in problem.widened]) / DEG)
+    # Two of three directions of a random axis are tilt.
+    assert np.median(sigmas) == pytest.approx(missed_deg * np.sqrt(2 / 3), rel=0.35)
+
+
+def test_impacts_that_did_nothing_cost_nothing():
+    """The sensor filtered them: their turns close as the others do, and count nearly as much."""
+    for seed in range(4):
+        problem = problem_of(hit(seed, 0.0)[0])
+        assert len(problem.widened) == 5
+        assert all(each.sigma_rad < 2 * problem.floor.tilt_rms for each in problem.widened)
+
+
+@pytest.mark.slow
+def test_the_parameters_stay_within_their_sigmas():
+    """Weighed down, five bad turns of twenty-four leave a calibration with right sigmas; counted in full, they spoil it."""
+    pulls, spoilt = [], []
+    for seed in range(25):
+        problem = problem_of(hit(seed, 1.0)[0])
+        fit = fit_least_squares(problem.batch, problem.floor.sigma, problem.first)
+        sigma = np.sqrt(np.diag(parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth)))
+        pulls.append((fit.model.vector - truth()) / sigma)
+        white = replace(problem.floor, own=problem.floor.white, wider=None)
+        full = fit_least_squares(problem.batch, white.sigma, problem.first)
+        sigma = np.sqrt(np.diag(parameter_covariance(problem.batch, white, full.model, problem.earth)))
+        spoilt.append((full.model.vector - truth()) / sigma)
+    pulls, spoilt = np.array(pulls), np.array(spoilt)
+    assert np.mean(np.abs(pulls) < 1) == pytest.approx(0.68, abs=0.07)
+    assert np.sqrt(np.mean(pulls**2)) < 1.2
+    assert np.sqrt(np.mean(spoilt**2)) > 5
+
+
+def test_it_is_said_in_check_and_by_the_problem():
+    samples, _ = hit(3, 1.0)
+    prepared = prepare(session_of(samples, raw=False, odr_hz=ODR_HZ))
+    (finding,) = (f for f in check_session(prepared.session) if f.what == WHAT)
+    assert f"5 of {TURNS} turns hold one" in finding.says
+    assert finding.level == "note"
+    assert WHAT in {each.what for each in prepared.warnings}
+    assert "impact of 3.0 g" in prepared.problem.widened[0].words
+    assert "±" in prepared.problem.widened[0].words
+
+
+def test_what_the_impacts_cost_is_no_noise():
+    """The floor is that of the same turns without them; only the weights know."""
+    with_hits, without = problem_of(hit(5, 1.0)[0]), problem_of(hit(5, 1.0, turns=())[0])
+    assert with_hits.floor.tilt_rms == pytest.approx(without.floor.tilt_rms, rel=0.03)
+    extra = np.trace(with_hits.floor.own - with_hits.floor.white, axis1=1, axis2=2)
+    touched = [segment.number in (2, 7, 11, 16, 20) for segment in with_hits.used]
+    assert ((extra > 0) == touched).all()
+    assert without.floor.wider is None
+
+
+def test_a_hand_without_a_stop_makes_none(shared):
+    assert prepare(shared / "xsens").problem.widened == ()
+
+
+def test_one_sensor_loses_degrees_of_it_and_another_nothing(shared):
+    """Of five MPU-9150 on one body at 100 Hz, one reads a jump of 9.7 g in a turn, and closes as well as ever."""
+    problem = prepare(shared / "mikov" / "imu4").problem
+    assert len(problem.widened) >= 5
+    assert all(each.sigma_rad < 0.15 * DEG for each in problem.widened)

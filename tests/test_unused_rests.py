@@ -1,0 +1,72 @@
+"""Rests that are no reference: each is listed with its place and its reason, and a rest that serves is not."""
+
+import pytest
+from conftest import Table, session_of
+
+from session.checks.first_look import check_session
+from session.detect.stills import find_stills
+from session.detect.unused_rests import unused_rests
+
+
+def unused(table, still_s=1.0, seed=0):
+    samples = table.samples(seed=seed)
+    stills, _ = find_stills(samples, still_s)
+    return stills, unused_rests(samples, stills, still_s)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_log_whose_rests_all_serve_has_none(seed):
+    stills, rests = unused(Table().tumble(8, seed=seed), seed=seed)
+    assert len(stills) == 9
+    assert rests == []
+
+
+def test_a_rest_that_was_too_short_is_named_with_its_place():
+    table = Table().rest(2).turn(90, (1, 0, 0)).rest(0.5).turn(80, (0, 1, 0)).rest(2)
+    stills, (rest,) = unused(table)
+    assert len(stills) == 2
+    assert rest.cause == "too short"
+    assert rest.start_s == pytest.approx(table.rests[1][0], abs=0.3)
+    assert rest.duration_s == pytest.approx(0.5, abs=0.3)
+
+
+def test_a_rest_in_two_pieces_was_knocked():
+    """A knock that turns the table by 0.3 degrees leaves two short rests, nearly in one attitude."""
+    table = Table().rest(2).turn(90, (1, 0, 0)).rest(0.5).turn(0.3, (0, 1, 0), 0.3).rest(0.5).turn(80, (0, 1, 0)).rest(2)
+    _, rests = unused(table)
+    assert [rest.cause for rest in rests] == ["knocked", "knocked"]
+    assert all("in the same attitude" in rest.why for rest in rests)
+
+
+def test_a_steady_turn_is_no_rest_and_a_creeping_rest_says_how_fast():
+    table = Table().rest(2).steady(20, (0, 0, 1), 3).rest(2).turn(70, (0, 1, 0)).steady(0.3, (1, 0, 0), 3).turn(70, (0, 1, 0)).rest(2)
+    _, rests = unused(table)
+    assert {rest.cause for rest in rests} == {"turns", "creeps"}
+    (turning,) = (rest for rest in rests if rest.cause == "turns")
+    assert "20.0 dps" in turning.why
+
+
+def test_check_says_where_and_why():
+    table = Table().tumble(13).turn(90, (1, 0, 0)).rest(0.5).turn(80, (0, 1, 0)).rest(2)
+    (finding,) = (f for f in check_session(session_of(table.samples())) if f.what == "rests not used")
+    assert f"at {table.rests[-2][0]:.0f}" in finding.says.replace(".1", "").replace(".2", "")
+    assert "too short" in finding.says
+
+
+def test_attitudes_that_are_all_one_are_not_called_many():
+    """Seven stills within a third of a degree: their lengths agree, and tell nothing of an accelerometer."""
+    table = Table().rest(2)
+    for number in range(6):
+        table.turn(40, (0, 0, 1)).turn(0.05 * (-1) ** number, (1, 0, 0)).rest(2)
+    (finding,) = (f for f in check_session(session_of(table.samples())) if f.what == "gravity spread")
+    assert finding.level == "note"
+    assert "7 stills that are all one attitude (within 0." in finding.says
+    assert "attitudes" not in finding.says.split("one attitude")[0]
+
+
+def test_attitudes_that_lie_apart_are_counted():
+    table = Table().rest(2)
+    for _ in range(6):  # 0, 40, 80, … degrees about x, and twice the same in between
+        table.turn(40, (1, 0, 0)).rest(2).turn(2, (0, 1, 0)).rest(2)
+    (finding,) = (f for f in check_session(session_of(table.samples())) if f.what == "gravity spread")
+    assert "13 stills in 7 attitudes" in finding.says

@@ -1,0 +1,80 @@
+"""A calibration is worth something only where it closes turns that it never saw better than the raw rates do.
+
+Raw is whichever is the better of the two that fit nothing: the rates as they were measured, or less what the first still reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from tinygc.fitting.figures import closure_figures
+from tinygc.methods.method_fit import MethodFit
+from tinygc.methods.options import FitOptions
+from tinygc.methods.registry import METHODS
+from tinygc.methods.run import run_method
+from tinygc.problem.problem import Problem
+
+#: methods that fit nothing: shown as the sensor measured
+RAW = ("raw", "raw_bias_removed")
+
+
+@dataclass(frozen=True)
+class AgainstRaw:
+    """method: the better of the raw ones; tilt_rms_deg that it leaves; held_out: method -> the same of each that was fitted, on segments
+    that it never saw."""
+
+    method: str
+    tilt_rms_deg: float
+    held_out: Mapping[str, float]
+
+    @property
+    def worse(self) -> tuple[str, ...]:
+        """Methods that leave more than raw does: not to be used."""
+        return tuple(name for name, tilt in self.held_out.items() if self.is_worse(tilt))
+
+    @property
+    def failed(self) -> bool:
+        """Whether nothing that was fitted is better than raw."""
+        return bool(self.held_out) and len(self.worse) == len(self.held_out)
+
+    def is_worse(self, tilt_rms_deg: float) -> bool:
+        """Whether a held-out tilt is worse than raw, or no number at all."""
+        return not tilt_rms_deg <= self.tilt_rms_deg
+
+    @property
+    def words(self) -> str:
+        """One sentence on those that are worse; empty without one."""
+        if not self.worse:
+            return ""
+        listed = ", ".join(f"{METHODS[name].title} {self.held_out[name]:.4f}°" for name in self.worse)
+        whom = "nothing that was fitted is worth applying" if self.failed else "do not apply these"
+        return (
+            f"Held out worse than raw ({METHODS[self.method].title}, {self.tilt_rms_deg:.4f}°): {listed}: {whom}. "
+            "Record more turns, to more attitudes, and look at the first look's warnings."
+        )
+
+    def to_json(self) -> dict:
+        """``against_raw`` of ``tinygc-fit/1``."""
+        return {"method": self.method, "tilt_rms_deg": self.tilt_rms_deg, "worse": list(self.worse), "passed": not self.failed}
+
+
+def against_raw(problem: Problem, options: FitOptions, fits: Mapping[str, MethodFit]) -> AgainstRaw:
+    """Of the methods by name; problem: with the rates as they were measured, for the raw ones that are not among them."""
+    raw = {name: _tilt(fits[name] if name in fits else run_method(name, problem, options)) for name in RAW}
+    best = min(raw, key=raw.__getitem__)
+    return AgainstRaw(best, raw[best], {name: _tilt(fit) for name, fit in fits.items() if name not in RAW})
+
+
+def worse_in_table(fit: Mapping, method: str) -> tuple[float, float] | None:
+    """Held-out tilt of a method and raw's, degrees, of a ``fit.json``'s table where the first is worse; None where it is not, or where
+    the table does not tell."""
+    try:
+        mine, raw = fit["methods"][method]["holdout"]["tilt_rms_deg"], fit["against_raw"]["tilt_rms_deg"]
+        return None if float(mine) <= float(raw) else (float(mine), float(raw))
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def _tilt(fit: MethodFit) -> float:
+    return closure_figures(fit.held_out)["tilt_rms_deg"]

@@ -19,6 +19,8 @@ from session.checks.stills import accel_unit_factor, check_gravity, check_noise,
 from session.checks.truth import check_truth
 from session.checks.undersampling import check_undersampling
 from session.common.errors import CalibrationError
+from session.common.units import NS
+from session.detect.excluded import moments_of
 from session.detect.session_stills import SessionStills
 from session.detect.stills import Noise, Still
 from session.log.config import Config, read_config
@@ -95,6 +97,7 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
         findings += first_look(session, log, here.stills, here.noise)
         if log in session.logs:
             all_stills.append(here.stills)
+    findings += check_excluded(session)
     if all_stills and session.truths is None:
         findings += check_segment_count(session.name, all_stills)
     return findings
@@ -106,6 +109,21 @@ def check_keys(config: Config) -> list[Finding]:
         Finding("warning", "session.toml", "unknown key", f"{key} is read by nothing", f"did you mean {near}?" if near else "remove it")
         for key, near in config.unknown
     ]
+
+
+def check_excluded(session: Session) -> list[Finding]:
+    """Turns that session.toml leaves out, in logs that are not there, or outside of them."""
+    findings = []
+    for row in session.config.exclude:
+        mine = [log.samples for log in session.logs if moments_of(log.path, [row])]
+        if not any(samples.t_ns[0] * NS <= row.at_s <= samples.t_ns[-1] * NS for samples in mine):
+            says = f"{row.log} at {row.at_s:g} s is left out, " + (
+                "which lies outside of it" if mine else "which is no log of this session"
+            )
+            findings.append(
+                Finding("warning", "session.toml", "exclude", says, "correct log and at_s (s of the log's clock), or remove it")
+            )
+    return findings
 
 
 def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session | None, list[Finding]]:

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FormatError, StorageError
-from session.recording.growing import GrowingFile
+from session.recording.growing import GrowingFile, put_aside
 from session.stream.events import Chunk, Comment, Event, Info
 from session.stream.text import HEADER, parse_info
 
 NEW_LOG = ("reset", "reconnect")
+NOWHERE = ""
 
 
 class LogWriter:
@@ -34,6 +35,22 @@ class LogWriter:
         """The next sample begins a new file ``stem*.csv``."""
         self.close()
         self.stem = stem
+
+    def pause(self) -> None:
+        """Samples from here on go to no log, until the next ``begin``."""
+        self.begin(NOWHERE)
+
+    def keep(self, stem: str) -> None:
+        """The present file is whole: end it, and name it ``stem*.csv``; then ``pause``.  Nothing where there is no file."""
+        path = self.paths[-1] if self._file else None
+        self.pause()
+        if path is None:
+            return
+        with self._storage():
+            target = self._next(stem)
+            put_aside(target)
+            path.rename(target)
+            self.paths[-1] = target
 
     def write(self, events: Iterable[Event]) -> None:
         """Append; StorageError where that fails."""
@@ -84,6 +101,8 @@ class LogWriter:
             self._comment(f"left out as implausible: {event.count} (t_us {'?' if event.t_us is None else event.t_us})")
 
     def _samples(self, chunk: Chunk) -> None:
+        if self.stem == NOWHERE:
+            return
         file = self._file or self._open()
         table = np.column_stack([chunk.t_us, chunk.registers])
         file.write("%d,%d,%d,%d,%d,%d,%d,%d\n" * len(table) % tuple(table.ravel().tolist()))
@@ -95,8 +114,7 @@ class LogWriter:
             self._file.write(f"# {text}\n")
 
     def _open(self) -> GrowingFile:
-        number = 1 + sum(path.name.startswith(self.stem) for path in self.paths)
-        path = self.folder / f"{self.stem}{number:04d}.csv"
+        path = self._next(self.stem)
         if (packed := path.with_name(path.name + ".gz")).exists():
             raise FormatError(f"{packed}: a recording goes on in plain logs only; unpack it first (gunzip)")
         self._file = file = GrowingFile(path)
@@ -106,3 +124,7 @@ class LogWriter:
         file.write(HEADER + "\n")
         self._waiting = []
         return file
+
+    def _next(self, stem: str) -> Path:
+        number = 1 + sum(path.name.startswith(stem) for path in self.paths)
+        return self.folder / f"{stem}{number:04d}.csv"

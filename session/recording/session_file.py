@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
-import numpy as np
-
-from session.common.errors import CalibrationError, StorageError
-from session.log.config import SCHEMA, Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.common.errors import CalibrationError, FormatError, StorageError
+from session.log.additions import add_exclude, add_notes, exclude_text, notes_text, quoted
+from session.log.config import SCHEMA, Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
 from session.stream.events import Info
 
 NAME = "session.toml"
@@ -18,6 +18,8 @@ NAME = "session.toml"
 NOMINAL_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0, 1667.0, 3333.0, 6667.0)
 NOMINAL_WITHIN = 0.2  #: INTERNAL_FREQ_FINE reaches so far
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
+MOST_A_SECOND = 9  #: notes
+SAME_MOMENT_S = 1e-3
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
 
@@ -25,18 +27,30 @@ class SessionFile:
     """What is known of the session before the board speaks, and the file once it has.
 
     like: another session.toml, whose accelerometer, site and protocol hold here as well, and its sensor where the board says nothing;
-    odr_hz, gyro_fs_dps, accel_fs_g: what the user says of the board, or None.  Raises FormatError for a broken file.
+    odr_hz, gyro_fs_dps, accel_fs_g: what the user says of the board, or None; notes: for ``[notes]``.  Raises FormatError for a broken
+    file, and for a note that says otherwise than the file.
     """
 
-    def __init__(self, folder: Path, like: Path | None, odr_hz: float | None, gyro_fs_dps: float | None, accel_fs_g: float | None):
+    def __init__(
+        self,
+        folder: Path,
+        like: Path | None,
+        odr_hz: float | None,
+        gyro_fs_dps: float | None,
+        accel_fs_g: float | None,
+        notes: Mapping[str, Note] | None = None,
+    ):
         self.path = folder / NAME
+        self._notes = dict(notes or {})  # to be written as soon as there is a file
         self._said = {"odr_hz": odr_hz, "gyro_fs_dps": gyro_fs_dps, "accel_fs_g": accel_fs_g}
         self._own = read_config(self.path) if self.path.exists() else None
         if like is not None and like.is_dir():
             like = like / NAME
         self._like = read_config(like) if like is not None else None
-        self._written = False
         if self._own is not None:
+            for name, value in self._notes.items():
+                if (there := self._own.notes.get(name, value)) != value:
+                    raise FormatError(f"{self.path}: notes.{name} is {there!r} already; correct it there, or give another name")
             self._require_agreement(self._own.sensor, self._said, "the command line")
 
     @property
@@ -62,9 +76,33 @@ class SessionFile:
             if sensor is None:
                 return None
             known = self._like or Config(sensor, Accelerometer(source="none"), Site(), Protocol())
-            self._own = replace(known, sensor=sensor, unknown=())
+            self._own = replace(known, sensor=sensor, unknown=(), notes={}, exclude=())  # notes are of one session alone
             self._write(self._own)
+        notes, self._notes = self._notes, {}
+        add_notes(self.path, notes)
         return self._own
+
+    def note(self, text: str, when: datetime) -> None:
+        """A note of this moment (UTC), in ``[notes]`` under its time; as soon as there is a file."""
+        name = f"{when:%Y-%m-%dT%H:%M:%SZ}"
+        if self._own is None:
+            self._notes[name] = text
+            return
+        for number in itertools.count(2):
+            try:
+                return add_notes(self.path, {name: text})
+            except FormatError:  # two within a second
+                if number > MOST_A_SECOND:
+                    raise
+                name = f"{when:%Y-%m-%dT%H:%M:%SZ} ({number})"
+
+    def exclude(self, log: str, at_s: float) -> None:
+        """The turn that moved at that moment of the log's clock does not count."""
+        add_exclude(self.path, LeftOut(log, at_s))
+
+    def excludes(self, log: str, at_s: float) -> bool:
+        """Whether the file says so: a person may have taken it back."""
+        return any(row.log == log and abs(row.at_s - at_s) < SAME_MOMENT_S for row in read_config(self.path).exclude)
 
     def _sensor(self, info: Info | None, waited_s: float) -> Sensor | None:
         said = dict(self._said)
@@ -104,39 +142,38 @@ def nominal_hz(odr_hz: float) -> float:
 def toml_text(config: Config) -> str:
     """``session.toml`` of a configuration (docs/formats.md)."""
     sensor, site, protocol = config.sensor, config.site, config.protocol
-    matrix = ", ".join("[" + ", ".join(map(repr, map(float, row))) + "]" for row in config.accelerometer.matrix)
-    bias = ", ".join(map(repr, map(float, config.accelerometer.bias_mps2)))
-    identity = np.array_equal(config.accelerometer.matrix, np.eye(3)) and not config.accelerometer.bias_mps2.any()
-    remark = "  # none: give the accelerometer's pre-calibration here, or its errors become the gyroscope's" if identity else ""
     here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
     lines = [f"{name} = {value!r}" for name, value in here.items() if value is not None]
     known = {name: getattr(sensor, name) for name in ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz")}
     noise = "".join(f"{name} = {value!r}\n" for name, value in known.items() if value is not None)
     lines = lines or ["# latitude_deg = …  # without it the Earth's rotation stays in the rates"]
+    sigma = f"truth_sigma_deg = {protocol.truth_sigma_deg!r}\n" if protocol.reference == "truth" else ""
+    notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
     return f"""\
 schema = "{SCHEMA}"
 
 [sensor]
-model = {_quoted(sensor.model)}
-serial = {_quoted(sensor.serial)}
+model = {quoted(sensor.model)}
+serial = {quoted(sensor.serial)}
 odr_hz = {sensor.odr_hz!r}
 gyro_fs_dps = {sensor.gyro_fs_dps:g}
 accel_fs_g = {sensor.accel_fs_g:g}
 {noise}
-[accelerometer]{remark}
-matrix = [{matrix}]
-bias_mps2 = [{bias}]
-
+{_accelerometer_text(config.accelerometer)}
 [site]
 {chr(10).join(lines)}
 
 [protocol]
 still_s = {protocol.still_s!r}
 segment_s = {protocol.segment_s!r}
-reference = {_quoted(protocol.reference)}
-"""
+reference = {quoted(protocol.reference)}
+{sigma}{notes}{exclude_text(config.exclude)}"""
 
 
-def _quoted(text: str) -> str:
-    """A TOML string: JSON's escapes are among TOML's, and no sign that a board sends is left bare."""
-    return json.dumps(text)
+def _accelerometer_text(accelerometer: Accelerometer) -> str:
+    """Its section; a comment where nobody has calibrated it, for a section that is there counts as a calibration."""
+    if accelerometer.source == "none":
+        return "# [accelerometer]  # nobody has calibrated it: the session's own stills do\n"
+    matrix = ", ".join("[" + ", ".join(map(repr, map(float, row))) + "]" for row in accelerometer.matrix)
+    bias = ", ".join(map(repr, map(float, accelerometer.bias_mps2)))
+    return f"[accelerometer]\nmatrix = [{matrix}]\nbias_mps2 = [{bias}]\n"

@@ -9,6 +9,7 @@ import numpy as np
 
 from session.common.errors import DataError, SegmentError
 from session.common.units import DEG, NS
+from session.detect.excluded import without_excluded
 from session.detect.segments import Segment, cut_segments
 from session.detect.session_stills import SessionStills
 from session.detect.stills import Still
@@ -101,7 +102,8 @@ def _stills_and_segments(
             continue
         stills = [replace(s, problem="turns about the vertical") if number + i in moving else s for i, s in enumerate(here.stills)]
         number += len(stills)
-        segments += cut_segments(samples, stills, session.config.sensor, session.config.protocol, log=len(logs), number=len(segments))
+        cut = cut_segments(samples, stills, session.config.sensor, session.config.protocol, log=len(logs), number=len(segments))
+        segments += without_excluded(cut, samples, log.path, session.config.exclude)
         logs.append(StillSet(samples, stills, noise, np.zeros((0, 4)), np.zeros(0, dtype=int)))
     segments = [replace(s, problem=CLIPPED, breaks_yaw=True) if s.number in clipped else s for s in segments]
     excluded = [replace(s, problem=LEFT_OUT) if s.number in exclude else s for s in segments]

@@ -17,7 +17,7 @@ EXCLUDED = "left out in session.toml"
 def without_excluded(segments: list[Segment], samples: Samples, log: Path, rows: Sequence[LeftOut]) -> list[Segment]:
     """The segments of one log; those that hold one of its moments have a problem."""
     moments = moments_of(log, rows)
-    return [replace(s, problem=EXCLUDED) if any(_moves_at(s, samples, at_s) for at_s in moments) else s for s in segments]
+    return [replace(s, problem=EXCLUDED) if any(moved_at(s, samples, at_s) for at_s in moments) else s for s in segments]
 
 
 def moments_of(log: Path, rows: Sequence[LeftOut]) -> list[float]:
@@ -25,8 +25,8 @@ def moments_of(log: Path, rows: Sequence[LeftOut]) -> list[float]:
     return [row.at_s for row in rows if row.log.removesuffix(".gz") == log.name.removesuffix(".gz")]
 
 
-def _moves_at(segment: Segment, samples: Samples, at_s: float) -> bool:
-    """Between its two stills; all of it where it lies between moments of a truth file."""
+def moved_at(segment: Segment, samples: Samples, at_s: float) -> bool:
+    """Whether a moment of the samples' clock lies between its two stills; in all of it where it lies between moments of a truth file."""
     start, stop = segment.start, segment.stop - 1
     if segment.first is not None and segment.last is not None:
         start, stop = segment.first.stop - 1, segment.last.start

@@ -18,7 +18,7 @@ RETURN_RAD = 0.5 * DEG
 
 @dataclass(frozen=True, eq=False)
 class RunEnds:
-    """Stills at the beginning and the end; away_rad: between gravity in one and the other; broken: why the movement cannot be integrated."""
+    """Stills at the beginning and the end; away_rad: between gravity in one and the other; broken: why it cannot be integrated."""
 
     first: Still
     last: Still

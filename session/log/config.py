@@ -247,7 +247,7 @@ class _Reader:
         for row in rows:
             at_s = row.get("at_s") if isinstance(row, dict) else None
             good = isinstance(at_s, (int, float)) and not isinstance(at_s, bool) and abs(at_s) < LAST_MOMENT_S
-            if not good or not isinstance(row["log"] if "log" in row else None, str):
+            if not good or not isinstance(row.get("log"), str):
                 raise FormatError(f"{self._path}: exclude holds {_said(row)}; {expected}")
             found.append(LeftOut(row["log"], float(at_s)))
         return tuple(found)

@@ -46,6 +46,7 @@ class ClosureGuide:
         self.says: list[tuple[Kind, str]] = []
         self.attempts = 0
         self._looked_at = False
+        self._parts: list[Samples] = []
         self._to_the_mark()
 
     def decided(self, decision: Decision) -> None:
@@ -109,7 +110,7 @@ class ClosureGuide:
 
     def _to_the_mark(self) -> None:
         self.step, self.wants = Step.MARK, None
-        self._parts: list[Samples] = []
+        self._parts = []
         self._moved_s = self._rested_s = self._here_s = 0.0
         self._went = False
         self._missing = ""

@@ -16,7 +16,7 @@ from session.guide.messages import AcceptedTurn, Advice, Change, Instruction, Ki
 from session.guide.own_accelerometer import OwnAccelerometer
 from session.guide.present_log import PresentLog
 from session.guide.stillness import Block
-from session.guide.taken import Taken, accepted_turn, fastest_ns
+from session.guide.taken import Taken, accepted_turn, fastest_ns, why_not
 from session.guide.turn_in_progress import TurnInProgress
 from session.guide.window import Examined
 from session.log.config import Protocol, Sensor
@@ -26,7 +26,6 @@ from session.recording.decisions import Decision
 HOLD_STILLS = 1.5  #: times the protocol's still_s are asked for: a still serves two turns
 SETTLING_S = 0.3  #: quiet for so long, a turn is over
 EXAMINE_EVERY_S = 0.2
-LEAST_TURN_DEG = 30.0  #: what turns less is not counted: it tells next to nothing
 STIR_DEG = 2.0  #: what moves less was no turn
 COACH_S = 2.0  #: how long the coach is waited for before any turn will do
 
@@ -49,8 +48,10 @@ class Guide:
         self.coached = False  #: whether advice is to be expected after each accepted segment
         self.rejected = self.dropped = self.log = 0
         self._before_s = 0.0  # in earlier logs
+        self.keys = ""  # the screen's last line
         self.waits_for = ""  # what the port or the stream lacks
         self._changes: list[Change] = []
+        self._asked_s: float | None = None
         self._new_log()
 
     def begin(self, sensor: Sensor, own: OwnAccelerometer | None = None) -> None:
@@ -95,7 +96,8 @@ class Guide:
 
     def advise(self, advice: Advice | None) -> list[Change]:
         """The coach's word on the segments so far; it may come later than the segment it speaks of."""
-        self._changes, self.advice, self._asked_s = [], advice, None
+        self._changes, self.advice = [], advice
+        self._asked_s = None
         if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE and self.closure is None:
             self._segments_done("every parameter has reached its target")
         return self._changes
@@ -118,11 +120,6 @@ class Guide:
             if decision.word == "keep":
                 self._finish(f"{self.accepted} segments and a closure run")
         return self._changes
-
-    def again(self) -> None:
-        """The closure run is to begin anew."""
-        if self.closure is not None:
-            self.closure.interrupted()
 
     @property
     def wants(self) -> Decision | None:
@@ -178,7 +175,7 @@ class Guide:
 
     def _new_log(self) -> None:
         self.here = PresentLog()
-        self._asked_s: float | None = None
+        self._asked_s = None
         self.objection = ""
         self._examined_s = 0.0
 
@@ -253,16 +250,12 @@ class Guide:
         self.stage, self.objection = Stage.TURN, ""
         own = self.taken.own
         if self.taken.add_still(still) and own is not None:
-            self._say(Kind.STAGE, f"the accelerometer is known: {own.words}")
-            if own.problem:
-                self._say(Kind.WARNING, own.problem)
+            self._say(Kind.WARNING if own.problem else Kind.STAGE, f"the accelerometer is known: {own.problem or own.words}")
         if segment is None:
             self._say(Kind.READY, f"the first still holds ({still.duration_s:.1f} s): turn")
             return
         number = self.accepted + self.rejected + self.dropped + 1
-        problem = segment.problem
-        if not problem and segment.turn_deg < LEAST_TURN_DEG:
-            problem = f"no turn: {segment.turn_deg:.0f}° < {LEAST_TURN_DEG:.0f}°; turn by 90° or more"
+        problem = why_not(segment)
         self.here.refused = True
         if any(moved_at(segment, examined.samples, at_ns * NS) for at_ns in self.here.dropped_ns):
             self.dropped += 1

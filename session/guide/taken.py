@@ -12,6 +12,8 @@ from session.guide.messages import AcceptedTurn, Progress
 from session.guide.own_accelerometer import OwnAccelerometer
 from session.guide.window import Examined
 
+LEAST_TURN_DEG = 30.0  #: what turns less is not counted: it tells next to nothing
+
 
 class Taken:
     """turns that count, in order; stills; coverage; own: the accelerometer that the stills calibrate, None where one was given."""
@@ -61,6 +63,13 @@ class Taken:
                 self.coverage.drop(turn)
                 return turn
         return None
+
+
+def why_not(segment: Segment) -> str | None:
+    """Why a segment does not count, or None."""
+    if segment.problem or segment.turn_deg >= LEAST_TURN_DEG:
+        return segment.problem
+    return f"no turn: {segment.turn_deg:.0f}° < {LEAST_TURN_DEG:.0f}°; turn by 90° or more"
 
 
 def fastest_ns(turn: AcceptedTurn) -> int:

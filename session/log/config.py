@@ -246,8 +246,8 @@ class _Reader:
         found = []
         for row in rows:
             at_s = row.get("at_s") if isinstance(row, dict) else None
-            good = isinstance(at_s, (int, float)) and not isinstance(at_s, bool) and abs(at_s) < LAST_MOMENT_S
-            if not good or not isinstance(row.get("log"), str):
+            number = isinstance(at_s, (int, float)) and not isinstance(at_s, bool)
+            if at_s is None or not number or not abs(at_s) < LAST_MOMENT_S or not isinstance(row.get("log"), str):
                 raise FormatError(f"{self._path}: exclude holds {_said(row)}; {expected}")
             found.append(LeftOut(row["log"], float(at_s)))
         return tuple(found)

@@ -12,15 +12,14 @@ from dataclasses import dataclass
 
 from session.recording.rawfile import Mark
 
-WORDS = ("begin", "pause", "keep", "drop", "note")
-
 
 @dataclass(frozen=True)
 class Decision:
-    """word: one of WORDS; rest: STEM, T_US, TEXT, or nothing."""
+    """word: begin, pause, keep, drop or note; rest: STEM, T_US, TEXT, or nothing; log: the one that was growing, in a replay."""
 
     word: str
     rest: str = ""
+    log: str = ""
 
     @property
     def text(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -37,7 +38,7 @@ def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter) -> Iterator[
                     logs.begin(name_kept(marks, number) or decision.rest)
                 elif decision.word in ("pause", "keep"):
                     logs.pause()
-                yield mark.host_ns, [decision]
+                yield mark.host_ns, [replace(decision, log=logs.paths[-1].name if logs.paths else "")]
         yield from _until(raw, None, decoder, logs)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from session.common.units import DEG_PER_HOUR
 from session.detect.stills import Still
-from session.guide.messages import AcceptedTurn, Advice
+from session.guide.messages import AcceptedTurn, Advice, Progress
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.bias_wander import BiasWander
@@ -39,8 +39,10 @@ class Coach:
         self._own: list[np.ndarray] = []
         self._middle_s: list[float] = []
 
-    def __call__(self, taken: list[AcceptedTurn]) -> Advice:
-        """Advice on all segments so far, after further ones (at least one)."""
+    def __call__(self, progress: Progress) -> Advice:
+        """Advice on all segments so far (at least one)."""
+        self._columns, self._own, self._middle_s = [], [], []
+        taken = list(progress.turns)
         for segment in taken:
             self.add(segment)
         sigma = self.sigma

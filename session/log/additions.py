@@ -58,14 +58,14 @@ def add_notes(path: Path, notes: Mapping[str, Note]) -> None:
         return
     lines = notes_text(fresh)
     header = HEADER.search(text)
-    if header is None:
-        tried = [_ended(text) + f"\n[notes]\n{lines}"]
-    else:
+    tried = []
+    if header is not None:
         after = NEXT_HEADER.search(text, header.end())
         end = len(text) if after is None else after.start()
         kept = text[:end].rstrip()  # blank lines before the next section stay before it
-        tried = [kept + "\n" + lines + (text[len(kept) :].removeprefix("\r").removeprefix("\n") if after else "")]
+        tried.append(kept + "\n" + lines + (text[len(kept) :].removeprefix("\r").removeprefix("\n") if after else ""))
         tried.append(_ended(text[: header.end()]) + lines + text[header.end() :].removeprefix("\r").removeprefix("\n"))
+    tried.append(_ended(text) + f"\n[notes]\n{lines}")
     _replace(path, tried, table | {"notes": there | fresh})
 
 

@@ -78,6 +78,7 @@ class GuidedRecording:
         self._clock_said = False
         self._last_said: tuple | None = None
         self._live = not recorder.resumed  # what an earlier recording left is not decided again
+        self._resuming = False  # until the port is open
         self._serial: str | None = None  # of the sensor in this recording
 
     def lead(self, interrupted: Callable[[], bool] = lambda: False) -> None:
@@ -89,7 +90,8 @@ class GuidedRecording:
         try:
             self._take(self.recorder.resumed)
             if self.recorder.resumed and self.guide.stage is not Stage.DONE:
-                self._go_on_behind()
+                self._resuming = True
+                self.guide.new_log()
                 self._say(Kind.STAGE, f"resumed: {self.guide.accepted} segments so far")
             while self.guide.stage is not Stage.DONE:
                 if interrupted():
@@ -109,14 +111,15 @@ class GuidedRecording:
             self._thread.shutdown(wait=False, cancel_futures=True)
             self._view.show(self.guide)
 
-    def _go_on_behind(self) -> None:
-        """An earlier recording: a pause ends with it, and so does a closure run that was not whole."""
-        self._live = True
-        if self.guide.stage is Stage.PAUSED:
+    def _begin_behind(self) -> None:
+        """The port is open again, or the board was reset: a pause ends with the recording that it was in, and a closure run begins anew."""
+        if not (self._live or self._resuming):
+            return
+        if self._resuming and self.guide.stage is Stage.PAUSED:
             self._table.decide(self._table.after_pause)
-        elif self.guide.closure is not None:
-            self.recorder.decide(BEGIN)
-        self.guide.new_log()
+        elif self.guide.closure is not None and self.guide.stage is not Stage.PAUSED:
+            self.recorder.decide(BEGIN)  # what comes now belongs to no log
+        self._live, self._resuming = True, False
 
     def _tell(self, changes: list[Change]) -> None:
         for change in changes:
@@ -137,8 +140,7 @@ class GuidedRecording:
                 self.guide.health.troubles[event.kind] += event.count
                 if event.kind in NEW_LOG:
                     self._early = []
-                    if self._live and self.guide.closure is not None and self.guide.stage is not Stage.PAUSED:
-                        self.recorder.decide(BEGIN)  # what comes now belongs to no log
+                    self._begin_behind()
                     self.guide.new_log()
                     self._say(Kind.WARNING, f"{_NEW_LOG_SAYS[event.kind]}: a new log begins")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from session.accelerometer.from_stills import PARAMETERS, attitudes_of, fit_length
@@ -66,7 +68,10 @@ class OwnAccelerometer:
 
 def _fitted(force: np.ndarray, gravity_mps2: float) -> Accelerometer | None:
     """The one place that asks for a calibration; None where the stills do not fix one."""
+    scale = float(np.median(np.linalg.norm(force, axis=1))) / gravity_mps2
+    scale = scale if abs(scale - 1) > SCALE_RIGHT else 1.0  # of another full scale: a robust fit does not come from so far
     try:
-        return fit_length(force, gravity_mps2)
+        found = fit_length(force / scale, gravity_mps2)
     except SegmentError:
         return None
+    return replace(found, matrix=found.matrix / scale, bias_mps2=found.bias_mps2 * scale)

@@ -48,7 +48,17 @@ def main() -> None:
 
 def raw(args: argparse.Namespace) -> None:
     """A table of sessions that calibrate both sensors, closure run included."""
-    header = ("stream", "seconds", "accepted", "gravity's spread, mg", "… calibrated", "closure held out", "floor", "closure run", "its floor")
+    header = (
+        "stream",
+        "seconds",
+        "accepted",
+        "gravity's spread, mg",
+        "… calibrated",
+        "closure held out",
+        "floor",
+        "closure run",
+        "its floor",
+    )
     rows = []
     for rate in args.rates:
         with tempfile.TemporaryDirectory(prefix="tinygc-") as name:

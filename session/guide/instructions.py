@@ -2,20 +2,50 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from session.common.units import DEG
-from session.guide.messages import Instruction, Stage
+from session.guide.closure_guide import ClosureGuide
+from session.guide.messages import Advice, Instruction, Stage
+from session.guide.present_log import PresentLog
 from session.guide.stream_check import CHECK_S
-
-if TYPE_CHECKING:
-    from session.guide.guide import Guide
+from session.guide.turn_in_progress import TurnInProgress
+from session.log.config import Sensor
 
 PEAK_FULL_SCALE = 0.85
 ANY_TURN = "turn by 90° to 300° to another attitude, about any axis but the vertical alone, in about 3 s"
 
 
-def instruction_of(guide: Guide) -> Instruction:
+class Leader(Protocol):
+    """What a guide shows of itself."""
+
+    stage: Stage
+    segments: int
+    waits_for: str
+    objection: str
+    here: PresentLog
+    closure: ClosureGuide | None
+    advice: Advice | None
+    sensor: Sensor | None
+
+    @property
+    def accepted(self) -> int:
+        """Segments that count."""
+
+    @property
+    def turn(self) -> TurnInProgress:
+        """What the table does now."""
+
+    @property
+    def hold_s(self) -> float:
+        """How long a still is asked for."""
+
+    @property
+    def coach_is_asked(self) -> bool:
+        """Whether its word is still awaited."""
+
+
+def instruction_of(guide: Leader) -> Instruction:
     """For each stage."""
     stage = guide.stage
     if stage is Stage.FIND_PORT:
@@ -32,7 +62,7 @@ def instruction_of(guide: Guide) -> Instruction:
     return _turn(guide) if stage is Stage.TURN else _hold(guide)
 
 
-def _hold(guide: Guide) -> Instruction:
+def _hold(guide: Leader) -> Instruction:
     turn, held = guide.turn, guide.turn.still_s
     why, good = guide.objection, False
     if turn.moving:
@@ -43,7 +73,7 @@ def _hold(guide: Guide) -> Instruction:
     return Instruction(guide.stage, "hold still: hands off the table", why, left, min(held / guide.hold_s, 1.0), good)
 
 
-def _turn(guide: Guide) -> Instruction:
+def _turn(guide: Leader) -> Instruction:
     turn, advice = guide.turn, guide.advice
     if guide.coach_is_asked:
         return Instruction(guide.stage, "one moment: the coach looks at the last turn", "for some 2 s at most")

@@ -7,7 +7,7 @@ import pytest
 from conftest import GRAVITY, Table, config
 from guided_streams import guide_of, play, said, simulated
 
-from session.accelerometer.from_stills import fit_length
+from session.accelerometer.lengths import fit_lengths
 from session.common.units import MG, G
 from session.detect.stills import Noise, Still
 from session.guide.guide import Guide
@@ -150,7 +150,7 @@ def test_the_sigmas_of_the_nine_are_those_of_the_fit():
     errors = []
     for seed in range(200):
         measured = read_by(RAW, force) + sigma * np.random.default_rng(seed).normal(size=(20, 3))
-        found = fit_length(measured, GRAVITY)
+        found = fit_lengths(measured, GRAVITY).accelerometer
         errors.append(np.concatenate([(found.matrix - RAW.matrix)[accel.UPPER], found.bias_mps2 - RAW.bias_mps2]))
     chi_square = np.mean([error @ np.linalg.inv(covariance) @ error for error in errors]) / accel.PARAMETERS
     # Cauchy's weights, which the fit has against bad stills, cost some of the efficiency of least squares.

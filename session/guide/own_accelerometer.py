@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.accelerometer.from_stills import PARAMETERS, attitudes_of, fit_length
-from session.common.errors import SegmentError
+from session.accelerometer.lengths import LengthFit, attitudes_of, fit_lengths
 from session.common.units import MG
 from session.detect.stills import Still
 from session.log.config import Accelerometer
@@ -17,19 +16,27 @@ SCALE_RIGHT = 0.2
 
 
 class OwnAccelerometer:
-    """``add`` stills.  accelerometer: what they give, None while they do not fix it; attitudes: how many of them lie apart."""
+    """``add`` stills.  accelerometer: what they give, None while they fix nothing of it; known: whether they fix all of it; attitudes: how
+    many of them lie apart."""
 
     def __init__(self, gravity_mps2: float) -> None:
         self._gravity_mps2 = gravity_mps2
         self.stills: list[Still] = []
         self.attitudes = 0
         self.accelerometer: Accelerometer | None = None
+        self._lacks: tuple[str, ...] = ()
 
     def add(self, still: Still) -> None:
         """A still, its accelerometer as measured."""
         self.stills.append(still)
         self.attitudes = attitudes_of(self.force)
-        self.accelerometer = _fitted(self.force, self._gravity_mps2)
+        fit, self.accelerometer = _fitted(self.force, self._gravity_mps2)
+        self._lacks = fit.unobserved
+
+    @property
+    def known(self) -> bool:
+        """Whether all of its numbers are."""
+        return self.accelerometer is not None and not self._lacks
 
     @property
     def force(self) -> np.ndarray:
@@ -52,8 +59,9 @@ class OwnAccelerometer:
         before, after = self.spread_mg
         lie = f"{len(self.stills)} stills in {self.attitudes} attitudes"
         if after is None:
-            return f"{lie} (of {PARAMETERS} at least); gravity's spread {before:.1f} mg"
-        return f"{lie}; gravity's spread {before:.1f} mg before, {after:.2f} mg after"
+            return f"{lie}; gravity's spread {before:.1f} mg"
+        says = f"{lie}; gravity's spread {before:.1f} mg before, {after:.2f} mg after"
+        return says if self.known else f"{says} (not all of it yet)"
 
     @property
     def problem(self) -> str:
@@ -66,12 +74,12 @@ class OwnAccelerometer:
         return f"gravity reads {1 / scale:.2f} g in all attitudes: is the accelerometer's full scale right?"
 
 
-def _fitted(force: np.ndarray, gravity_mps2: float) -> Accelerometer | None:
-    """The one place that asks for a calibration; None where the stills do not fix one."""
+def _fitted(force: np.ndarray, gravity_mps2: float) -> tuple[LengthFit, Accelerometer | None]:
+    """The one place that asks for a calibration; None where the stills fix nothing of it."""
     scale = float(np.median(np.linalg.norm(force, axis=1))) / gravity_mps2
     scale = scale if abs(scale - 1) > SCALE_RIGHT else 1.0  # of another full scale: a robust fit does not come from so far
-    try:
-        found = fit_length(force / scale, gravity_mps2)
-    except SegmentError:
-        return None
-    return replace(found, matrix=found.matrix / scale, bias_mps2=found.bias_mps2 * scale)
+    found = fit_lengths(force / scale, gravity_mps2)
+    if found.rung is None:
+        return found, None
+    given = found.accelerometer
+    return found, replace(given, matrix=given.matrix / scale, bias_mps2=given.bias_mps2 * scale)

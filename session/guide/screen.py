@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Collection
 from types import TracebackType
 
-from rich.console import Console, Group
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
@@ -93,7 +93,7 @@ def view(guide: Guide, title: str, changes: Collection[Change]) -> Group:
         # The newest is said in full, the ones before it in a line each.
         text = Text(change.text, style=style, overflow="fold" if newest else "ellipsis", no_wrap=not newest)
         said.add_row(Text(f"{change.at_s:.1f} s", style="dim"), text)
-    parts = [_instruction(guide, title), _state(guide), said]
+    parts: list[RenderableType] = [_instruction(guide, title), _state(guide), said]
     if guide.keys:
         parts.append(Text(guide.keys[-WIDTH:], style="dim", no_wrap=True, overflow="ellipsis"))
     return Group(*parts)

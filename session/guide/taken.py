@@ -42,9 +42,9 @@ class Taken:
         self.coverage.still(still.accel_mean)
         if self.own is None:
             return False
-        known = self.own.accelerometer is not None
+        known = self.own.known
         self.own.add(still)
-        return not known and self.own.accelerometer is not None
+        return not known and self.own.known
 
     def add(self, turn: AcceptedTurn) -> None:
         """A turn that was accepted."""

@@ -35,8 +35,7 @@ class Guide:
     closure run with so much turning; 0: none.
 
     instruction is what to do now; accepted counts segments, rejected those that were not, dropped those that the person took back;
-    health, coverage, advice are for the screen; own is the accelerometer that the stills calibrate, if they have to; closure the run,
-    once it is its turn.
+    health, taken, advice are for the screen and the coach; closure is the run, once it is its turn.
     """
 
     def __init__(self, protocol: Protocol, segments: int = 40, stop_at_target: bool = False, closure_s: float = 0.0):
@@ -248,8 +247,7 @@ class Guide:
         assert still is not None
         self.here.accept(examined)
         self.stage, self.objection = Stage.TURN, ""
-        own = self.taken.own
-        if self.taken.add_still(still) and own is not None:
+        if self.taken.add_still(still) and (own := self.taken.own) is not None:
             self._say(Kind.WARNING if own.problem else Kind.STAGE, f"the accelerometer is known: {own.problem or own.words}")
         if segment is None:
             self._say(Kind.READY, f"the first still holds ({still.duration_s:.1f} s): turn")

@@ -57,7 +57,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sessions", type=int, default=24, help="simulated sessions (%(default)s)")
     parser.add_argument("--seed", type=int, default=1000, help="of the first session (%(default)s)")
-    parser.add_argument("--pso", action="store_true", help="the swarm, too: slow")
+    parser.add_argument("--pso", action="store_true", help="the swarm, too")
     parser.add_argument("--held-out", action="store_true", help="the held-out closure of the segments, too: slow")
     parser.add_argument("--recordings", type=Path, default=RECORDINGS, metavar="DIR", help="folder of recorded sessions (%(default)s)")
     args = parser.parse_args()

@@ -15,15 +15,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from common import in_parallel
-from real_recordings_page import UNCALIBRATED, missed, page, said_wrongly
+from real_recordings_page import missed, page, said_wrongly
 
-from session.accelerometer.from_stills import from_stills
 from session.common.errors import CalibrationError
-from session.log.folder import Session, read_session
+from session.log.folder import read_session
 from session.public import euroc_folders, mimu
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
@@ -74,13 +73,6 @@ def jobs_of(name: str, shared: Path, made: Path) -> Iterator[Job]:
     yield from (Job(name, folder) for folder in folders)
 
 
-def calibrated(session: Session) -> Session:
-    """The same session with the accelerometer that its own stills give."""
-    config = session.config
-    found = from_stills([log.samples for log in session.logs], config.site.expected_gravity_mps2, config.protocol.still_s)
-    return replace(session, config=replace(config, accelerometer=found))
-
-
 def one_recording(job: Job) -> dict:
     """``set``, ``name``, ``seconds``, and ``explain``'s JSON or why it was ``refused``."""
     from tinygc.library.explain import explain
@@ -89,7 +81,7 @@ def one_recording(job: Job) -> dict:
     result: dict = {"set": job.set_name, "name": job.folder.name, "explain": None, "refused": None}
     try:
         session = read_session(job.folder)
-        result["explain"] = explain(calibrated(session) if job.set_name in UNCALIBRATED else session).to_json()
+        result["explain"] = explain(session).to_json()
     except CalibrationError as error:
         result["refused"] = str(error)
     return result | {"seconds": time.perf_counter() - began}

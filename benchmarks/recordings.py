@@ -38,7 +38,7 @@ class Job:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folders", type=Path, nargs="*", help="session folders (all of ../shared)")
-    parser.add_argument("--pso", action="store_true", help="the swarm, too: slow")
+    parser.add_argument("--pso", action="store_true", help="the swarm, too")
     parser.add_argument("--folds", type=int, default=5, help="of the held-out closure (%(default)s)")
     args = parser.parse_args()
     folders = args.folders or sorted(path.parent for path in SHARED.glob("**/session.toml"))

@@ -1,8 +1,8 @@
 """Do stated sigmas of E hold over repeats of real recordings?  Eight MPU-9150 on one board, turned by hand in four experiments.
 
 Each unit's E scatters about the mean of its four; the sigmas that ``fit`` states say by how much it should.  Right ones have 68 % of the
-deviations within one sigma of a deviation.  The accelerometer's triad is the body frame, and each experiment calibrates it anew from its
-own stills, so E is also shown as sqrt(E'E), in which a turn of that frame drops out.  Then the same of simulated sessions against their
+deviations within one sigma of a deviation.  The accelerometer's triad is the body frame, and each experiment estimates it anew with the
+gyroscope, so E is also shown as sqrt(E'E), in which a turn of that frame drops out.  Then the same of simulated sessions against their
 truth, where the bias wanders by what nobody told the fit.
 
     python benchmarks/repeatability_real.py                      # ../shared/mimu
@@ -80,10 +80,10 @@ def main() -> None:
 
 
 def made(parent: Path) -> list[Path]:
-    """Session folders of the authors' own files, the accelerometer calibrated from each recording's stills."""
+    """Session folders of the authors' own files, the accelerometer as it was measured."""
     said = io.StringIO()
     with contextlib.redirect_stdout(said):
-        if public(["mimu", str(SHARED), "--out", str(parent), "--accelerometer", "stills"]):
+        if public(["mimu", str(SHARED), "--out", str(parent)]):
             raise SystemExit(2)
     return [Path(line) for line in said.getvalue().splitlines()]
 

@@ -15,7 +15,7 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from session.common.units import DEG, G
-from session.sensor.registers import GYRO_MDPS_PER_LSB
+from session.sensor.registers import gyro_rps_per_lsb
 from tinygc.methods.options import FitOptions
 from tinygc.report.html.evidence import gather
 from tinygc.simulation.options import SimulationOptions
@@ -99,7 +99,7 @@ def in_words(unit: SimulatedUnit, options: SimulationOptions, period_s: float) -
     for pair, (i, j) in {"xy": (0, 1), "yz": (1, 2), "zx": (2, 0)}.items():
         words["nonorthogonality", pair] = 1e3 * (np.pi / 2 - np.arccos(axes[i] @ axes[j]))
     # The register's rounding is white noise as well, over the band up to half the data rate.
-    rounding = (1e-3 * GYRO_MDPS_PER_LSB[int(options.gyro_fs_dps)]) ** 2 / 12 * 2 * period_s
+    rounding = (gyro_rps_per_lsb(options.gyro_fs_dps) / DEG) ** 2 / 12 * 2 * period_s
     for a in "xyz":
         words["angle random walk", a] = 60 * np.sqrt((options.gyro_noise_dps_rthz**2 + rounding) / 2)
         words["bias instability", a] = options.bias_instability_dph

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from session.common.errors import CalibrationError, DeviceError, FormatError
 from session.stream import frames
-from session.stream.text import HEADER
+from session.stream.form import HEADER
 
 CALIBRATED_TYPE, SELF_TEST_TYPE, HELLO_TYPE = 0x03, 0x04, 0x10
 CALIBRATED, SELF_TEST = struct.Struct("<BHIfff"), struct.Struct("<BHHfI")

@@ -17,7 +17,10 @@ from streams import INFO, samples, smooth_registers
 
 import calibrate
 from session.common.errors import CalibrationError
+from session.log.config import Sensor
+from session.log.logfile import read_log
 from session.recording.recorder import Recorder
+from session.sensor.registers import RegisterUnits
 from session.stream.events import Chunk, Info
 from tinygc.simulation.board.board import Board
 from tinygc.simulation.board.faults import Faults, flipped, spoil
@@ -56,6 +59,20 @@ def test_all_of_a_session_arrives_with_still_time_around_it(frames, tmp_path):
     still = registers[:begin]
     assert (still[:, None] == SOURCE.rows[None, : round(0.8 * INFO.odr_hz)]).all(axis=2).any(axis=1).all()
     assert (1e6 * (len(t_us) - 1) / (t_us[-1] - t_us[0])) == pytest.approx(INFO.odr_hz, rel=1e-4)
+    assert INFO in [event for event in events if isinstance(event, Info)]
+
+
+def test_a_board_in_physical_units_is_recorded_as_well(tmp_path):
+    """The same session in dps, g and degC with the digits that a board prints: read from its log it is the registers again."""
+    board, recorder, events = recorded_from(tmp_path, physical=True)
+    assert recorder.decoder.lost == recorder.decoder.garbage == board.terminal.dropped == 0
+    assert recorder.logs.physical
+    (path,) = recorder.logs.paths
+    log, units = read_log(path, Sensor("unknown", "", 1667, 500, 4)), RegisterUnits("ASM330LHH", 500, 4)
+    assert not log.raw
+    rows = np.column_stack([log.samples.gyro / units.gyro_rps, log.samples.accel / units.accel_mps2, (log.samples.temp_c - 25) * 256])
+    begin = len(rows) - (board.sent - round(INFO.odr_hz)) + (0 if len(rows) == board.sent else 1)
+    np.testing.assert_allclose(rows[begin : begin + 2000], SOURCE.rows, atol=1e-2)  # "%.7g": a board's float32
     assert INFO in [event for event in events if isinstance(event, Info)]
 
 

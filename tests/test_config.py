@@ -7,9 +7,8 @@ from conftest import SESSION_TOML, Table, write_session
 from session.checks.first_look import check_folder, check_keys
 from session.common.errors import CalibrationError, FormatError
 from session.common.units import STANDARD_GRAVITY_MPS2
-from session.log.config import Accelerometer, read_config
+from session.log.config import Accelerometer, Sensor, read_config
 from session.recording.session_file import toml_text
-from session.sensor.typical import typical_of
 
 
 def read(tmp_path, text):
@@ -60,7 +59,7 @@ def test_the_gyro_s_own_figures_are_read_and_need_not_be_there(tmp_path):
     [("ASM330LHH", True), ("asm330lhh", True), ("ST ASM330LHHTR, unit 2", True), ("ASM330LHHX", False), ("ISM330", False), ("", False)],
 )
 def test_typical_figures_are_of_that_model_only(model, known):
-    assert (typical_of(model) is not None) == known
+    assert (Sensor(model, "", 208.0, 500, 4).typical("gyro_noise_mdps_rthz") is not None) == known
 
 
 def test_the_pre_calibration_undoes_offset_and_matrix():

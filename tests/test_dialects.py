@@ -171,7 +171,10 @@ def test_columns_by_number_without_a_header(tmp_path):
 def test_registers_through_columns_stay_registers(tmp_path):
     folder = write_session(tmp_path / "own", SAMPLES)
     body = (folder / "log0001.csv").read_text().split("\n", 1)[1]
-    made = make(tmp_path, "time,a,b,c,d,e,f,g\n" + body, columns="t_us=time,gx=a,gy=b,gz=c,ax=d,ay=e,az=f,temp=g")
+    text, columns = "time,a,b,c,d,e,f,g\n" + body, "t_us=time,gx=a,gy=b,gz=c,ax=d,ay=e,az=f,temp=g"
+    with pytest.raises(FormatError, match="holds registers and does not name the sensor; give --sensor NAME"):
+        make(tmp_path, text, columns=columns)
+    made = make(tmp_path, text, columns=columns, sensor="asm330lhh")
     same(made, temp=True)
     assert made.log.read_text().split("\n")[2].split(",")[1:] == body.split("\n")[0].split(",")[1:]
 

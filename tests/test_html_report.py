@@ -173,7 +173,8 @@ def test_text_from_files_stays_text(simulated, tmp_path):
     folder = tmp_path / "<b>s&amp;"
     shutil.copytree(simulated(), folder)
     config = folder / "session.toml"
-    config.write_text(re.sub(r"^(model|serial) = .*$", lambda found: f"{found[1]} = {json.dumps(evil)}", config.read_text(), flags=re.M))
+    text = re.sub(r"^(model|serial) = .*$", lambda found: f"{found[1]} = {json.dumps(evil)}", config.read_text(), flags=re.M)
+    config.write_text(text.replace("[accelerometer]", "gyro_mdps_per_lsb = 17.5\naccel_mg_per_lsb = 0.122\n[accelerometer]"))
     (folder / "closure0001.csv.gz").rename(folder / "closure<i>1.csv.gz")
     page = report_of(folder, tmp_path / "r.html", *QUICK).read_text(encoding="utf-8")
     parser = parsed(page)

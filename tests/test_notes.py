@@ -80,7 +80,7 @@ def test_a_note_is_never_lost(tmp_path):
         add_notes(path, {"operator": "Tom", "new": "y"})
     assert path.read_bytes() == before
     with pytest.raises(FormatError, match=r"notes.operator is 'Mara' already"):
-        SessionFile(tmp_path, None, None, None, None, {"operator": "Tom"})
+        SessionFile(tmp_path, None, None, None, None, None, {"operator": "Tom"})
 
 
 def test_a_form_that_cannot_be_added_to_is_left_alone(tmp_path):
@@ -104,7 +104,7 @@ def test_any_text_is_toml(text):
 
 
 def test_a_recording_writes_its_notes_once_it_knows_the_board(tmp_path):
-    file = SessionFile(tmp_path, None, None, None, None, {"operator": "Mara"})
+    file = SessionFile(tmp_path, None, None, None, None, None, {"operator": "Mara"})
     when = datetime(2026, 11, 22, 8, 40, 12, tzinfo=UTC)
     file.note("before", when)
     assert not (tmp_path / "session.toml").exists()
@@ -117,7 +117,7 @@ def test_a_recording_writes_its_notes_once_it_knows_the_board(tmp_path):
         "2026-11-22T08:40:12Z (2)": "first",
         "2026-11-22T08:40:12Z (3)": "second",
     }
-    resumed = SessionFile(tmp_path, None, None, None, None, {"place": "cellar"})
+    resumed = SessionFile(tmp_path, None, None, None, None, None, {"place": "cellar"})
     resumed.configure(Info(500.0, 4.0, 208.0, "7"))
     notes = read_config(tmp_path / "session.toml").notes
     assert len(notes) == 5

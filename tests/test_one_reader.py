@@ -42,8 +42,12 @@ def test_a_log_of_ours_gives_apply_what_it_gives_fit(header, tmp_path):
     pieces = list(reader.pieces(size=5000))
     assert len(pieces) > 3
     np.testing.assert_array_equal(np.concatenate([piece.t_ns for piece in pieces]), strict.t_ns)
-    np.testing.assert_array_equal(np.concatenate([piece.gyro for piece in pieces]) * reader.layout.gyro_si(500.0), strict.gyro)
-    np.testing.assert_array_equal(np.concatenate([piece.accel for piece in pieces]) * reader.layout.accel_si(4.0), strict.accel)
+    np.testing.assert_array_equal(
+        np.concatenate([piece.gyro for piece in pieces]) * reader.layout.gyro_si(SENSOR.register_units), strict.gyro
+    )
+    np.testing.assert_array_equal(
+        np.concatenate([piece.accel for piece in pieces]) * reader.layout.accel_si(SENSOR.register_units), strict.accel
+    )
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The swarm: a minimiser by itself, then the same answer as least squares; and the short cut that makes it fast."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import Turns
@@ -9,9 +11,9 @@ from session.log.folder import read_session
 from tinygc import closure
 from tinygc.attitude.earth import with_heading
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.preintegration import preintegrate
-from tinygc.methods.pso import fit_pso, minimise
-from tinygc.models.linear import LinearModel, bias_only
+from tinygc.closure.nearby import Nearby
+from tinygc.methods.pso import START_BOX, fit_pso, minimise
+from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
 from tinygc.problem.build import build_problem
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
@@ -54,36 +56,59 @@ def test_progress_is_told():
     assert seen[-1][0] <= seen[-1][1]
 
 
-@pytest.mark.parametrize("yaw_known", [False, True])
-def test_windows_give_the_exact_residual(yaw_known):
-    """Any linear model within the swarm's box, on turns of 200 dps with an Earth: within 0.003 degrees of integrating every sample."""
-    turns = Turns(8, seed=3, odr_hz=208.0)
-    batch = turns.batch(PERFECT, yaw_known)
-    earth = with_heading(31.03, 30).in_body(closure.attitudes(batch, batch.rate))
-    batch = closure.Batch(batch.rate, batch.dt, earth, batch.start, batch.end, yaw_known)
+@pytest.fixture(scope="module", params=[False, True], ids=["tilt", "tilt and yaw"])
+def batch(request):
+    """Turns of 200 dps with an Earth."""
+    batch = Turns(8, seed=3, odr_hz=208.0).batch(PERFECT, request.param)
+    return replace(batch, earth=with_heading(31.03, 30).in_body(closure.attitudes(batch, batch.rate)))
+
+
+def errors_nearby(batch, share: float) -> np.ndarray:
+    """(20, S) rad: by how much the second order misses the residual of models that differ by so much of the swarm's box."""
     rng = np.random.default_rng(0)
-    E = np.eye(3) + 0.05 * rng.uniform(-1, 1, (20, 3, 3))
-    B = 2 * DEG * rng.uniform(-1, 1, (20, 3))
-    quick = preintegrate(batch).residuals(E, B)
-    for k in range(20):
-        exact = closure.segment_residuals(batch, LinearModel(E[k], B[k])(batch.rate))
-        assert np.linalg.norm(2 * (quick[k] - exact), axis=-1).max() / DEG < 0.003
+    vectors = PERFECT.vector + share * START_BOX * rng.uniform(-1, 1, (20, PARAMETERS))
+    exact = [closure.segment_residuals(batch, LinearModel.from_vector(vector)(batch.rate)) for vector in vectors]
+    return 2 * np.linalg.norm(Nearby.about(PERFECT, batch).residuals(vectors) - exact, axis=-1)
 
 
-def test_windows_of_padded_segments_are_the_same():
-    turns = Turns(3, seed=3)
-    batch = turns.batch(PERFECT)
+def test_nearby_models_close_as_they_do_sample_by_sample(batch):
+    """Within a thousandth of a degree over a twentieth of the box, in which a fold's swarm begins."""
+    assert errors_nearby(batch, 0.05).max() < 1e-3 * DEG
+
+
+def test_what_the_second_order_leaves_out_is_of_third_order(batch):
+    """A tenth of the difference, a thousandth of the error."""
+    large, small = (np.sqrt(np.mean(errors_nearby(batch, share) ** 2)) for share in (1.0, 0.1))
+    assert 500 < large / small < 2000
+
+
+def test_nearby_models_of_some_segments_are_those_of_all(batch):
+    which = np.arange(len(batch)) % 3 > 0
+    vectors = PERFECT.vector + np.linspace(-1e-3, 1e-3, 24).reshape(2, PARAMETERS)
+    nearby = Nearby.about(PERFECT, batch)
+    np.testing.assert_allclose(nearby.pick(which).residuals(vectors), nearby.residuals(vectors)[:, which], atol=1e-15)
+
+
+def test_nearby_models_of_padded_segments_are_the_same(batch):
     pad = ((0, 0), (0, 30))
-    padded = closure.Batch(
-        np.pad(batch.rate, (*pad, (0, 0)), mode="edge"),
-        np.pad(batch.dt, pad),
-        np.pad(batch.earth, (*pad, (0, 0))),
-        batch.start,
-        batch.end,
-        False,
+    padded = replace(
+        batch,
+        rate=np.pad(batch.rate, (*pad, (0, 0)), mode="edge"),
+        dt=np.pad(batch.dt, pad),
+        earth=np.pad(batch.earth, (*pad, (0, 0))),
     )
-    E, B = np.eye(3)[None] * 1.01, np.full((1, 3), 0.01)
-    np.testing.assert_allclose(preintegrate(padded).residuals(E, B), preintegrate(batch).residuals(E, B), atol=1e-12)
+    vectors = np.full((1, PARAMETERS), 1e-3) + PERFECT.vector
+    short, long = (Nearby.about(PERFECT, each).residuals(vectors) for each in (batch, padded))
+    np.testing.assert_allclose(long, short, atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.1, 0.8])
+def test_the_swarm_goes_on_where_its_first_look_was_too_coarse(scale):
+    """Sensors that are wrong by ten and twenty percent, which is outside of the box: the true model comes back all the same."""
+    true = LinearModel(scale * np.eye(3) + 0.01 * np.arange(9).reshape(3, 3), np.array([0.01, -0.02, 0.005]))
+    batch = Turns(20, seed=3, odr_hz=104.0).batch(true)
+    found = fit_pso(batch, np.full(len(batch), 1e-4), PERFECT, seed=0)
+    np.testing.assert_allclose(found.vector, true.vector, atol=1e-5)
 
 
 @pytest.mark.slow

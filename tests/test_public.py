@@ -96,6 +96,28 @@ def test_mikov_refuses_an_empty_file(tmp_path, capsys):
     refused(capsys, ["mikov", tmp_path], "imu0.log", "0 lines")
 
 
+def test_imucal_numbers_stay_as_they_are_written_and_its_circles_are_known(tmp_path, capsys):
+    values = np.round(np.random.default_rng(0).normal(0, 5, (50, 6)), 5)
+    rows = "".join(f"{number}," + ",".join(f"{value:.5f}" for value in row) + "\n" for number, row in enumerate(values))
+    path = tmp_path / "example_data" / "example_ferraris_session.csv"
+    path.parent.mkdir()
+    path.write_text("n_samples,gyr_x,gyr_y,gyr_z,acc_x,acc_y,acc_z\n" + rows)
+    session = made(capsys, "imucal", tmp_path)["imucal"]
+    samples = session.logs[0].samples
+    np.testing.assert_allclose(samples.gyro / DEG, values[:, :3], rtol=1e-14)
+    np.testing.assert_array_equal(samples.accel, values[:, 3:])
+    np.testing.assert_allclose(samples.t_ns * 1e-9, np.arange(50) / 102.4, atol=1e-7)
+    assert [(turn.turn, turn.words, round(turn.angle_rad / DEG)) for turn in session.turns] == [
+        (7, "x", -360),
+        (9, "y", -360),
+        (11, "z", -360),
+    ]
+    path.write_text("n_samples,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z\n" + rows)
+    refused(capsys, ["imucal", tmp_path], "line 1", "expected n_samples,gyr_x")
+    path.write_text("n_samples,gyr_x,gyr_y,gyr_z,acc_x,acc_y,acc_z\n" + rows + "50,1,2,3\n")
+    refused(capsys, ["imucal", tmp_path], "line 52", "7 numbers")
+
+
 def test_mimu_frames_come_back_bit_for_bit(tmp_path, capsys):
     ticks, registers = mimu_data()
     path = write_mimu(tmp_path, mimu_frames(ticks, registers), number=3)

@@ -10,6 +10,7 @@ from tinygc.explanation.noise import session_noise
 from tinygc.explanation.noise.components import REFERENCE, STILL_RATE, TURN, UNDERSAMPLED, WANDER
 from tinygc.explanation.noise.restricted_likelihood import Prior
 from tinygc.explanation.noise.session_noise import first_noise
+from tinygc.explanation.noise.sparse import Sparse
 from tinygc.explanation.noise.undersampling import undersampling
 from tinygc.explanation.twin.refit import design, prior_sigmas
 from tinygc.explanation.twin.whitening import Whitener
@@ -35,7 +36,7 @@ class Session:
 
     def left_by_a_fit(self, sizes: dict[str, float], seed: int) -> np.ndarray:
         """Residuals (n,) of noise with these components, after the linear model has taken up what it can."""
-        V = {c.name: c.V for c in self.noise.components}
+        V = {c.name: c.V.dense() if isinstance(c.V, Sparse) else c.V for c in self.noise.components}
         covariance = self.whiten.white + sum((s**2 * V[name] for name, s in sizes.items()), np.zeros_like(self.whiten.white))
         r = np.linalg.cholesky(covariance) @ np.random.default_rng(seed).standard_normal(len(covariance))
         white_J, white_r = self.whiten(self.J), self.whiten(r)

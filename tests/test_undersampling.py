@@ -71,9 +71,11 @@ def twin_of(fine: np.ndarray, rate_hz: float) -> SimpleNamespace:
     rate = fine[:, :: STEPS[rate_hz]]
     level = np.tile([1.0, 0, 0, 0], (len(rate), 1))
     batch = Batch(rate, np.full((len(rate), rate.shape[1] - 1), 1 / rate_hz), np.zeros_like(rate), level, level, False)
-    problem = SimpleNamespace(first=lambda measured: measured, logs=[SimpleNamespace(noise=QUIET)])
+    problem = SimpleNamespace(
+        first=lambda measured: measured, logs=[SimpleNamespace(noise=QUIET, samples=SimpleNamespace(period_s=1 / rate_hz))]
+    )
     segments = [SimpleNamespace(log=0, start=0, stop=rate.shape[1])] * len(rate)
-    return SimpleNamespace(batch=batch, problem=problem, segments=segments, movements=[SimpleNamespace(dt_s=1 / rate_hz)])
+    return SimpleNamespace(batch=batch, problem=problem, segments=segments)
 
 
 def looked(samples: Samples, stills: list[Still], mdps: float = 5.0):

@@ -8,17 +8,17 @@ from session.checks.findings import Finding
 from session.common.units import DEG
 from session.detect.stills import Still
 from session.detect.tilt import AxesAgreement, agreement
-from session.log.config import Config
+from session.log.config import Config, Sensor
 from session.log.samples import Samples
-from session.sensor.registers import GYRO_MDPS_PER_LSB
+from session.sensor.profiles.profile import Profile
 
 CLEARLY = 0.5  #: another order of axes must halve what is unexplained
 EXPLAINED = 0.5  #: of gravity's movement, or nothing is said of axes
 SCALE_OK = 0.05  #: a gyro's sensitivity tolerance, misalignment and this coarse look together
 NAMED_WITHIN = 0.05
 CLOSES_WITHIN = 0.10  #: of the angle turned: beyond what tolerances and misalignment of some percent leave
-#: the datasheet's sensitivity against full scale / 2^15: 17.5 mdps for 500 dps / 32768, the same for all ranges
-DATASHEET_OVER_FULL_SCALE = 17.5e-3 * 32768 / 500
+#: ST's sensitivity against full scale / 2^15, which most other makers have: 17.5 mdps for 500 dps / 32768, the same for all ranges
+ST_OVER_FULL_SCALE = 17.5e-3 * 32768 / 500
 
 
 def check_axes(
@@ -96,7 +96,7 @@ def _scale_finding(where: str, found: AxesAgreement, turns: str, config: Config,
     says = f"gravity asks for rates x {k:.3g} (bar 1 ± {bar:g}, {turns})"
     if abs(k - 1) <= bar:
         return Finding("ok", where, "gyro scale", says)
-    mistakes = _mistakes(config.sensor.gyro_fs_dps, raw)
+    mistakes = _mistakes(config.sensor, raw)
     nearest = min(mistakes, key=lambda factor: abs(np.log(k / factor)))
     if abs(np.log(k / nearest)) <= max(NAMED_WITHIN, found.scale_std):
         return Finding("error", where, "gyro scale", says, mistakes[nearest])
@@ -104,25 +104,43 @@ def _scale_finding(where: str, found: AxesAgreement, turns: str, config: Config,
     return Finding(level, where, "gyro scale", says, "no usual mistake has this factor; are the stamps the device's own time?")
 
 
-def _mistakes(full_scale_dps: float, raw: bool) -> dict[float, str]:
+def _mistakes(sensor: Sensor, raw: bool) -> dict[float, str]:
     """Factor that mends it -> what went wrong."""
+    full_scale_dps, profile = sensor.gyro_fs_dps, sensor.profile
     mistakes = {
         DEG: "the rates are in deg/s, but are read as rad/s: name the columns gx_dps, gy_dps, gz_dps",
         1 / DEG: "the rates are in rad/s, but are read as dps: name the columns gx_rps, gy_rps, gz_rps",
-        1e-3: "the rates are in mdps: divide by 1000",
-        1 / DATASHEET_OVER_FULL_SCALE: (
-            f"sensitivity: this sensor's is full scale / 32768 = {full_scale_dps / 32768 * 1e3:.3f} mdps per LSB, "
-            f"not the ASM330LHH's {DATASHEET_OVER_FULL_SCALE * full_scale_dps / 32768 * 1e3:.2f}"
-        ),
-        DATASHEET_OVER_FULL_SCALE: (
-            f"sensitivity: converted with full scale / 32768 = {full_scale_dps / 32768 * 1e3:.3f} mdps per LSB; "
-            f"the datasheet says {DATASHEET_OVER_FULL_SCALE * full_scale_dps / 32768 * 1e3:.2f}"
-        ),
+        1e-3: "the rates are in mdps: divide by 1000; or time runs 1000 times too slowly: is it ns that are read as us?",
+        1e3: "time runs 1000 times too fast: is it us that are read as ns? or the rates are 1000 times too small",
     }
+    mistakes |= _sensitivities(full_scale_dps, profile)
     for power in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5):
         factor = 2.0**power
         fits = factor * full_scale_dps
-        there = "" if fits in GYRO_MDPS_PER_LSB or not raw else " (which the sensor does not have)"
+        has = profile is None or profile.gyro is None or fits in profile.gyro
+        there = "" if has or not raw else " (which the sensor does not have)"
         do = "correct gyro_fs_dps in session.toml" if raw else "correct what converted the log"
         mistakes[factor] = f"wrong full scale: {fits:g} dps would match{there}, not {full_scale_dps:g}; {do}"
     return mistakes
+
+
+def _sensitivities(full_scale_dps: float, profile: Profile | None) -> dict[float, str]:
+    """ST's sensitivity taken for the full scale's at 32768 counts, which most others have, or the reverse."""
+    to_span, st = (factor * full_scale_dps / 32768 * 1e3 for factor in (1.0, ST_OVER_FULL_SCALE))
+    own = None if profile is None or profile.gyro is None else profile.gyro.get(full_scale_dps)
+    if profile is not None and own is not None and abs(own / st - 1) < 1e-3:
+        return {
+            1 / ST_OVER_FULL_SCALE: (
+                f"sensitivity: this sensor's is full scale / 32768 = {to_span:.3f} mdps per LSB, not the {profile.name}'s {st:.2f}"
+            ),
+            ST_OVER_FULL_SCALE: f"sensitivity: converted with full scale / 32768 = {to_span:.3f} mdps per LSB; the datasheet says {st:.2f}",
+        }
+    return {
+        1 / ST_OVER_FULL_SCALE: (
+            f"sensitivity: converted with ST's {st:.2f} mdps per LSB; most other sensors have full scale / 32768 = {to_span:.3f}"
+        ),
+        ST_OVER_FULL_SCALE: (
+            f"sensitivity: converted with full scale / 32768 = {to_span:.3f} mdps per LSB; "
+            f"ST's sensors have {st:.2f}: is sensor.model right?"
+        ),
+    }

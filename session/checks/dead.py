@@ -1,6 +1,9 @@
-"""An axis that dies within a log: it reads one value for a second or more while the others move or scatter."""
+"""An axis that dies within a log: it reads one value for a second or more, and twenty readings, while the others move or scatter."""
 
 from __future__ import annotations
+
+from math import erf, exp, pi, sqrt
+from statistics import NormalDist
 
 import numpy as np
 
@@ -9,15 +12,19 @@ from session.common.runs import runs_of
 from session.common.units import DEG, G
 from session.log.logfile import Log
 
-LEAST_S = 1.0
+#: and so many readings: at 2 Hz two equal neighbours are a coarse register, not a second of silence
+LEAST_S, LEAST_READINGS = 1.0, 20
 #: a run at the axis's own extreme may be a turn that clips; beyond this no turn lasts
 CLIPPED_S = 5.0
 #: the body moves where another axis spans this, dps and g, over the middle four fifths of the readings
 MOVES_DPS, MOVES_G = 10.0, 0.1
-#: an axis scatters where fewer neighbours than this are equal
+#: an axis scatters where fewer neighbours than this are equal; of a short run fewer (``_scatter_bar``)
 SCATTERS = 0.6
+#: chance that an axis whose noise is the others' stays in one step of its register for a whole run; from so many readings on, a body
+#: that moves is enough
+BY_CHANCE, MANY = 1e-5, 60
 #: shorter runs than the least, by as much, are a coarse register's: it has runs of every length, noise has none of these
-COARSE_S, COARSE_RUNS = 0.15, 3
+COARSE_S, COARSE_READINGS, COARSE_RUNS = 0.15, 10, 3
 
 
 def check_dead(log: Log, missing_accel: bool = False) -> list[Finding]:
@@ -49,15 +56,15 @@ def _dead_runs(six: np.ndarray, number: int, absent: np.ndarray, period_s: float
         return []  # stuck throughout: said as such
     starts, stops = runs_of((np.diff(values) == 0) & ~absent[1:])  # of steps: a run of readings is one longer
     lengths = stops - starts + 1
-    long = lengths * period_s >= LEAST_S
-    coarse = ~long & (lengths * period_s >= COARSE_S) & ~np.isin(values[starts], extremes)
+    long = (lengths * period_s >= LEAST_S) & (lengths >= LEAST_READINGS)
+    coarse = ~long & (lengths * period_s >= COARSE_S) & (lengths >= COARSE_READINGS) & ~np.isin(values[starts], extremes)
     if coarse.sum() >= max(COARSE_RUNS, long.sum() / 4):
         return []
     found = []
     for start, length in zip(starts[long].tolist(), lengths[long].tolist(), strict=True):
         run = six[start : start + length]
         clips = values[start] in extremes and length * period_s <= CLIPPED_S
-        if not clips and (_others_move(run, number) or (not coarse.any() and _others_scatter(run, number))):
+        if not clips and ((length >= MANY and _others_move(run, number)) or (not coarse.any() and _others_scatter(run, number))):
             found.append((start, start + length))
     return found
 
@@ -72,4 +79,16 @@ def _others_scatter(run: np.ndarray, number: int) -> bool:
     """Both other axes of the same sensor."""
     first = number - number % 3
     others = [other for other in range(first, first + 3) if other != number]
-    return bool(((np.diff(run[:, others], axis=0) == 0).mean(axis=0) < SCATTERS).all())
+    return bool(((np.diff(run[:, others], axis=0) == 0).mean(axis=0) < _scatter_bar(len(run))).all())
+
+
+def _scatter_bar(length: int) -> float:
+    """Share of equal neighbours below which noise leaves one step of a register within so many readings.
+
+    A slow sensor's noise may be smaller than its step: it then stays in one for long.  sigma, in steps, is that at which ``length``
+    readings stay within half a step of the middle by ``BY_CHANCE``; the share is what it makes of equal neighbours, over all places
+    of the mean within a step.
+    """
+    sigma = 0.5 / NormalDist().inv_cdf((1 + BY_CHANCE ** (1 / length)) / 2)
+    share = erf(1 / (2 * sigma)) - 2 * sigma / sqrt(pi) * (1 - exp(-1 / (4 * sigma**2)))
+    return min(SCATTERS, share)

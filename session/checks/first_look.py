@@ -14,7 +14,9 @@ from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean
 from session.checks.copies import check_copies
 from session.checks.dead import check_dead
 from session.checks.findings import Finding, worst
-from session.checks.samples import check_comments, check_rate, check_reading, check_registers, check_stamps, check_temperature
+from session.checks.known_turns import check_known_turns
+from session.checks.rate import check_length, check_rate, check_warming
+from session.checks.samples import check_comments, check_reading, check_registers, check_stamps, check_temperature
 from session.checks.stills import accel_unit_factor, check_gravity, check_noise, check_segment_count, check_stills, check_zero_rate
 from session.checks.truth import check_truth
 from session.checks.undersampling import check_undersampling
@@ -43,12 +45,15 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *check_stamps(log, noise, config.protocol.segment_s),
         *check_registers(log, config.sensor, good, missing_accel),
         *check_dead(log, missing_accel),
-        *check_temperature(log, good),
+        *check_temperature(log, good, config.sensor),
+        *check_warming(log),
     ]
     if session.truths is not None and log in session.logs:
         # Where something better than gravity is the reference, nothing has to be still.
         return findings + check_truth(log, session.truths[session.logs.index(log)], config)
     ceiling = find_ceiling(log.samples.gyro)
+    if not good:
+        findings += check_length(log, config.protocol.segment_s)
     if not good and ceiling is not None:
         return [*findings, ceiling_finding(log, config.sensor, ceiling, good)]
     findings += check_stills(where, stills)
@@ -59,7 +64,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
     return [
         *findings,
         *check_noise(where, noise, config.sensor),
-        *check_zero_rate(where, good, config.sensor.model),
+        *check_zero_rate(where, good, config.sensor),
         *check_gravity(where, good, config, noise),
         *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
         *check_undersampling(log, good, noise, config),
@@ -100,15 +105,19 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
     findings += check_excluded(session)
     if all_stills and session.truths is None:
         findings += check_segment_count(session.name, all_stills)
-    return findings
+    return findings + check_known_turns(session, found)
 
 
 def check_keys(config: Config) -> list[Finding]:
-    """Keys of session.toml that nothing reads: a misspelt one would silently leave its default in force."""
-    return [
-        Finding("warning", "session.toml", "unknown key", f"{key} is read by nothing", f"did you mean {near}?" if near else "remove it")
-        for key, near in config.unknown
-    ]
+    """Keys of session.toml that nothing reads: a misspelt one would silently leave its default in force.  And a sensor without a name."""
+    findings = []
+    if not config.model_given:
+        says = f"sensor.model is not given: what is read and judged here is taken for an {config.sensor.model}'s"
+        findings.append(Finding("note", "session.toml", "sensor", says, 'name it (`calibrate.py sensors`), or say "unknown"'))
+    for key, near in config.unknown:
+        do = f"did you mean {near}?" if near else "remove it"
+        findings.append(Finding("warning", "session.toml", "unknown key", f"{key} is read by nothing", do))
+    return findings
 
 
 def check_excluded(session: Session) -> list[Finding]:

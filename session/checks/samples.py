@@ -1,4 +1,4 @@
-"""Checks of one log by itself: stamps, registers, temperature, and what its comments say.  Each returns findings."""
+"""Checks of one log by itself: gaps, registers, temperature, and what its comments say.  Each returns findings."""
 
 from __future__ import annotations
 
@@ -14,12 +14,7 @@ from session.log.config import Sensor
 from session.log.logfile import Log
 from session.log.samples import Samples
 
-ODR_HZ = (12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667)
-ODR_UNIT_SPREAD = 0.01  #: part-to-part departure from the nominal rate that is usual
-ODR_WRONG = 0.10  #: beyond what parts were seen to have (5 %): another rate is set than the one declared
-ODR_CLOCKS = 0.005  #: INTERNAL_FREQ_FINE's step 0.15 % and the host clock's 0.3 %
 LOST_SHARE = 0.001  #: of single samples; more is a fault of the logger that will cost more one day
-TEMP_RANGE_C = (-40.0, 105.0)  #: the sensor's operating range
 TEMP_CHANGE_C = 3.0
 
 
@@ -43,30 +38,6 @@ def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
     if serial and sensor.serial and serial != sensor.serial:
         says = f"the log is of sensor {serial}, session.toml says {sensor.serial}"
         findings.append(Finding("warning", log.path.name, "serial", says, "keep one folder per sensor"))
-    return findings
-
-
-def check_rate(log: Log, sensor: Sensor) -> list[Finding]:
-    """The true output data rate, from the stamps, against the declared one and the log's ``odr_hz=``.
-
-    The nominal rate is only that: the sensor's oscillator is off by up to 5 %.  Rates are integrated with the stamps, so a true
-    rate that differs does no harm; stamps that are wrong are a scale error of the same size.
-    """
-    true_hz = pace_of(log.samples.t_ns).rate_hz
-    off = true_hz / sensor.odr_hz - 1
-    where, says = log.path.name, f"{true_hz:.2f} Hz by the stamps, {sensor.odr_hz:g} Hz declared ({off:+.1%})"
-    if abs(off) > ODR_WRONG:
-        near = min(ODR_HZ, key=lambda odr: abs(np.log(true_hz / odr)))
-        fits = f"the sensor has {near:g} Hz: correct odr_hz" if abs(true_hz / near - 1) < ODR_WRONG else "no rate of the sensor fits"
-        do = f"{fits}; or the stamps are not the device's time: then every rate is wrong by this much"
-        findings = [Finding("error", where, "sample rate", f"{says}; parts differ by 5 % at most", do)]
-    else:
-        level = "note" if abs(off) > ODR_UNIT_SPREAD else "ok"
-        findings = [Finding(level, where, "sample rate", says + ("; the stamps are used" if level == "note" else ""))]
-    said_hz = _number(log.comments.get("odr_hz"))
-    if said_hz and abs(off := true_hz / said_hz - 1) > ODR_CLOCKS:
-        says = f"{true_hz:.2f} Hz by the stamps, odr_hz={said_hz:g} by the log's own comment ({off:+.1%}, bar {ODR_CLOCKS:.1%})"
-        findings.append(Finding("warning", where, "sample rate", says, "one of them is wrong; wrong stamps are a scale error of this size"))
     return findings
 
 
@@ -120,13 +91,13 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
         says = f"{absent.sum()} of {len(absent)} rows read 0, 0, 0: taken as not recorded"
         findings.append(Finding("note", log.path.name, "accelerometer", says))
     for name, unit, values, full, reach, factor, stds in (
-        ("gyro", "dps", samples.gyro, sensor.gyro_fs_dps, gyro_reach_dps(sensor.gyro_fs_dps), DEG, [s.gyro_std for s in stills]),
+        ("gyro", "dps", samples.gyro, sensor.gyro_fs_dps, gyro_reach_dps(sensor), DEG, [s.gyro_std for s in stills]),
         (
             "accelerometer",
             "g",
             samples.accel,
             sensor.accel_fs_g,
-            accel_reach_g(sensor.accel_fs_g),
+            accel_reach_g(sensor),
             G,
             [s.accel_std for s in stills],
         ),
@@ -189,7 +160,7 @@ def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
     return [Finding("warning", log.path.name, "repeats", says, "read on the data-ready signal or from the FIFO; log each sample once")]
 
 
-def check_temperature(log: Log, stills: list[Still]) -> list[Finding]:
+def check_temperature(log: Log, stills: list[Still], sensor: Sensor) -> list[Finding]:
     """Temperature there, plausible, and how far it moves.
 
     A zero-rate level moves by some 0.01 dps/degC: 3 degC are 0.03 dps, or 0.15 deg over a turn of 5 s, ten times the noise.
@@ -198,9 +169,12 @@ def check_temperature(log: Log, stills: list[Still]) -> list[Finding]:
     if temp_c is None:
         return [Finding("note", where, "temperature", "not recorded: a bias that follows temperature cannot be told from drift")]
     low, high = np.percentile(temp_c, [1, 99])
-    if low < TEMP_RANGE_C[0] or high > TEMP_RANGE_C[1]:
-        says = f"{low:.1f} to {high:.1f} degC; the sensor works from {TEMP_RANGE_C[0]:g} to {TEMP_RANGE_C[1]:g}"
-        return [Finding("warning", where, "temperature", says, "256 LSB per degC, 0 at 25 degC: look at the column and its unit")]
+    profile = sensor.profile
+    if profile is not None and profile.works_c is not None and (low < profile.works_c[0] or high > profile.works_c[1]):
+        says = f"{low:.1f} to {high:.1f} degC; the sensor works from {profile.works_c[0]:g} to {profile.works_c[1]:g}"
+        register = profile.thermometer
+        said = "" if register is None else f"{register.lsb_per_c:.6g} LSB per degC, 0 at {register.at_zero_c:.4g} degC: "
+        return [Finding("warning", where, "temperature", says, f"{said}look at the column and its unit")]
     if np.ptp(temp_c) == 0:
         return [Finding("note", where, "temperature", f"stands at {temp_c[0]:.2f} degC: is the register read?")]
     means = np.array([still.temp_c for still in stills]) if len(stills) > 1 else np.array([low, high])

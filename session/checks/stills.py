@@ -8,8 +8,6 @@ from session.checks.findings import Finding, xyz_text
 from session.common.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.stills import Noise, Still
 from session.log.config import Config, Sensor
-from session.sensor.registers import ACCEL_MG_PER_LSB
-from session.sensor.typical import typical_of
 
 NOISE_RATIO = 3.0  #: units differ by 1.4 at most
 GRAVITY_OK = 0.02  #: an accelerometer's sensitivity tolerance
@@ -57,9 +55,7 @@ def check_noise(where: str, noise: Noise | None, sensor: Sensor) -> list[Finding
     """
     if noise is None:
         return []
-    gyro, accel = _gyro_yardstick(sensor), None
-    if known := typical_of(sensor.model):
-        accel = f"the {known[0]} has", known[1].accel_noise_ug_rthz
+    gyro, accel = _gyro_yardstick(sensor), _of_model(sensor, "accel_noise_ug_rthz")
     mdps, ug = noise.gyro / MDPS, noise.accel / MG * 1e3
     return [
         _noise_finding(where, "gyro noise", xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, "give sensor.gyro_noise_mdps_rthz"),
@@ -71,8 +67,12 @@ def _gyro_yardstick(sensor: Sensor) -> tuple[str, float] | None:
     """Who says it, and how much, mdps/sqrt(Hz)."""
     if sensor.gyro_noise_mdps_rthz is not None:
         return "session.toml says", sensor.gyro_noise_mdps_rthz
-    known = typical_of(sensor.model)
-    return known and (f"the {known[0]} has", known[1].gyro_noise_mdps_rthz)
+    return _of_model(sensor, "gyro_noise_mdps_rthz")
+
+
+def _of_model(sensor: Sensor, figure: str) -> tuple[str, float] | None:
+    typical = sensor.typical(figure)
+    return typical and (f"the {typical[0]} has", typical[1])
 
 
 def _noise_finding(where: str, what: str, says: str, found: np.ndarray, yardstick: tuple[str, float] | None, ask: str) -> Finding:
@@ -88,15 +88,15 @@ def _noise_finding(where: str, what: str, says: str, found: np.ndarray, yardstic
     return Finding("ok", where, what, says, "")
 
 
-def check_zero_rate(where: str, stills: list[Still], model: str) -> list[Finding]:
+def check_zero_rate(where: str, stills: list[Still], sensor: Sensor) -> list[Finding]:
     """The rate read at rest, median over the stills, against the greatest zero-rate level of a good part, where that is known."""
     if not stills:
         return []
     bias = np.median([still.gyro_mean for still in stills], axis=0) / DEG
-    known = typical_of(model)
-    if known is None:
+    typical = sensor.typical("zero_rate_dps")
+    if typical is None:
         return [Finding("note", where, "zero-rate level", f"{xyz_text(bias)} dps; what this sensor may have is not known")]
-    bar = known[1].zero_rate_dps
+    bar = typical[1]
     says = f"{xyz_text(bias)} dps, bar {bar:g}"
     if np.abs(bias).max() <= bar:
         return [Finding("ok", where, "zero-rate level", says)]
@@ -162,6 +162,7 @@ def _unit_advice(factor: float, length: float, config: Config) -> str:
     if factor in (1e3, 1e-3):
         return f"the values are {'1000 times too small' if factor > 1 else 'in mg or mm/s²'}: correct the unit"
     full_scale = factor * config.sensor.accel_fs_g
-    there = full_scale in ACCEL_MG_PER_LSB
+    profile = config.sensor.profile
+    there = profile is None or profile.accel is None or full_scale in profile.accel
     would = f"accel_fs_g = {full_scale:g} would make it {length:.3f}"
     return f"a wrong full scale: {would}" + ("; correct session.toml, or what converted the log" if there else ", but no such range exists")

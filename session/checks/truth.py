@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from session.checks.findings import Finding, xyz_text
 from session.common.errors import CalibrationError
@@ -13,6 +14,9 @@ from session.detect.truth_segments import cut_at_truth
 from session.log.config import Config
 from session.log.logfile import Log
 from session.log.truth import Truth
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 EXPLAINED = 0.5  #: of the truth's rotations, or they are not this gyro's
 MOST_SEGMENTS = 200
@@ -35,6 +39,8 @@ def check_truth(log: Log, truth: Truth, config: Config) -> list[Finding]:
     picked = good[:: -(-len(good) // MOST_SEGMENTS)]
     if float(np.median([segment.duration_s for segment, _ in picked])) > SHORT_S:
         return findings
+    from scipy.spatial.transform import Rotation
+
     gyro = Rotation.from_quat(np.array([_integrated(log, segment) for segment, _ in picked]), scalar_first=True)
     start, end = (Rotation.from_quat(np.array([getattr(ends, name) for _, ends in picked]), scalar_first=True) for name in ("start", "end"))
     duration = np.array([segment.duration_s for segment, _ in picked])[:, None]
@@ -65,6 +71,8 @@ def _misfit(gyro: Rotation, turned: Rotation, duration: np.ndarray) -> tuple[flo
 def _integrated(log: Log, segment: Segment) -> np.ndarray:
     """Quaternion (4,) of a segment's rotation by the measured rate."""
     part = log.samples.between(segment.start, segment.stop)
+    from scipy.spatial.transform import Rotation
+
     steps = Rotation.from_rotvec((part.gyro[1:] + part.gyro[:-1]) / 2 * part.dt_s[:, None])
     while len(steps) > 1:
         even = len(steps) // 2 * 2

@@ -2,34 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import ceil, log, pi, sqrt
 
 import numpy as np
 
 from session.common.runs import runs_of
-from session.sensor import registers
+from session.log.config import Sensor
+from session.sensor.profiles.profile import REGISTER_MAX, REGISTER_SPAN
 
 FALSE_ALARM = 1e-4  #: chance that an extreme of pure noise is taken for a plateau
 LEAST_RUN = 4
 
 
-def register_reach(full_scale: float, table: dict[int, float], per_lsb: float) -> float:
-    """The largest reading that the 16-bit register can hold, in the unit of the full scale.
+def register_reach(full_scale: float, table: Mapping[float, float] | None, per_lsb: float) -> float:
+    """The largest reading that the 16-bit register can hold, in the unit of the full scale; table: full scale -> thousandths per LSB.
 
-    A register goes further than the full scale: 32767 x 17.5 mdps = 573 dps at +-500 dps, and sensors do read on up there.
+    A register may go further than the full scale: 32767 x 17.5 mdps = 573 dps at +-500 dps, and sensors do read on up there.
     A full scale that is not the sensor's own has no register here: then it is the limit itself.
     """
-    return registers.REGISTER_MAX * table[int(full_scale)] * per_lsb if full_scale in table else full_scale
+    if table is None:
+        return full_scale * REGISTER_MAX / REGISTER_SPAN
+    return REGISTER_MAX * table[full_scale] * per_lsb if full_scale in table else full_scale
 
 
-def gyro_reach_dps(full_scale_dps: float) -> float:
-    """The largest rate that the gyroscope's register holds, dps."""
-    return register_reach(full_scale_dps, registers.GYRO_MDPS_PER_LSB, 1e-3)
+def gyro_reach_dps(sensor: Sensor) -> float:
+    """The largest rate that the gyroscope's register holds, dps; infinite where the sensor is not known: a plateau shows its limit."""
+    if sensor.gyro_mdps_per_lsb is not None:
+        return REGISTER_MAX * sensor.gyro_mdps_per_lsb * 1e-3
+    return np.inf if sensor.profile is None else register_reach(sensor.gyro_fs_dps, sensor.profile.gyro, 1e-3)
 
 
-def accel_reach_g(full_scale_g: float) -> float:
-    """The largest force that the accelerometer's register holds, g."""
-    return register_reach(full_scale_g, registers.ACCEL_MG_PER_LSB, 1e-3)
+def accel_reach_g(sensor: Sensor) -> float:
+    """The largest force that the accelerometer's register holds, g; infinite where the sensor is not known."""
+    if sensor.accel_mg_per_lsb is not None:
+        return REGISTER_MAX * sensor.accel_mg_per_lsb * 1e-3
+    return np.inf if sensor.profile is None else register_reach(sensor.accel_fs_g, sensor.profile.accel, 1e-3)
 
 
 def clips(magnitude: np.ndarray, full_scale: float, reach: float) -> bool:

@@ -127,7 +127,7 @@ def why_broken(samples: Samples, turn: slice, sensor: Sensor) -> str | None:
         lost = round(worst / samples.period_s) - 1
         return f"{lost} samples are missing during the turn (gap of {worst:.3f} s)"
     rate_dps = np.abs(samples.gyro[turn]) / DEG
-    clipped = [clips(rate_dps[:, i], sensor.gyro_fs_dps, gyro_reach_dps(sensor.gyro_fs_dps)) for i in range(3)]
+    clipped = [clips(rate_dps[:, i], sensor.gyro_fs_dps, gyro_reach_dps(sensor)) for i in range(3)]
     if any(clipped):
         axes = ", ".join(axis for axis, bad in zip("xyz", clipped, strict=True) if bad)
         return f"the gyro clips at {rate_dps[:, clipped].max():.0f} dps on {axes}: turn slower or choose a larger full scale"

@@ -198,19 +198,19 @@ def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:
 
     A turn's closure is the angle between gravity in the last still and where the turn takes gravity of the first.
     """
-    down = np.broadcast_to(turns.first, (len(factors), *turns.first.shape))
+    x, y, z = (np.broadcast_to(part, (len(factors), len(turns))) for part in turns.first.T)
     for k in range(turns.angle.shape[1]):
-        down = _turn_back(down, np.einsum("fij,sj->fsi", factors, turns.angle[:, k]))
+        angle = np.einsum("fij,sj->ifs", factors, turns.angle[:, k])
+        theta = np.sqrt(angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2)
+        ax, ay, az = angle / np.maximum(theta, 1e-12)
+        cos, sin = np.cos(theta), np.sin(theta)
+        # Rodrigues, backward: a fixed direction seen from a body that turns.
+        along = (ax * x + ay * y + az * z) * (1 - cos)
+        cross = ay * z - az * y, az * x - ax * z, ax * y - ay * x
+        x, y, z = (cos * d + along * a - sin * c for d, a, c in zip((x, y, z), (ax, ay, az), cross, strict=True))
+    down = np.stack([x, y, z], axis=-1)
     sine = np.linalg.norm(_cross(down, turns.last), axis=-1)
     return np.median(np.arctan2(sine, (down * turns.last).sum(axis=-1)), axis=-1)
-
-
-def _turn_back(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Fixed directions (..., 3) seen from a body that turned by ``angle`` (..., 3) rad (Rodrigues, backward)."""
-    theta = np.sqrt((angle * angle).sum(axis=-1, keepdims=True))
-    axis = angle / np.maximum(theta, 1e-12)
-    along = (axis * vectors).sum(axis=-1, keepdims=True) * axis
-    return along + np.cos(theta) * (vectors - along) - np.sin(theta) * _cross(axis, vectors)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from session.common.units import NS_PER_S
 from session.dialects.units import Unit
-from session.sensor import registers
+from session.sensor.registers import RegisterUnits
 
 #: the order of the axes as they are
 AXES = "x,y,z"
@@ -17,7 +17,7 @@ AXES = "x,y,z"
 
 @dataclass(frozen=True)
 class Answers:
-    """What a person says of a log that the log does not: units as words of ``units``, full scales, rate, columns, mounting.
+    """What a person says of a log that the log does not: the sensor, units as words of ``units``, full scales, rate, columns, mounting.
 
     gyro_axes, accel_axes: the log's axes that become x, y, z, such as ``y,-x,z``.
     """
@@ -31,6 +31,7 @@ class Answers:
     columns: str | None = None
     gyro_axes: str = AXES
     accel_axes: str = AXES
+    sensor: str | None = None
 
 
 @dataclass(frozen=True)
@@ -106,23 +107,21 @@ class Layout:
         """A column's name, as a complaint says it."""
         return self.names[column] if column < len(self.names) else f"column {column + 1}"
 
-    def gyro_si(self, fs_dps: float | None) -> float:
-        """rad/s per written unit."""
+    def gyro_si(self, units: RegisterUnits) -> float:
+        """rad/s per written unit; units: of registers.  FormatError where it holds registers whose meaning is not known."""
         assert self.gyro is not None  # who asks has seen that it is there
         if self.gyro.unit.si is not None:
             return self.gyro.unit.si
-        assert fs_dps is not None  # registers without a full scale were refused
-        return registers.gyro_rps_per_lsb(fs_dps)
+        return units.gyro_rps
 
-    def accel_si(self, fs_g: float | None) -> float:
-        """m/s^2 per written unit."""
+    def accel_si(self, units: RegisterUnits) -> float:
+        """m/s^2 per written unit; FormatError as for the gyroscope."""
         assert self.accel is not None
         if self.accel.unit.si is not None:
             return self.accel.unit.si
-        assert fs_g is not None
-        return registers.accel_mps2_per_lsb(fs_g)
+        return units.accel_mps2
 
-    def temperature_c(self, values: np.ndarray) -> np.ndarray:
-        """degC (N,) of temperatures as written."""
+    def temperature_c(self, values: np.ndarray, units: RegisterUnits) -> np.ndarray | None:
+        """degC (N,) of temperatures as written; None of registers whose meaning is not known."""
         assert self.temp_unit is not None
-        return registers.temperature_c(values) if self.temp_unit.si is None else values * self.temp_unit.si
+        return units.temperature_c(values) if self.temp_unit.si is None else values * self.temp_unit.si

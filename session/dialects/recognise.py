@@ -12,6 +12,9 @@ from session.dialects.standard import OWN, parse_header
 from session.dialects.table import DIALECTS, Dialect
 from session.dialects.units import STAMP_NS, Unit, known, parse_unit
 
+NUMBER = r"[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?"
+#: stands where one of our own headers lacks the time
+NO_STAMPS = "t_us"
 UNIT = re.compile(r"\s*[\[(]([^\])]*[^\W\d_][^\])]*)[\])]$")
 #: how well a header fits (the more the better), its line, delimiter, dialect or None for our own, {what: column}, names
 Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
@@ -28,6 +31,7 @@ def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
         if own is not None:
             number, names = own
             parse_header(",".join(names), f"{name} line {number + 1}")  # says what is wrong with it
+        _refuse_headless(lines, name)
         known_ones = ", ".join(dialect.name for dialect in DIALECTS)
         raise FormatError(
             f"{name}: no header of a log that is known ({known_ones}); it begins {_first(lines)!r}: "
@@ -39,6 +43,16 @@ def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
     return _layout(
         name, dialect.name if dialect else OWN, delimiter, number + 1, names, columns, answers, dialect.frame if dialect else "", lines
     )
+
+
+def _refuse_headless(lines: list[str], name: str) -> None:
+    """FormatError for rows of numbers without a header, in the words of the option that names them."""
+    row = next((line.strip().rstrip(",;") for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
+    for delimiter in DELIMITERS:
+        cells = [cell.strip() for cell in row.split(delimiter)]
+        if len(cells) >= 6 and all(re.fullmatch(NUMBER, cell) for cell in cells):
+            asked = "--columns t_us=1,gx_dps=2,…,az_g=7 (in its own order and units), or without stamps gx_dps=1,…,az_g=6 and --odr HZ"
+            raise FormatError(f"{name}: no header, {len(cells)} columns of numbers; name them by number, {asked}")
 
 
 def _first(lines: list[str]) -> str:
@@ -86,7 +100,18 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]]) -> dict[str, Col
 
 
 def _is_own(names: tuple[str, ...]) -> bool:
-    return sum(name in STAMP_NS for name in names) == 1 and any(name.startswith("gx") for name in names)
+    if sum(name in STAMP_NS for name in names) == 1:
+        return any(name.startswith("gx") for name in names)
+    return _without_stamps(names)
+
+
+def _without_stamps(names: tuple[str, ...]) -> bool:
+    """Whether a header is one of ours but for the time."""
+    try:
+        parse_header(",".join((NO_STAMPS, *names)), "")
+    except FormatError:
+        return False
+    return True
 
 
 def _own_header(lines: list[str]) -> tuple[int, tuple[str, ...]] | None:
@@ -97,11 +122,12 @@ def _own_header(lines: list[str]) -> tuple[int, tuple[str, ...]] | None:
 
 
 def _own_columns(names: tuple[str, ...], where: str) -> dict[str, Column]:
-    own = parse_header(",".join(names), where)
-    columns: dict[str, Column] = {"t": (own.time_column, own.name(own.time_column).removeprefix("t_"), 1)}
+    stamped = any(name in STAMP_NS for name in names)
+    own = parse_header(",".join(names if stamped else (NO_STAMPS, *names)), where)
+    columns: dict[str, Column] = {"t": (own.time_column, own.name(own.time_column).removeprefix("t_"), 1)} if stamped else {}
     for kind, places, unit in own.kinds:
         keys = ("temp",) if kind == "temp" else tuple(f"{kind[0]}{axis}" for axis in "xyz")
-        columns |= {key: (column, unit.word, 1) for key, column in zip(keys, places, strict=True)}
+        columns |= {key: (column - (not stamped), unit.word, 1) for key, column in zip(keys, places, strict=True)}
     return columns
 
 

@@ -203,7 +203,7 @@ class GuidedRecording:
             counts = self.recorder.decoder
             what = "nothing comes: is the board sending?"
             if counts.garbage or counts.crc_errors:
-                what = f"{counts.garbage} bytes and {counts.crc_errors} frames that are none: is the baud rate right?"
+                what = f"{counts.garbage} bytes and {counts.crc_errors} frames that are none: is the baud rate right? (--header)"
             self.guide.waits(Stage.CHECK_STREAM, f"no samples for {silent_s:.0f} s; {what}")
 
     def _look_at_clock(self) -> None:

@@ -7,10 +7,10 @@ from itertools import groupby
 
 import numpy as np
 
+from session.dialects.units import WORDS
 from session.log.config import Config
 from session.log.samples import Samples
 from session.recording.decisions import Decision
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from session.stream.events import Chunk, Event
 
 
@@ -19,17 +19,22 @@ def joined_chunks(events: Iterable[Event | Decision]) -> Iterator[Event | Decisi
     for are_chunks, group in groupby(events, lambda event: isinstance(event, Chunk)):
         if are_chunks:
             chunks = [event for event in group if isinstance(event, Chunk)]
-            yield Chunk(np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks]))
+            t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("t_us", "registers"))
+            yield Chunk(t_us, registers, chunks[0].form)
         else:
             yield from group
 
 
 def samples_of(chunk: Chunk, config: Config) -> Samples:
-    """Registers as SI, with the accelerometer's pre-calibration."""
-    registers = chunk.registers.astype(float)
+    """Registers or physical units as SI, with the accelerometer's pre-calibration."""
+    registers, units = chunk.registers.astype(float), config.sensor.register_units
+    if chunk.form.physical:
+        gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
+        temp_c = registers[:, 6] if chunk.form.has_temperature else None
+        return Samples(chunk.t_us * 1000, registers[:, 0:3] * gyro, config.accelerometer.correct(registers[:, 3:6] * accel), temp_c)
     return Samples(
         chunk.t_us * 1000,
-        registers[:, 0:3] * gyro_rps_per_lsb(config.sensor.gyro_fs_dps),
-        config.accelerometer.correct(registers[:, 3:6] * accel_mps2_per_lsb(config.sensor.accel_fs_g)),
-        temperature_c(registers[:, 6]),
+        registers[:, 0:3] * units.gyro_rps,
+        config.accelerometer.correct(registers[:, 3:6] * units.accel_mps2),
+        units.temperature_c(registers[:, 6]),
     )

@@ -11,9 +11,10 @@ from session.common.errors import DataError
 from session.common.units import DEG, NS, G
 from session.dialects.stamps import ERA_NS
 from session.log.samples import Samples
-from session.sensor.registers import ACCEL_MG_PER_LSB, GYRO_MDPS_PER_LSB
 
 LAST_S = ERA_NS * NS
+#: full scales that most sensors have, dps and g
+USUAL_DPS, USUAL_G = (125, 250, 500, 1000, 2000, 4000), (2, 4, 8, 16)
 
 
 def samples_from_arrays(name: str, t_s: ArrayLike, gyro_rps: ArrayLike, accel_mps2: ArrayLike, temp_c: ArrayLike | None) -> Samples:
@@ -40,8 +41,8 @@ def usual_ranges(samples: Samples) -> tuple[float, float]:
     """Full scales in dps and g: the smallest of the usual ones that hold what was measured, or what was measured where none does."""
     rate, force = float(np.abs(samples.gyro).max()) / DEG, float(np.abs(samples.accel).max()) / G
     return (
-        next((float(fs) for fs in GYRO_MDPS_PER_LSB if fs > rate), math.ceil(rate)),
-        next((float(fs) for fs in ACCEL_MG_PER_LSB if fs > force), math.ceil(force)),
+        next((float(fs) for fs in USUAL_DPS if fs > rate), math.ceil(rate)),
+        next((float(fs) for fs in USUAL_G if fs > force), math.ceil(force)),
     )
 
 

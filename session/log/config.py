@@ -15,12 +15,17 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.units import STANDARD_GRAVITY_MPS2
+from session.sensor.known import DEFAULT, profile_of
+from session.sensor.profiles.profile import Profile
+from session.sensor.registers import RegisterUnits
 
 SCHEMA = "tinygc-session/1"
 REFERENCES = ("gravity", "table", "truth")
 LAST_MOMENT_S = 1e11  #: far beyond any clock
 #: what a note may hold
 Note = str | float | bool | date | time
+#: keys of a sensor whose registers are not this tool's to know
+OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
 
 
 #: of a field that no key of session.toml gives
@@ -38,6 +43,30 @@ class Sensor:
     accel_fs_g: float
     gyro_bias_instability_dph: float | None = None  #: None: typical of the model where it is known, else estimated from the recording
     gyro_noise_mdps_rthz: float | None = None  #: one-sided; None: typical of the model where it is known, else there is no yardstick
+    gyro_mdps_per_lsb: float | None = None  #: of registers, here and below; None: the model's at its full scale
+    accel_mg_per_lsb: float | None = None
+    temp_lsb_per_c: float | None = None
+    temp_at_zero_c: float | None = None
+
+    @property
+    def profile(self) -> Profile | None:
+        """What is known of the model; None where it is none that this tool knows."""
+        return profile_of(self.model)
+
+    def typical(self, figure: str) -> tuple[str, float] | None:
+        """Name of the known sensor and its typical figure, of those that its source was read for; None where there is none."""
+        value = None if self.profile is None else self.profile.yardstick(figure)
+        return None if value is None or self.profile is None else (self.profile.name, value)
+
+    @property
+    def register_units(self) -> RegisterUnits:
+        """What its registers mean; asking it raises FormatError where that is not known."""
+        return RegisterUnits(self.model or DEFAULT, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
+
+    @property
+    def own_units(self) -> dict[str, float | None]:
+        """What session.toml itself says of its registers, by the names of its keys."""
+        return {name: getattr(self, name) for name in OWN_UNITS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,14 +125,15 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Config:
-    """notes: what a person wrote beside the data, by name; exclude: turns that do not count; unknown: keys that nothing reads, each with
-    the known key nearest to it, or None."""
+    """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor;
+    notes: what a person wrote beside the data, by name; exclude: turns that do not count."""
 
     sensor: Sensor
     accelerometer: Accelerometer
     site: Site
     protocol: Protocol
     unknown: tuple[tuple[str, str | None], ...] = ()
+    model_given: bool = True
     notes: Mapping[str, Note] = field(default_factory=dict)
     exclude: tuple[LeftOut, ...] = ()
 
@@ -128,13 +158,17 @@ def read_config(path: Path) -> Config:
         raise FormatError(f'{path}: schema is {_said(table.get("schema"))}, expected "{SCHEMA}"; is this a session folder of this tool?')
     reader = _Reader(path, table)
     sensor = Sensor(
-        model=reader.text("sensor", "model", "ASM330LHH"),
+        model=reader.text("sensor", "model", DEFAULT),
         serial=reader.text("sensor", "serial", ""),
-        odr_hz=reader.number("sensor", "odr_hz", low=1, high=20000),
+        odr_hz=reader.number("sensor", "odr_hz", low=0.1, high=50000),
         gyro_fs_dps=reader.number("sensor", "gyro_fs_dps", low=1, high=1e5),
         accel_fs_g=reader.number("sensor", "accel_fs_g", low=0.1, high=1000),
         gyro_bias_instability_dph=reader.number("sensor", "gyro_bias_instability_dph", None, low=0, high=1000),
         gyro_noise_mdps_rthz=reader.number("sensor", "gyro_noise_mdps_rthz", None, low=1e-3, high=1000),
+        gyro_mdps_per_lsb=reader.number("sensor", "gyro_mdps_per_lsb", None, low=1e-6, high=1e5),
+        accel_mg_per_lsb=reader.number("sensor", "accel_mg_per_lsb", None, low=1e-6, high=1e5),
+        temp_lsb_per_c=reader.number("sensor", "temp_lsb_per_c", None, low=1e-3, high=1e5),
+        temp_at_zero_c=reader.number("sensor", "temp_at_zero_c", None, low=-300, high=300),
     )
     accelerometer = Accelerometer(
         reader.array("accelerometer", "matrix", (3, 3), np.eye(3)),
@@ -162,7 +196,7 @@ def read_config(path: Path) -> Config:
         expected = '"gravity", "table" or "truth"'
         raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected {expected}')
     notes, exclude = reader.notes(), reader.exclude()
-    return Config(sensor, accelerometer, site, protocol, reader.unknown(), notes, exclude)
+    return Config(sensor, accelerometer, site, protocol, reader.unknown(), "model" in table["sensor"], notes, exclude)
 
 
 class _Reader:

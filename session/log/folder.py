@@ -15,6 +15,8 @@ from session.common.errors import CalibrationError, DataError, FormatError
 from session.common.units import DEG
 from session.log.arrays import samples_from_arrays, usual_ranges
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.log.known_turns import NAME as KNOWN_TURNS
+from session.log.known_turns import KnownTurn, read_known_turns
 from session.log.logfile import Log, read_log
 from session.log.samples import Samples, joined
 from session.log.truth import Truth, read_truth, truth_path
@@ -28,7 +30,7 @@ class Session:
     """What a folder holds.
 
     attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still.  truths: of each log, where
-    the reference is a truth file, else None.
+    the reference is a truth file, else None.  turns: those whose angle is known beforehand.
     """
 
     folder: Path
@@ -37,6 +39,7 @@ class Session:
     closures: tuple[Log, ...]
     attitudes: np.ndarray | None = None
     truths: tuple[Truth, ...] | None = None
+    turns: tuple[KnownTurn, ...] = ()
 
     @classmethod
     def from_arrays(
@@ -141,7 +144,19 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
         closures=tuple(map(read, closures)),
         attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
         truths=tuple(read_truth(truth_path(path)) for path in paths) if config.protocol.reference == "truth" else None,
+        turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
     )
+
+
+def _read_turns(path: Path, config: Config, logs: list[str]) -> tuple[KnownTurn, ...]:
+    if not path.exists():
+        return ()
+    if config.protocol.reference != "gravity":
+        raise FormatError(
+            f'{path.name}: protocol.reference is "{config.protocol.reference}", which sees all three angles of every turn; '
+            'remove the file, or use reference = "gravity"'
+        )
+    return read_known_turns(path, logs)
 
 
 def _read_attitudes(path: Path) -> np.ndarray:

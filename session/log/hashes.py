@@ -8,22 +8,28 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FormatError
-from session.log.folder import Session
+from session.log.folder import KNOWN_TURNS, Session
 from session.log.logfile import Log
 
 
 def input_files(session: Session) -> list[Path]:
-    """Every file of a session that a result depends on: session.toml, logs, closure runs, dial readings, truth."""
+    """Every file of a session that a result depends on: session.toml, logs, closure runs, dial readings, known turns, truth."""
     dials = [session.folder / "attitudes.csv"] if session.attitudes is not None else []
+    in_memory = all(log.in_memory for log in session.logs)
+    dials += [session.folder / KNOWN_TURNS] if session.turns and not in_memory else []
     truths = [truth.path for truth in session.truths or ()]
-    config = [] if all(log.in_memory for log in session.logs) else [session.folder / "session.toml"]
+    config = [] if in_memory else [session.folder / "session.toml"]
     return [*config, *(log.path for log in (*session.logs, *session.closures)), *dials, *truths]
 
 
 def input_hashes(session: Session) -> dict[str, str]:
     """SHA-256 of each of ``input_files``, by name, or of arrays that were never a file; FormatError where one cannot be read any more."""
     logs = {log.path: log for log in (*session.logs, *session.closures)}
-    return {path.name: hash_of_log(logs[path]) if path in logs else sha256_of(path) for path in input_files(session)}
+    hashes = {path.name: hash_of_log(logs[path]) if path in logs else sha256_of(path) for path in input_files(session)}
+    if session.turns and KNOWN_TURNS not in hashes:
+        rows = [(turn.turn, turn.log, turn.axis.tolist(), turn.angle_rad, turn.sigma_rad) for turn in session.turns]
+        hashes[KNOWN_TURNS] = hashlib.sha256(repr(rows).encode()).hexdigest()
+    return hashes
 
 
 def hash_of_log(log: Log) -> str:

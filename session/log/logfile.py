@@ -46,10 +46,15 @@ def read_log(path: Path, sensor: Sensor) -> Log:
     assert rows.t_ns is not None  # a standard log without one of these three was refused
     assert rows.gyro is not None
     assert rows.accel is not None
-    gyro = rows.gyro * layout.gyro_si(sensor.gyro_fs_dps)
-    accel = rows.accel * layout.accel_si(sensor.accel_fs_g)
-    samples = Samples(rows.t_ns, gyro, accel, None if rows.temp is None else layout.temperature_c(rows.temp))
+    units = sensor.register_units
+    try:
+        gyro, accel = rows.gyro * layout.gyro_si(units), rows.accel * layout.accel_si(units)
+    except FormatError as error:
+        raise FormatError(f"{path.name} holds registers: {error}") from None
+    samples = Samples(rows.t_ns, gyro, accel, None if rows.temp is None else layout.temperature_c(rows.temp, units))
     notes = list(reader.notes)
+    if rows.temp is not None and samples.temp_c is None:
+        notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
     if reader.wraps:
         notes.append(f"the 32-bit time counter wrapped {reader.wraps}x: unrolled")
     if not (kept := fresh(samples.t_ns)).all():

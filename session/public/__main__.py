@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from session.common.errors import CalibrationError
-from session.public import euroc_folders, mikov, mimu, xsens
+from session.public import euroc_folders, imucal, mikov, mimu, xsens
 
 #: of each set: files, folder to write into, whether the accelerometer is as the authors give it, or from stills -> session folders
 SETS: dict[str, Callable[[Path, Path, bool], Iterable[Path]]] = {
@@ -16,6 +16,7 @@ SETS: dict[str, Callable[[Path, Path, bool], Iterable[Path]]] = {
     "mikov": mikov.write,
     "mimu": mimu.write,
     "euroc": euroc_folders.write,
+    "imucal": imucal.write,
 }
 
 

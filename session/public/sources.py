@@ -20,15 +20,16 @@ def found(folder: Path, pattern: str, below: str = "") -> list[Path]:
     raise FormatError(f"{folder}: holds no {pattern}{nor}; download the authors' files first (docs/real-recordings.md)")
 
 
-def rows_of_numbers(path: Path, columns: tuple[str, ...], separator: str | None = None) -> list[list[str]]:
-    """The cells of each line as they are written, all finite numbers; separator: None for white space.  Lines with # are left out.
+def rows_of_numbers(path: Path, columns: tuple[str, ...], separator: str | None = None, skip: int = 0) -> list[list[str]]:
+    """The cells of each line as they are written, all finite numbers; separator: None for white space.  Lines with # are left out, and
+    the first ``skip``.
 
     Raises FormatError with the number of the line.
     """
     expected = f"expected {len(columns)} numbers: {' '.join(columns)}"
     rows = []
     for number, line in enumerate(text_of(path).splitlines(), start=1):
-        if not line.strip() or line.startswith("#"):
+        if number <= skip or not line.strip() or line.startswith("#"):
             continue
         cells = [cell.strip() for cell in line.split(separator)]
         if len(cells) != len(columns) or not all(map(_finite, cells)):

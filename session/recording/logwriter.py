@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-
-import numpy as np
 
 from session.common.errors import FormatError, StorageError
 from session.recording.growing import GrowingFile, put_aside
 from session.stream.events import Chunk, Comment, Event, Info
-from session.stream.text import HEADER, parse_info
+from session.stream.form import Form
+from session.stream.text import parse_info
 
 NEW_LOG = ("reset", "reconnect")
 NOWHERE = ""
@@ -20,13 +20,15 @@ NOWHERE = ""
 class LogWriter:
     """Writes what a stream says; paths: the logs so far, in order.  What it writes depends on the events alone.
 
-    Logs that are there already grow (``growing``); put_aside: where those went that somebody had changed.
+    Logs that are there already grow (``growing``); put_aside: where those went that somebody had changed; physical: whether
+    the samples are in physical units, None before the first.
     """
 
     def __init__(self, folder: Path, stem: str = "log"):
         self.folder, self.stem = folder, stem
         self.paths: list[Path] = []
         self.put_aside: list[Path] = []
+        self.physical: bool | None = None  # what was written, once something was
         self._file: GrowingFile | None = None
         self._info: Info | None = None
         self._waiting: list[str] = []  # comments before the first sample
@@ -101,11 +103,13 @@ class LogWriter:
             self._comment(f"left out as implausible: {event.count} (t_us {'?' if event.t_us is None else event.t_us})")
 
     def _samples(self, chunk: Chunk) -> None:
+        self.physical = chunk.form.physical
         if self.stem == NOWHERE:
             return
-        file = self._file or self._open()
-        table = np.column_stack([chunk.t_us, chunk.registers])
-        file.write("%d,%d,%d,%d,%d,%d,%d,%d\n" * len(table) % tuple(table.ravel().tolist()))
+        file = self._file or self._open(chunk.form)
+        columns = [chunk.t_us.tolist(), *chunk.registers.T.tolist()]
+        row = ",".join(["%d"] + ["%r" if chunk.form.physical else "%d"] * (len(columns) - 1)) + "\n"
+        file.write(row * len(chunk) % tuple(itertools.chain.from_iterable(zip(*columns, strict=True))))
 
     def _comment(self, text: str) -> None:
         if self._file is None:
@@ -113,7 +117,7 @@ class LogWriter:
         else:
             self._file.write(f"# {text}\n")
 
-    def _open(self) -> GrowingFile:
+    def _open(self, form: Form) -> GrowingFile:
         path = self._next(self.stem)
         if (packed := path.with_name(path.name + ".gz")).exists():
             raise FormatError(f"{packed}: a recording goes on in plain logs only; unpack it first (gunzip)")
@@ -121,7 +125,7 @@ class LogWriter:
         self.paths.append(path)
         for text in self._waiting:
             file.write(f"# {text}\n")
-        file.write(HEADER + "\n")
+        file.write(form.log_header + "\n")
         self._waiting = []
         return file
 

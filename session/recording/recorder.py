@@ -27,8 +27,8 @@ class Recorder:
     raw file already, ``resumed`` holds the events of what is in it, and the recording goes on behind it.
     """
 
-    def __init__(self, folder: Path, name: str, baudrate: int = 921600):
-        self.decoder, self.logs = StreamDecoder(), LogWriter(folder)
+    def __init__(self, folder: Path, name: str, baudrate: int = 921600, header: str | None = None):
+        self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
         self.clock = ComparisonOfClocks()
         self.resumed: list[Event | Decision] = []
         if (folder / RAW).exists():

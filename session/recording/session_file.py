@@ -10,16 +10,21 @@ from pathlib import Path
 
 from session.common.errors import CalibrationError, FormatError, StorageError
 from session.log.additions import add_exclude, add_notes, exclude_text, notes_text, quoted
-from session.log.config import SCHEMA, Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
+from session.log.config import OWN_UNITS, SCHEMA, Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
+from session.sensor.known import DEFAULT, profile_of
 from session.stream.events import Info
 
 NAME = "session.toml"
-#: Hz, the ASM330LHH's data rates
-NOMINAL_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0, 1667.0, 3333.0, 6667.0)
+#: what it says where nobody names the sensor of numbers in physical units
+UNKNOWN = "unknown"
+#: what is said of registers whose sensor nobody names
+ASSUMED = f"nothing names the sensor: its registers are read as an {DEFAULT}'s; --sensor NAME for another (`calibrate.py sensors`)"
 NOMINAL_WITHIN = 0.2  #: INTERNAL_FREQ_FINE reaches so far
+DIVIDED_WITHIN = 0.05  #: where a divider makes many rates, the next one is hardly farther
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
 MOST_A_SECOND = 9  #: notes
 SAME_MOMENT_S = 1e-3
+OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", *OWN_UNITS)
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
 
@@ -27,8 +32,8 @@ class SessionFile:
     """What is known of the session before the board speaks, and the file once it has.
 
     like: another session.toml, whose accelerometer, site and protocol hold here as well, and its sensor where the board says nothing;
-    odr_hz, gyro_fs_dps, accel_fs_g: what the user says of the board, or None; notes: for ``[notes]``.  Raises FormatError for a broken
-    file, and for a note that says otherwise than the file.
+    odr_hz, gyro_fs_dps, accel_fs_g, sensor (its model): what the user says of the board, or None; notes: for ``[notes]``.  assumed: whether
+    nobody has named the sensor of the file that was written.  Raises FormatError for a broken file, and for a note that says otherwise.
     """
 
     def __init__(
@@ -38,20 +43,23 @@ class SessionFile:
         odr_hz: float | None,
         gyro_fs_dps: float | None,
         accel_fs_g: float | None,
+        sensor: str | None = None,
         notes: Mapping[str, Note] | None = None,
     ):
-        self.path = folder / NAME
+        self.path, self._model, self.assumed = folder / NAME, sensor, False
         self._notes = dict(notes or {})  # to be written as soon as there is a file
         self._said = {"odr_hz": odr_hz, "gyro_fs_dps": gyro_fs_dps, "accel_fs_g": accel_fs_g}
         self._own = read_config(self.path) if self.path.exists() else None
         if like is not None and like.is_dir():
             like = like / NAME
         self._like = read_config(like) if like is not None else None
+        self._info: Info | None = None  # the last that the board has said
         if self._own is not None:
             for name, value in self._notes.items():
                 if (there := self._own.notes.get(name, value)) != value:
                     raise FormatError(f"{self.path}: notes.{name} is {there!r} already; correct it there, or give another name")
             self._require_agreement(self._own.sensor, self._said, "the command line")
+            self._require_model(self._own.sensor.model, sensor, "--sensor")
 
     @property
     def protocol(self) -> Protocol:
@@ -59,8 +67,9 @@ class SessionFile:
         known = self._own or self._like
         return known.protocol if known else Protocol()
 
-    def configure(self, info: Info | None, waited_s: float = 0.0) -> Config | None:
-        """The configuration, and the file written; None while not enough is known.  waited_s: seconds of samples without an info.
+    def configure(self, info: Info | None, waited_s: float = 0.0, physical: bool | None = False) -> Config | None:
+        """The configuration, and the file written; None while not enough is known.  waited_s: seconds of samples without an info;
+        physical: whether the samples are in physical units, None while there are none.
 
         CalibrationError where the board contradicts the file or the command line; StorageError where it cannot be written.
         """
@@ -68,11 +77,13 @@ class SessionFile:
             said: dict[str, float] = {"gyro_fs_dps": info.gyro_fs_dps, "accel_fs_g": info.accel_fs_g}
             if self._own is not None:
                 self._require_agreement(self._own.sensor, said, "the board")
+                self._require_model(self._own.sensor.model, info.sensor, "the board")
             for name, value in said.items():
                 if self._said[name] not in (None, value):
                     raise CalibrationError(f"the board says {name} = {value:g}, {FLAGS[name]} says {self._said[name]:g}: leave it out")
+        self._info = info = info or self._info
         if self._own is None:
-            sensor = self._sensor(info, waited_s)
+            sensor = None if physical is None else self._sensor(info, waited_s, physical)
             if sensor is None:
                 return None
             known = self._like or Config(sensor, Accelerometer(source="none"), Site(), Protocol())
@@ -104,7 +115,7 @@ class SessionFile:
         """Whether the file says so: a person may have taken it back."""
         return any(row.log == log and abs(row.at_s - at_s) < SAME_MOMENT_S for row in read_config(self.path).exclude)
 
-    def _sensor(self, info: Info | None, waited_s: float) -> Sensor | None:
+    def _sensor(self, info: Info | None, waited_s: float, physical: bool) -> Sensor | None:
         said = dict(self._said)
         if info is not None:
             said = {name: value if value is not None else getattr(info, name) for name, value in said.items()}
@@ -113,10 +124,17 @@ class SessionFile:
         odr_hz, gyro_fs_dps, accel_fs_g = said["odr_hz"], said["gyro_fs_dps"], said["accel_fs_g"]
         if odr_hz is None or gyro_fs_dps is None or accel_fs_g is None:
             return None
-        serial = info.serial if info else ""
-        if self._like is not None:
-            return replace(self._like.sensor, serial=serial, odr_hz=nominal_hz(odr_hz), gyro_fs_dps=gyro_fs_dps, accel_fs_g=accel_fs_g)
-        return Sensor("ASM330LHH", serial, nominal_hz(odr_hz), gyro_fs_dps, accel_fs_g)
+        serial, like = (info.serial if info else ""), self._like.sensor if self._like is not None else None
+        model = self._model or (info.sensor if info else "") or (like.model if like is not None else "")
+        self.assumed, model = not (model or physical), model or (UNKNOWN if physical else DEFAULT)
+        nominal = nominal_hz(odr_hz, model)
+        if like is not None and _same_model(like.model, model):
+            return replace(like, serial=serial, odr_hz=nominal, gyro_fs_dps=gyro_fs_dps, accel_fs_g=accel_fs_g)
+        return Sensor(model, serial, nominal, gyro_fs_dps, accel_fs_g)
+
+    def _require_model(self, mine: str, said: str | None, who: str) -> None:
+        if said and not _same_model(mine, said):
+            raise CalibrationError(f'{self.path}: sensor.model is "{mine}", {who} says {said}; correct the one that is wrong')
 
     def _require_agreement(self, sensor: Sensor, said: Mapping[str, float | None], who: str) -> None:
         for name, value in said.items():
@@ -133,10 +151,18 @@ class SessionFile:
             raise StorageError(f"{self.path}: {error.strerror or error}; give --out another folder") from None
 
 
-def nominal_hz(odr_hz: float) -> float:
-    """The sensor's nominal data rate that is nearest to a true one, or that itself where none is near."""
-    nearest = min(NOMINAL_HZ, key=lambda rate: abs(rate / odr_hz - 1))
-    return nearest if abs(nearest / odr_hz - 1) < NOMINAL_WITHIN else odr_hz
+def nominal_hz(odr_hz: float, model: str = DEFAULT) -> float:
+    """The model's nominal data rate that is nearest to a true one, or that itself where none is near, or its rates are not known."""
+    profile = profile_of(model)
+    nearest = None if profile is None else profile.nearest_hz(odr_hz)
+    if profile is None or nearest is None:
+        return odr_hz
+    return nearest if abs(nearest / odr_hz - 1) < (DIVIDED_WITHIN if profile.divided else NOMINAL_WITHIN) else odr_hz
+
+
+def _same_model(one: str, other: str) -> bool:
+    first, second = profile_of(one), profile_of(other)
+    return one == other or (first is not None and first is second)
 
 
 def toml_text(config: Config) -> str:
@@ -144,7 +170,7 @@ def toml_text(config: Config) -> str:
     sensor, site, protocol = config.sensor, config.site, config.protocol
     here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
     lines = [f"{name} = {value!r}" for name, value in here.items() if value is not None]
-    known = {name: getattr(sensor, name) for name in ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz")}
+    known = {name: getattr(sensor, name) for name in OPTIONAL}
     noise = "".join(f"{name} = {value!r}\n" for name, value in known.items() if value is not None)
     lines = lines or ["# latitude_deg = …  # without it the Earth's rotation stays in the rates"]
     sigma = f"truth_sigma_deg = {protocol.truth_sigma_deg!r}\n" if protocol.reference == "truth" else ""

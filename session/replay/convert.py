@@ -17,15 +17,20 @@ from session.detect.pace import pace_of
 from session.dialects.layout import AXES, Answers
 from session.dialects.reader import Reader
 from session.dialects.standard import OWN
-from session.dialects.units import endings
+from session.dialects.units import TIME, endings
 from session.files.writing import naming
 from session.log.config import Sensor, read_config
 from session.log.folder import log_paths
 from session.log.logfile import read_log
+from session.recording.session_file import UNKNOWN
 from session.replay.join import Joined, join
+from session.replay.whose import with_sensor
+from session.sensor.known import profile_of
 
 #: what a stamp in us leaves behind
 US_NS = 1000
+#: the data rates of session.toml (docs/formats.md): any sensor's, with room
+SLOWEST_HZ, FASTEST_HZ = 0.1, 50_000.0
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,7 @@ class Converted:
     next: tuple[str, ...]
 
 
-def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = None, model: str = "", serial: str = "") -> Converted:
+def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = None, serial: str = "") -> Converted:
     """Make a session folder of one log, or of the two files that hold one.
 
     ``add`` ("log" or "closure") puts it into a session that is there.  Nothing is left behind where it fails.
@@ -55,6 +60,7 @@ def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = No
         sensor = read_config(out / "session.toml").sensor
         answers = _as_in(sensor, answers)
     _ask_full_scales(readers, answers)
+    answers, assumed = with_sensor(readers, answers)
     missing = [path.parent for path in [out, *out.parents] if not path.parent.exists()]
     with naming(out):
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -62,14 +68,16 @@ def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = No
     try:
         with naming(out):
             log, notes, samples = _write_log(readers, work / "log0001.csv", answers)
+        notes = [*notes, *assumed]
         rate_hz = float(f"{pace_of(read_log(log, _sensor(answers)).samples.t_ns).rate_hz:.4g}")
+        _require_a_sensors_rate(readers[0], rate_hz)
         if add:
             name = _next_name(out, add) + log.name.removeprefix("log0001")
             log.replace(out / name)
         else:
             odr_hz = answers.odr_hz or rate_hz
             with naming(out):
-                (work / "session.toml").write_text(_toml(readers, odr_hz, answers, model, serial), encoding="utf-8")
+                (work / "session.toml").write_text(_toml(readers, odr_hz, answers, serial), encoding="utf-8")
             work.chmod(0o755)
             name = log.name
             if out.exists():
@@ -105,6 +113,7 @@ def _with_comments(answers: Answers, readers: list[Reader]) -> Answers:
         gyro_fs_dps=said.get("gyro_fs_dps") if answers.gyro_fs_dps is None else answers.gyro_fs_dps,
         accel_fs_g=said.get("accel_fs_g") if answers.accel_fs_g is None else answers.accel_fs_g,
         odr_hz=said.get("odr_hz") if answers.odr_hz is None else answers.odr_hz,
+        sensor=answers.sensor or next((reader.comments["sensor"] for reader in readers if "sensor" in reader.comments), None),
     )
 
 
@@ -114,7 +123,9 @@ def _as_in(sensor: Sensor, answers: Answers) -> Answers:
             raise FormatError(
                 f"{option} is {getattr(answers, key):g}, but the session has {getattr(sensor, key):g}; a session has one sensor and range"
             )
-    return replace(answers, gyro_fs_dps=sensor.gyro_fs_dps, accel_fs_g=sensor.accel_fs_g)
+    if answers.sensor and profile_of(answers.sensor) is not profile_of(sensor.model):
+        raise FormatError(f"--sensor is {answers.sensor}, but the session's is {sensor.model}; a session has one sensor")
+    return replace(answers, gyro_fs_dps=sensor.gyro_fs_dps, accel_fs_g=sensor.accel_fs_g, sensor=sensor.model)
 
 
 def _ask_full_scales(readers: list[Reader], answers: Answers) -> None:
@@ -123,6 +134,17 @@ def _ask_full_scales(readers: list[Reader], answers: Answers) -> None:
         names = " and ".join(dict.fromkeys(reader.layout.dialect for reader in readers))
         what = "full scale" if len(asked) == 1 else "full scales"
         raise FormatError(f"{readers[0].path.name} ({names}) does not say the {what} that the sensor was set to; give {' '.join(asked)}")
+
+
+def _require_a_sensors_rate(reader: Reader, rate_hz: float) -> None:
+    """FormatError where stamps say a rate that no sensor has: their unit is another."""
+    if SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        return
+    unit = next((word for word, ns in TIME.items() if ns == reader.layout.time_ns), "that unit")
+    raise FormatError(
+        f"{reader.path.name}: read as {unit}, its stamps say {rate_hz:g} Hz, and no sensor has less than {SLOWEST_HZ:g} or more than "
+        f"{FASTEST_HZ:g}; is that the unit of its time column? --time-unit s, ms, us or ns"
+    )
 
 
 def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Path, list[str], int]:
@@ -141,7 +163,8 @@ def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Pat
     source = ", ".join(f"{reader.path.name} ({reader.layout.dialect})" for reader in readers)
     row = ",".join(formats)
     with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f"# from {source}\n{','.join(header)}\n")
+        counted = "# stamps=counted\n" if joined.counted else ""
+        file.write(f"# from {source}\n{counted}{','.join(header)}\n")
         for start in range(0, len(joined.t_ns), 1 << 15):
             part = [column[start : start + (1 << 15)].tolist() for column in columns]
             file.write("\n".join(map(row.__mod__, zip(*part, strict=True))) + "\n")
@@ -161,7 +184,7 @@ def _is_ours(reader: Reader, answers: Answers) -> bool:
 
 def _sensor(answers: Answers) -> Sensor:
     assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``_ask_full_scales`` has asked
-    return Sensor("", "", 1.0, answers.gyro_fs_dps, answers.accel_fs_g)
+    return Sensor(answers.sensor or UNKNOWN, "", 1.0, answers.gyro_fs_dps, answers.accel_fs_g)
 
 
 def _columns(joined: Joined) -> tuple[list[str], list[np.ndarray], list[str]]:
@@ -205,7 +228,7 @@ def _next_name(folder: Path, stem: str) -> str:
     return next(f"{stem}{number:04d}" for number in range(1, 10_000) if f"{stem}{number:04d}" not in taken)
 
 
-def _toml(readers: list[Reader], odr_hz: float, answers: Answers, model: str, serial: str) -> str:
+def _toml(readers: list[Reader], odr_hz: float, answers: Answers, serial: str) -> str:
     quoted = lambda text: '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'  # noqa: E731
     source = ", ".join(f"{reader.path.name} ({reader.layout.dialect})" for reader in readers)
     return f"""\
@@ -213,7 +236,7 @@ def _toml(readers: list[Reader], odr_hz: float, answers: Answers, model: str, se
 schema = "tinygc-session/1"
 
 [sensor]
-model = {quoted(model or "unknown")}
+model = {quoted(answers.sensor or UNKNOWN)}
 serial = {quoted(serial or readers[0].comments.get("serial", ""))}
 odr_hz = {odr_hz!r}
 gyro_fs_dps = {answers.gyro_fs_dps:g}

@@ -11,7 +11,7 @@ from session.common.errors import CalibrationError, FormatError, StorageError
 from session.files.writing import naming
 from session.recording.decoding import stream
 from session.recording.logwriter import LogWriter
-from session.recording.session_file import NAME, PATIENCE_S, SessionFile
+from session.recording.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.replay.convert import Converted
 from session.stream.decoder import StreamDecoder
 
@@ -24,7 +24,13 @@ def is_raw(path: Path) -> bool:
 
 
 def convert_raw(
-    raw_path: Path, out: Path, odr_hz: float | None = None, gyro_fs_dps: float | None = None, accel_fs_g: float | None = None
+    raw_path: Path,
+    out: Path,
+    odr_hz: float | None = None,
+    gyro_fs_dps: float | None = None,
+    accel_fs_g: float | None = None,
+    sensor: str | None = None,
+    header: str | None = None,
 ) -> Converted:
     """Make a session folder of a raw file; session.toml is the one beside it, or what the board and the arguments say.
 
@@ -35,7 +41,7 @@ def convert_raw(
     if not raw_path.is_file():
         raise FormatError(f"{raw_path}: not found")
     missing = [path for path in (out, *out.parents) if not path.exists()]
-    decoder, logs = StreamDecoder(), LogWriter(out)
+    decoder, logs = StreamDecoder(header), LogWriter(out)
     try:
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -47,10 +53,11 @@ def convert_raw(
         logs.close()
         if not logs.paths:
             raise FormatError(
-                f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line)"
+                f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line); "
+                "text in physical units that does not say its header needs --header t_us,gx_dps,…"
             )
         with naming(out):
-            _configure(raw_path, out, decoder, odr_hz, gyro_fs_dps, accel_fs_g)
+            assumed = _configure(raw_path, out, decoder, bool(logs.physical), odr_hz, gyro_fs_dps, accel_fs_g, sensor)
     except (CalibrationError, OSError):
         for path in [*logs.paths, out / NAME]:
             path.unlink(missing_ok=True)
@@ -67,17 +74,28 @@ def convert_raw(
         "resets": decoder.resets,
     }
     notes += [f"{count} {what}" for what, count in counts.items() if count]
+    notes += [ASSUMED] * assumed
     next_steps = (f"calibrate.py check {out}", f"calibrate.py fit {out}")
     return Converted(out, logs.paths[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)
 
 
 def _configure(
-    raw_path: Path, out: Path, decoder: StreamDecoder, odr_hz: float | None, gyro_fs_dps: float | None, accel_fs_g: float | None
-) -> None:
+    raw_path: Path,
+    out: Path,
+    decoder: StreamDecoder,
+    physical: bool,
+    odr_hz: float | None,
+    gyro_fs_dps: float | None,
+    accel_fs_g: float | None,
+    sensor: str | None,
+) -> bool:
+    """Write session.toml; whether its sensor is only assumed."""
     beside = raw_path.with_name(NAME)
     if beside.is_file():
         shutil.copyfile(beside, out / NAME)
-        return
+        return False
     rate_hz = odr_hz or (None if decoder.info else decoder.measured_odr_hz)
-    if SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g).configure(decoder.info, PATIENCE_S) is None:
+    file = SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g, sensor)
+    if file.configure(decoder.info, PATIENCE_S, physical) is None:
         raise FormatError(f"{raw_path}: the board does not say its ranges, and no {NAME} lies beside it; give --gyro-fs DPS --accel-fs G")
+    return file.assumed

@@ -14,11 +14,14 @@ from session.dialects.stamps import counted, evenly, fresh
 
 #: beyond this many of its own periods a second file's neighbours are too far apart to read between them
 WIDEST = 3.5
+#: of notes on stamps that are none
+COUNTED = "samples were counted at"
 
 
 @dataclass(frozen=True, eq=False)
 class Joined:
-    """t_ns (N,); gyro, accel (N, 3) and temp (N,) as written, each with the layout of the file it is from (temp may be None)."""
+    """t_ns (N,); gyro, accel (N, 3) and temp (N,) as written, each with the layout of the file it is from (temp may be None); counted:
+    whether there were no stamps, or none to go by, so that samples were counted at a rate that was given."""
 
     t_ns: np.ndarray
     gyro: np.ndarray
@@ -28,6 +31,7 @@ class Joined:
     accel_layout: Layout
     temp_layout: Layout | None
     notes: tuple[str, ...]
+    counted: bool = False
 
 
 def join(readers: list[Reader], odr_hz: float | None) -> Joined:
@@ -60,6 +64,7 @@ def join(readers: list[Reader], odr_hz: float | None) -> Joined:
         accel_reader.layout,
         None if temp_reader is None else temp_reader.layout,
         tuple(notes),
+        any(COUNTED in note for note in notes),
     )
 
 
@@ -80,7 +85,7 @@ def _whole(reader: Reader, odr_hz: float | None, notes: list[str]) -> Piece:
         if odr_hz is None:  # of a file with neither sensor: ``recognise`` asks for the others
             raise FormatError(f"{name}: it has no time stamps; give the true data rate, --odr HZ")
         rows = next(len(part) for part in (whole.gyro, whole.accel, whole.temp) if part is not None)
-        notes.append(f"{name}: samples are counted at {odr_hz:g} Hz")
+        notes.append(f"{name}: no stamps: {COUNTED} {odr_hz:g} Hz")
         return Piece(counted(rows, odr_hz), *columns[1:])
     stamps, note = evenly(whole.t_ns, odr_hz, name)
     if note:

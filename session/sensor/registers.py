@@ -1,41 +1,110 @@
-"""What the ASM330LHH's registers mean (ST, asm330lhh_reg.c: ``asm330lhh_from_fs500dps_to_mdps`` and its kin)."""
+"""What a sensor's registers mean: rad/s, m/s^2 and degC per count, by its model (``profiles``) or by its data sheet's numbers."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from session.common.errors import FormatError
 from session.common.units import MDPS, MG
+from session.sensor.known import DEFAULT, nearest_name, profile_of
+from session.sensor.profiles.profile import REGISTER_MAX, REGISTER_SPAN, Profile, Thermometer
 
-#: full scale in dps -> mdps per LSB
-GYRO_MDPS_PER_LSB = {125: 4.375, 250: 8.75, 500: 17.5, 1000: 35.0, 2000: 70.0, 4000: 140.0}
-#: full scale in g -> mg per LSB
-ACCEL_MG_PER_LSB = {2: 0.061, 4: 0.122, 8: 0.244, 16: 0.488}
-TEMP_LSB_PER_C = 256.0
-TEMP_AT_ZERO_C = 25.0
-REGISTER_MAX = 32767
+__all__ = ["REGISTER_MAX", "RegisterUnits", "accel_mps2_per_lsb", "gyro_rps_per_lsb", "require_profile", "temperature_c"]
 
 
-def gyro_rps_per_lsb(fs_dps: float) -> float:
+@dataclass(frozen=True)
+class RegisterUnits:
+    """Of a model at its full scales, dps and g, or as its data sheet says (mdps and mg per LSB, LSB per degC, degC where 0 is read).
+
+    The properties raise FormatError: a model or full scale that is not known, each only where it is asked for.
+    """
+
+    model: str
+    fs_dps: float | None
+    fs_g: float | None
+    gyro_mdps_per_lsb: float | None = None
+    accel_mg_per_lsb: float | None = None
+    temp_lsb_per_c: float | None = None
+    temp_at_zero_c: float | None = None
+
+    @property
+    def gyro_rps(self) -> float:
+        """rad/s per LSB."""
+        if self.gyro_mdps_per_lsb is not None:
+            return self.gyro_mdps_per_lsb * MDPS
+        assert self.fs_dps is not None  # who asks has registers, and registers without a full scale were refused
+        return gyro_rps_per_lsb(self.fs_dps, self.model)
+
+    @property
+    def accel_mps2(self) -> float:
+        """m/s^2 per LSB."""
+        if self.accel_mg_per_lsb is not None:
+            return self.accel_mg_per_lsb * MG
+        assert self.fs_g is not None
+        return accel_mps2_per_lsb(self.fs_g, self.model)
+
+    @property
+    def thermometer(self) -> Thermometer | None:
+        """None where the temperature register's meaning is not known."""
+        if self.temp_lsb_per_c is not None:
+            return Thermometer(self.temp_lsb_per_c, self.temp_at_zero_c or 0.0)
+        profile = profile_of(self.model)
+        return None if profile is None else profile.thermometer
+
+    def temperature_c(self, lsb: np.ndarray) -> np.ndarray | None:
+        """Temperature registers (N,) in degC; None where their meaning is not known."""
+        thermometer = self.thermometer
+        return None if thermometer is None else thermometer.at_zero_c + lsb / thermometer.lsb_per_c
+
+    def temperature_lsb(self, temp_c: np.ndarray | None, count: int) -> np.ndarray:
+        """Temperatures (N,) degC as registers (N,), not rounded; of what has none, ``count`` zeros."""
+        thermometer = self.thermometer
+        return np.zeros(count) if temp_c is None or thermometer is None else (temp_c - thermometer.at_zero_c) * thermometer.lsb_per_c
+
+
+def gyro_rps_per_lsb(fs_dps: float, model: str = DEFAULT) -> float:
     """Sensitivity of the gyroscope at a full scale given in dps, in rad/s per LSB; FormatError if there is no such range."""
-    return _look_up(GYRO_MDPS_PER_LSB, fs_dps, "gyro_fs_dps") * MDPS
+    profile = require_profile(model)
+    return _look_up(profile, profile.gyro, fs_dps, "gyro_fs_dps") * MDPS
 
 
-def accel_mps2_per_lsb(fs_g: float) -> float:
+def accel_mps2_per_lsb(fs_g: float, model: str = DEFAULT) -> float:
     """Sensitivity of the accelerometer at a full scale given in g, in m/s^2 per LSB; FormatError if there is none."""
-    return _look_up(ACCEL_MG_PER_LSB, fs_g, "accel_fs_g") * MG
+    profile = require_profile(model)
+    return _look_up(profile, profile.accel, fs_g, "accel_fs_g") * MG
 
 
-def temperature_c(lsb: np.ndarray) -> np.ndarray:
-    """Temperature register (N,) in degC."""
-    return TEMP_AT_ZERO_C + lsb / TEMP_LSB_PER_C
-
-
-def _look_up(table: dict[int, float], full_scale: float, name: str) -> float:
-    if full_scale not in table:
-        ranges = ", ".join(map(str, table))
+def require_profile(model: str) -> Profile:
+    """The profile of a model; FormatError where it is not known what its registers mean."""
+    profile = profile_of(model)
+    if profile is None:
+        near = nearest_name(model)
+        meant = f" (is {near} meant?)" if near else ""
         raise FormatError(
-            f"{name} = {full_scale:g} is no ASM330LHH full scale (it has {ranges}); "
+            f'sensor.model is "{model[:60]}"{meant}: what its registers mean is not known; name one of `calibrate.py sensors`, '
+            "or give sensor.gyro_mdps_per_lsb and sensor.accel_mg_per_lsb, or log physical units (gx_dps, ax_g, …)"
+        )
+    return profile
+
+
+def _look_up(profile: Profile, table: Mapping[float, float] | None, full_scale: float, name: str) -> float:
+    if table is None:
+        return 1000 * full_scale / REGISTER_SPAN
+    if full_scale not in table:
+        ranges = ", ".join(f"{one:g}" for one in table)
+        raise FormatError(
+            f"{name} = {full_scale:g} is no {profile.name} full scale (it has {ranges}); "
             "correct session.toml, or log physical units (gx_dps, ax_g, …)"
         )
-    return table[int(full_scale)]
+    return table[full_scale]
+
+
+def temperature_c(lsb: np.ndarray, model: str = DEFAULT) -> np.ndarray:
+    """Temperature register (N,) in degC; FormatError where its meaning is not known."""
+    values = RegisterUnits(model, None, None).temperature_c(lsb)
+    if values is None:
+        raise FormatError(f"{model}: what its temperature register means is not known; log temp_c, or no temperature")
+    return values

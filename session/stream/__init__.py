@@ -3,5 +3,5 @@
 ``decoder.StreamDecoder`` takes bytes and gives ``events``.  It needs no port, no clock and no file, and what it gives depends on
 the bytes alone, not on how they were cut: a recording replays to the same samples.
 
-May import: nothing.
+May import: common.
 """

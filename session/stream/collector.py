@@ -36,6 +36,6 @@ class Collector:
     def _close(self) -> None:
         if len(self._chunks) > 1:
             t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in self._chunks]) for name in ("t_us", "registers"))
-            self._chunks = [Chunk(t_us, registers)]
+            self._chunks = [Chunk(t_us, registers, self._chunks[0].form)]
         self._done += [*self._chunks, *self._counts.values()]
         self._chunks, self._counts = [], {}

@@ -14,25 +14,27 @@ from session.stream import frames
 from session.stream.collector import Collector
 from session.stream.continuity import Accepted, Continuity, Readings
 from session.stream.events import Chunk, Comment, Event, Info, Trouble
+from session.stream.form import REGISTERS, Form
+from session.stream.lines import Garbage, LineReader, Rows
 from session.stream.steps import StepFilter
-from session.stream.text import COLUMNS, LONGEST_LINE, parse_comment, parse_header, parse_info, parse_line, parse_lines
+from session.stream.text import LONGEST_LINE, parse_comment
 
 #: neither a frame nor a line is longer
 LONGEST = LONGEST_LINE
 #: bytes looked at in one go: each change of mode looks at the rest again
 PIECE = 65_536
-#: lines of another width that must come one after the other before they are believed
-WIDTH_CHANGE = 3
 
 
 class StreamDecoder:
     """Tells text from frames by itself, finds its way back after garbage, counts what is missing.
 
     Counts so far: samples, lost (samples missing), crc_errors (frames), garbage (bytes), implausible (samples left out), resets.
-    info: the last ``Info``, or None.  mode: "text" or "frames", or None while it is not known.
+    told: the header of a text stream that does not send it.  info: the last ``Info``, or None.
+    mode: "text" or "frames", or None while it is not known.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, told: str | None = None) -> None:
+        self._told = told
         self.samples = self.lost = self.crc_errors = self.garbage = self.implausible = self.resets = 0
         self.info: Info | None = None
         self._period_us: float | None = None
@@ -41,10 +43,10 @@ class StreamDecoder:
     def _begin(self) -> None:
         self.mode: str | None = None
         self._buffer = b""
-        self._continuity, self._steps = Continuity(), StepFilter()
+        self._text_lines = LineReader(self._told)
+        self._form = self._text_lines.form  # of the lines that are taken now
+        self._continuity, self._steps = Continuity(), StepFilter(self._form)
         self._damaged = False  # something unreadable came since the last reading
-        self._width, self._order = 0, tuple(range(len(COLUMNS)))
-        self._other_width, self._other_count = 0, 0
         self._last_us: int | None = None
         self._numbered_before: bool | None = None
 
@@ -93,7 +95,7 @@ class StreamDecoder:
                 begin = place - (frames.INFO_BYTES if lengths[k] == frames.INFO_BYTES else frames.SAMPLE_BYTES)
                 if begin >= zeros[k] and frames.decode_blocks(codes[None, begin:place])[1][0]:
                     return self._found("frames", begin, out)
-            elif self._is_line(data[lines[k] : place].rstrip(b"\r")):
+            elif self._text_lines.is_line(data[lines[k] : place].rstrip(b"\r")):
                 return self._found("text", int(lines[k]), out)
         keep = max(int(min(zeros[-1], lines[-1])), len(data) - LONGEST - 1)
         self._garbage(keep, out)
@@ -104,9 +106,6 @@ class StreamDecoder:
         self._garbage(begin, out)
         self._buffer, self.mode = self._buffer[begin:], mode
         return True
-
-    def _is_line(self, line: bytes) -> bool:
-        return bool(parse_comment(line) is not None or parse_header(line) or parse_line(line))
 
     def _frames(self, out: Collector) -> bool:
         data = self._buffer
@@ -210,58 +209,30 @@ class StreamDecoder:
         return lost
 
     def _lines(self, block: bytes, out: Collector) -> None:
-        good = None
-        if self._width:
-            good, values = parse_lines(block, self._width, self._order)
-            if good.all():
-                self._stamped(values, out)
-                return
-        lines, done, rows = block.split(b"\n")[:-1], 0, []
-        for number, line in enumerate(lines):
-            if good is not None and good[number]:
-                rows.append(values[done])
-                done += 1
-                self._other_count = 0
-                continue
-            found = parse_line(line, self._order)
-            if found and self._has_width(found[0]):
-                rows.append(found[1])
-                continue
-            if rows:
-                self._stamped(np.array(rows, np.int64), out)
-                rows = []
-            if not line.strip():
-                continue
-            comment, header = parse_comment(line), parse_header(line)
-            if comment is not None:
-                out.add(Comment(comment))
-                if info := parse_info(comment):
-                    self.info = info
-                    out.add(info)
-            elif header:
-                self._width, self._order = header
-                # What follows is looked at line by line in this block, and all at once from the next on.
-                good = None
+        for item in self._text_lines.take(block):
+            if isinstance(item, Rows):
+                self._stamped(item, out)
+            elif isinstance(item, Garbage):
+                self._garbage(item.count, out)
+            elif isinstance(item, Form):
+                self._another_form(item, out)
             else:
-                self._garbage(len(line) + 1, out)
-        if rows:
-            self._stamped(np.array(rows, np.int64), out)
+                if isinstance(item, Info):
+                    self.info = item
+                out.add(item)
 
-    def _has_width(self, width: int) -> bool:
-        """Whether a line is as wide as the others: one of two halves may look whole, but hardly thrice running."""
-        if width == self._width or not self._width:
-            self._width, self._other_count = width, 0
-            return True
-        self._other_count = self._other_count + 1 if width == self._other_width else 1
-        self._other_width = width
-        if self._other_count >= WIDTH_CHANGE:
-            self._width, self._order = width, tuple(range(len(COLUMNS)))
-        return False
-
-    def _stamped(self, values: np.ndarray, out: Collector) -> None:
-        damaged = np.zeros(len(values), bool)
+    def _stamped(self, rows: Rows, out: Collector) -> None:
+        damaged = np.zeros(len(rows.t_us), bool)
         damaged[0], self._damaged = self._damaged, False
-        self._take(Readings(None, values[:, 0], values[:, 1:].astype(np.int16), damaged), out)
+        self._take(Readings(None, rows.t_us, rows.values, damaged), out)
+
+    def _another_form(self, form: Form, out: Collector) -> None:
+        """A header says that the columns are others: what was before, if anything, is another recording."""
+        self._pass_on(self._continuity.finish(), out)
+        if self._numbered_before is not None:
+            self._pass_on([Trouble("reset", 1, self._last_us)], out)
+        self._add(self._steps.finish(), out)
+        self._form, self._steps = form, StepFilter(form)
 
     def _take(self, readings: Readings, out: Collector) -> None:
         numbered = readings.sequence is not None
@@ -269,6 +240,7 @@ class StreamDecoder:
             # The board was told to speak otherwise: what was before has no sequence to go on from.
             self._pass_on(self._continuity.finish(), out)
             self._pass_on([Trouble("reset", 1, self._last_us)], out)
+            self._steps = StepFilter(REGISTERS if numbered else self._form)
         self._numbered_before = numbered
         self._pass_on(self._continuity.take(readings), out)
 

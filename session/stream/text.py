@@ -1,4 +1,4 @@
-"""The text form of a stream: the log's own lines (docs/formats.md).
+"""The text form of a stream, line by line: the log's own lines (docs/formats.md).
 
 A line carries no check.  What protects it: it stands between two line ends, it has the columns that the others have, its numbers are
 written as a program writes them (no sign without a digit, no leading zero), registers fit 16 bits; and ``continuity`` looks at its stamp.
@@ -11,14 +11,18 @@ import re
 import numpy as np
 
 from session.stream.events import Info
+from session.stream.form import COLUMNS, Form
 
-COLUMNS = ("t_us", "gx", "gy", "gz", "ax", "ay", "az", "temp")
-HEADER = ",".join(COLUMNS)
 LONGEST_LINE = 512
 _NUMBER = re.compile(rb"-?[1-9][0-9]{0,17}|0")
+#: as a program writes them: at most 18 digits before the point, no leading zero
+_DECIMAL_TEXT = rb"[-+]?(?:(?:0|[1-9][0-9]{0,17})(?:\.[0-9]{0,17})?|\.[0-9]{1,17})(?:[eE][-+]?[0-9]{1,2})?"
+_DECIMAL = re.compile(_DECIMAL_TEXT)
+_DECIMALS = re.compile(_DECIMAL_TEXT + rb"(?:," + _DECIMAL_TEXT + rb")*")
 _FURTHER = re.compile(rb"[-+.\w ]*")
 _PAIR = re.compile(r"(\w+)=(\S+)")
 _LONGEST_NUMBER = 19
+_LATEST_US = 2**60
 
 # What a byte may be in a line of whole numbers.
 _DIGIT, _ZERO, _MINUS, _COMMA, _END = 1, 2, 3, 4, 5
@@ -67,10 +71,21 @@ def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8))) -> tuple[i
     return (len(cells), values) if values[0] >= 0 and all(-32768 <= value <= 32767 for value in values[1:]) else None
 
 
-def parse_header(line: bytes) -> tuple[int, tuple[int, ...]] | None:
-    """A header line: how many columns it announces, and where the log's eight are; None where it is none."""
-    names = [name.strip() for name in line.decode("latin-1").split(",")]
-    return (len(names), tuple(map(names.index, COLUMNS))) if set(COLUMNS) <= set(names) else None
+def parse_decimals(line: bytes, order: tuple[int, ...], form: Form) -> tuple[int, list] | None:
+    """One line in physical units: how many columns, and the stamp in whole us with the values; None where it is no such line."""
+    if _DECIMALS.fullmatch(line):  # at once, as nearly all lines are
+        cells = line.split(b",")
+        if len(cells) <= max(order):
+            return None
+    else:
+        cells = [cell.strip(b" \t") for cell in line.split(b",")]
+        if len(cells) <= max(order) or not all(_DECIMAL.fullmatch(cells[i]) for i in order) or not all(map(_FURTHER.fullmatch, cells)):
+            return None
+    stamp, *values = (cells[i] for i in order)
+    if form.time_us <= 1.0 and not stamp.isdigit():
+        return None  # us and ns are whole numbers
+    t_us = int(stamp) // 1000 if form.names[0] == "t_ns" else round(float(stamp) * form.time_us)
+    return (len(cells), [t_us, *map(float, values)]) if 0 <= t_us < _LATEST_US else None
 
 
 def parse_comment(line: bytes) -> str | None:
@@ -88,4 +103,4 @@ def parse_info(comment: str) -> Info | None:
         gyro, accel, odr = numbers = [float(said[name]) for name in ("gyro_fs_dps", "accel_fs_g", "odr_hz")]
     except (KeyError, ValueError):
         return None
-    return Info(gyro, accel, odr, said.get("serial", "")) if all(0 < number < 1e6 for number in numbers) else None
+    return Info(gyro, accel, odr, said.get("serial", ""), said.get("sensor", "")) if all(0 < number < 1e6 for number in numbers) else None

@@ -33,9 +33,12 @@ def steps(rate: Array, dt: Array, integrator: str = "exact") -> Array:
 
 def step_vectors(rate: Array, dt: Array) -> Array:
     """Rotation vectors (..., T-1, 3) rad of the exact integrator."""
-    before, after = rate[..., :-1, :], rate[..., 1:, :]
-    h = dt[..., None]
-    return (before + after) * (h / 2) + cross(before, after) * (h**2 * CONING)
+    before, after = zip(*((part[..., :-1], part[..., 1:]) for part in rotation.split(rate)), strict=True)
+    half, coning = dt / 2, dt**2 * CONING
+    mean = [(b + a) * half for b, a in zip(before, after, strict=True)]
+    (bx, by, bz), (ax, ay, az) = before, after
+    bent = by * az - bz * ay, bz * ax - bx * az, bx * ay - by * ax
+    return rotation.join([m + c * coning for m, c in zip(mean, bent, strict=True)])
 
 
 def cross(a: Array, b: Array) -> Array:

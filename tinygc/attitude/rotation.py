@@ -31,8 +31,19 @@ def namespace(array: object) -> ModuleType:
 
 def join(parts: Sequence[Array]) -> Array:
     """Components (...) as one array (..., n), each contiguous in memory: twice as fast to compute with as interleaved ones."""
+    if isinstance(parts[0], np.ndarray):
+        whole = _components(len(parts), parts[0])
+        for i, part in enumerate(parts):
+            whole[..., i] = part
+        return whole
     xp = namespace(parts[0])
     return xp.moveaxis(xp.stack(parts, 0), 0, -1)
+
+
+def _components(count: int, like: np.ndarray) -> np.ndarray:
+    """Empty (..., count), each component contiguous in memory."""
+    whole = np.empty((count, *like.shape))
+    return whole.transpose(*range(1, whole.ndim), 0)
 
 
 def split(q: Array) -> tuple[Array, ...]:
@@ -42,6 +53,8 @@ def split(q: Array) -> tuple[Array, ...]:
 
 def multiply(p: Array, q: Array) -> Array:
     """Hamilton product (..., 4): first q, then p."""
+    if isinstance(p, np.ndarray) and isinstance(q, np.ndarray):
+        return _multiplied(p, q)
     pw, px, py, pz = split(p)
     qw, qx, qy, qz = split(q)
     return join(
@@ -52,6 +65,27 @@ def multiply(p: Array, q: Array) -> Array:
             pw * qz + px * qy - py * qx + pz * qw,
         ]
     )
+
+
+def _multiplied(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """``multiply`` without a new array for every term: most of a fit's time goes here."""
+    (pw, px, py, pz), (qw, qx, qy, qz) = split(p), split(q)
+    term = np.empty(np.broadcast_shapes(pw.shape, qw.shape))
+    product = _components(4, term)
+    for i, ((a, b), *more) in enumerate(
+        (
+            ((pw, qw), (px, qx, -1), (py, qy, -1), (pz, qz, -1)),
+            ((pw, qx), (px, qw, 1), (py, qz, 1), (pz, qy, -1)),
+            ((pw, qy), (px, qz, -1), (py, qw, 1), (pz, qx, 1)),
+            ((pw, qz), (px, qy, 1), (py, qx, -1), (pz, qw, 1)),
+        )
+    ):
+        total = product[..., i]
+        np.multiply(a, b, out=total)
+        for c, d, sign in more:
+            np.multiply(c, d, out=term)
+            (np.add if sign > 0 else np.subtract)(total, term, out=total)
+    return product
 
 
 def conjugate(q: Array) -> Array:
@@ -89,12 +123,11 @@ def matrix(q: Array) -> Array:
     """Rotation matrix (..., 3, 3) of unit quaternions (..., 4)."""
     xp = namespace(q)
     w, x, y, z = split(q)
-    rows = [
-        xp.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-        xp.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
-        xp.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
-    ]
-    return xp.stack(rows, -2)
+    elements = [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)]
+    elements += [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
+    elements += [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]
+    # Each contiguous in memory, as ``join`` has components.
+    return xp.moveaxis(xp.stack(elements, 0).reshape(3, 3, *w.shape), (0, 1), (-2, -1))
 
 
 def from_euler(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
@@ -141,7 +174,11 @@ def accumulate(steps: Array) -> Array:
         return steps
     even = count // 2 * 2
     pairs = accumulate(multiply(*_neighbours(steps, even)))  # the partial products that end at an odd place
-    xp = namespace(steps)
     later = multiply(pairs[..., : (count - 1) // 2, :], steps[..., 2::2, :])
+    if isinstance(steps, np.ndarray):
+        whole = _components(4, steps[..., 0])
+        whole[..., :1, :], whole[..., 2::2, :], whole[..., 1::2, :] = steps[..., :1, :], later, pairs
+        return whole
+    xp = namespace(steps)
     both = xp.stack([xp.concatenate([steps[..., :1, :], later], -2)[..., : even // 2, :], pairs], -2).reshape(*steps.shape[:-2], even, 4)
     return both if even == count else xp.concatenate([both, later[..., -1:, :]], -2)

@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from session.common.units import MDPS, MG
 from tinygc.challenge.cases import Case
 from tinygc.challenge.concealment import Concealment, Maker, Scene
 from tinygc.challenge.other_effects import OTHER_EFFECTS
@@ -60,11 +61,20 @@ def _disturb(hidden: list[Concealment]) -> Disturb | None:
 def _silent(simulation: Simulation, told: str, without_latitude: bool) -> str:
     """session.toml without its remarks, which would tell how to make the session again; told: of the bias instability, as in ``Case``."""
     stated = f"\ngyro_bias_instability_dph = {simulation.options.bias_instability_dph!r}" if told == "stated" else ""
-    sensor = MODEL_LINE if told == "model" else 'model = "unnamed"' + stated
+    sensor = MODEL_LINE if told == "model" else f'model = "unnamed"{stated}\n{_units_told(simulation.options)}'
     lines = config_text(simulation, concealed=False).replace(MODEL_LINE, sensor).split("\n")
     return "\n".join(
         line for line in lines if not line.startswith("#") and not (without_latitude and line.startswith(("latitude_deg", "heading_deg")))
     )
+
+
+def _units_told(options: SimulationOptions) -> str:
+    """What the registers of a sensor that is not named mean."""
+    units, thermometer = options.register_units, options.register_units.thermometer
+    told = {"gyro_mdps_per_lsb": round(units.gyro_rps / MDPS, 9), "accel_mg_per_lsb": round(units.accel_mps2 / MG, 9)}
+    if thermometer is not None:
+        told |= {"temp_lsb_per_c": thermometer.lsb_per_c, "temp_at_zero_c": thermometer.at_zero_c}
+    return "\n".join(f"{key} = {value!r}" for key, value in told.items())
 
 
 def options_chosen(options: SimulationOptions) -> dict:

@@ -126,6 +126,16 @@ def note(text: str) -> tuple[str, str]:
     return " ".join(key.split()), " ".join(value.split())
 
 
+def stream_header(text: str) -> str:
+    """A text stream's header line."""
+    from session.stream.form import parse_header
+
+    if parse_header(text.encode()) is None:
+        expected = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c (or _rps, _mps2), or registers t_us,gx,gy,gz,ax,ay,az,temp"
+        raise argparse.ArgumentTypeError(f"{text!r} is no header; expected {expected}")
+    return text
+
+
 def three(text: str) -> list[float]:
     """Three numbers, with commas."""
     values = [float(word) for word in text.split(",")]

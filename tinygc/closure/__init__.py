@@ -6,6 +6,9 @@ May import: session, attitude, effects, models.
 from tinygc.closure.residual import (
     Batch,
     attitudes,
+    batch_residual,
+    directions,
+    end_and_sensitivity,
     end_attitude,
     error_angles,
     like,
@@ -13,6 +16,21 @@ from tinygc.closure.residual import (
     residual,
     segment_residuals,
     sensitivity,
+    turned,
 )
 
-__all__ = ["Batch", "attitudes", "end_attitude", "error_angles", "like", "nearest_yaw", "residual", "segment_residuals", "sensitivity"]
+__all__ = [
+    "Batch",
+    "attitudes",
+    "batch_residual",
+    "directions",
+    "end_and_sensitivity",
+    "end_attitude",
+    "error_angles",
+    "like",
+    "nearest_yaw",
+    "residual",
+    "segment_residuals",
+    "sensitivity",
+    "turned",
+]

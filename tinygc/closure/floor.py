@@ -12,20 +12,28 @@ import numpy as np
 
 from session.detect.stills import Noise, Still
 from tinygc.attitude import rotation
-from tinygc.closure.residual import Batch
+from tinygc.closure.residual import Batch, directions
+
+#: rad^2 of an angle that is not known: its residual and its columns are 0, so any number will do that is larger than what is measured
+UNKNOWN_RAD2 = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Floor:
-    """Covariance of the error angles, rad^2: own (S, d, d) of each segment; shared (S-1, d, d) of each with the next."""
+    """Covariance of the error angles, rad^2: own (S, d, d) of each segment; shared (S-1, d, d) of each with the next.
+
+    tilt_excess: factor on the tilt's sigma that a recording asks for beyond its floor.  It changes weights, no covariance: turns of known
+    angle, which know their own sigma, would else be outweighed by ends that only seem to be better.
+    """
 
     own: np.ndarray
     shared: np.ndarray
+    tilt_excess: float = 1.0
 
     @property
     def sigma(self) -> np.ndarray:
         """(S, d) rad: the weight of each angle is 1 / sigma^2; one for both of tilt, whose axes are only the table's."""
-        tilt = np.repeat((self.own[:, 0, 0] + self.own[:, 1, 1])[:, None] / 2, 2, axis=1)
+        tilt = self.tilt_excess**2 * np.repeat((self.own[:, 0, 0] + self.own[:, 1, 1])[:, None] / 2, 2, axis=1)
         return np.sqrt(np.concatenate([tilt, np.diagonal(self.own, axis1=1, axis2=2)[:, 2:]], axis=1))
 
     @property
@@ -61,12 +69,15 @@ def closure_floor(
 ) -> Floor:
     """Floor of S segments with attitudes (S, T, 4), the stills at their ends, and the noise of the log each is from.
 
-    Tilt is gravity's, with white noise (which holds the register's rounding, too); yaw, where it is known, a dial's.  What the
-    accelerometer's pre-calibration leaves is not in it: nobody has stated it.
+    Tilt is gravity's, with white noise (which holds the register's rounding, too); yaw, where it is known, a dial's; the angle of a known
+    turn, the stop's.  What the accelerometer's pre-calibration leaves is not in it: nobody has stated it.
     """
-    own = gyro_variance(batch, attitudes, noises)[:, : batch.angles, : batch.angles]
+    axes = directions(batch, attitudes[:, -1])
+    own = (axes @ gyro_variance(batch, attitudes, noises) @ axes.transpose(0, 2, 1))[:, : batch.angles, : batch.angles]
     shared = np.zeros((max(len(batch) - 1, 0), batch.angles, batch.angles))
-    dial = [dial_sigma_rad**2] if batch.yaw_known else []
+    dial = [dial_sigma_rad**2] if batch.yaw_known else [0.0] * (batch.angles - 2)
+    if batch.turns is not None:
+        own[:, 2, 2] += np.where(batch.turns.known, np.nan_to_num(batch.turns.sigma_rad) ** 2, UNKNOWN_RAD2)
     for i, ((first, last), noise) in enumerate(zip(ends, noises, strict=True)):
         begin, end = (np.diag([still_tilt_variance(still, noise)] * 2 + dial) for still in (first, last))
         own[i] += begin + end

@@ -24,16 +24,34 @@ MAX_STEPS = 50
 HELD = 1e-9
 #: rad: a step that changes no residual by more than this ends the search
 TOLERANCE = 1e-9
+#: rad: after a step that changes none by more than this the columns stay: they are wrong by this share, and so is the next step, which is
+#: as small.  What they shift the answer by is this share of a sigma (tests/test_least_squares.py)
+COLUMNS_STAY = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Error angles (S, d) rad that a linear model with this vector (12,) leaves on each segment, and their columns (S, d, 12)."""
+
+    vector: np.ndarray
+    angles: np.ndarray
+    columns: np.ndarray
+
+    def pick(self, which: np.ndarray) -> Rows:
+        """Of some of the segments, by index or mask."""
+        return Rows(self.vector, self.angles[which], self.columns[which])
 
 
 @dataclass(frozen=True, eq=False)
 class LeastSquaresFit:
-    """model; covariance (12, 12) in the units of ``LinearModel.vector``; unobserved: names of the parameters no segment sees."""
+    """model; covariance (12, 12) in the units of ``LinearModel.vector``; unobserved: names of the parameters no segment sees; rows:
+    where the last step began, which is the answer to within ``TOLERANCE``; with ``rest_rps``, about that bias."""
 
     model: LinearModel
     covariance: np.ndarray
     unobserved: tuple[str, ...]
     steps: int
+    rows: Rows
 
 
 def fit_least_squares(
@@ -44,10 +62,13 @@ def fit_least_squares(
     still_rates: StillRates | None = None,
     integrator: str = "exact",
     rest_rps: np.ndarray | None = None,
+    begin: LinearModel | Rows | None = None,
 ) -> LeastSquaresFit:
     """Fit the 12 parameters to a batch with sigma (S,) rad of each segment, or (S, d) of each angle, from a start.
 
     rest_rps (3,): the bias as it is measured at rest, where it is known: then E alone is fitted, and B = -E rest_rps.
+    begin: a model near the answer, or ``rows`` of these segments from a fit to more of them, where the search then begins; the prior stays
+    around ``start``.
 
     Raises FitError where the search does not settle (residuals that are not finite, or no segments).
     The covariance returned is that of independent residuals with these sigmas; ``uncertainty.parameter_covariance`` refines it.
@@ -58,21 +79,21 @@ def fit_least_squares(
     if rest_rps is not None:
         batch, start = replace(batch, rate=batch.rate - rest_rps), replace(start, B=np.zeros(3))
         scale[linear.BIAS] *= HELD
-    vector, prior = start.vector, start.vector
-    weight = 1 / sigma.reshape(len(batch), -1)
+        if isinstance(begin, LinearModel):
+            begin = replace(begin, B=np.zeros(3))
+    prior = start.vector
+    at = begin if isinstance(begin, Rows) else _rows(batch, (begin or start).vector, integrator, None)
+    vector, weight = at.vector, 1 / sigma.reshape(len(batch), -1)
     rank = linear.PARAMETERS
     for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
-        model = LinearModel.from_vector(vector)
-        rate = model(batch.rate)
-        angles = 2 * closure.segment_residuals(batch, rate, integrator)
+        angles, design = at.angles, at.columns
         if not np.isfinite(angles).all():
             raise FitError("least squares left the finite numbers; are the rates in the log in the unit that its header says?")
-        design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, : batch.angles]
         rows = [(design * weight[..., None]).reshape(-1, linear.PARAMETERS)]
         values = [(angles * weight).ravel()]
         if still_rates is not None:
             rows.append(still_rates.columns())
-            values.append(still_rates.residuals(model))
+            values.append(still_rates.residuals(LinearModel.from_vector(vector)))
         jacobian, r = np.concatenate(rows) * scale, np.concatenate(values)
         left, strength, right = np.linalg.svd(jacobian, full_matrices=False)
         # What noise alone lets a direction seem to do is no observation: it stays at the prior instead of fitting that noise.
@@ -80,8 +101,10 @@ def fit_least_squares(
         aim = left.T @ (jacobian @ ((vector - prior) / scale) - r) * strength / (strength**2 + 1)
         change = prior + scale * (aim[:rank] @ right[:rank]) - vector
         vector = vector + change
-        if np.abs(design @ change).max() < TOLERANCE:
+        moved = float(np.abs(design @ change).max())
+        if moved < TOLERANCE:
             break
+        at = _rows(batch, vector, integrator, design if moved < COLUMNS_STAY else None)
     else:
         raise FitError(f"least squares did not settle in {MAX_STEPS} steps; look at `calibrate.py check` for what is wrong with the data")
     covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) * np.outer(scale, scale)
@@ -91,4 +114,16 @@ def fit_least_squares(
         model = LinearModel.from_vector(vector)
         vector = replace(model, B=-model.E @ rest_rps).vector
     unobserved = tuple(name for name, ok in zip(linear.NAMES, seen, strict=True) if not ok)
-    return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps)
+    return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps, at)
+
+
+def _rows(batch: Batch, vector: np.ndarray, integrator: str, columns: np.ndarray | None) -> Rows:
+    """Of a linear model; columns: those of one so near that they are the same."""
+    rate = LinearModel.from_vector(vector)(batch.rate)
+    if columns is not None:
+        return Rows(vector, 2 * closure.segment_residuals(batch, rate, integrator), columns)
+    end, sensitivity = closure.end_and_sensitivity(batch, rate)
+    if integrator != "exact":
+        end = closure.end_attitude(batch, rate, integrator)
+    angles = 2 * closure.batch_residual(batch, end)
+    return Rows(vector, angles, linear.columns(sensitivity, batch.rate)[:, : batch.angles])

@@ -22,6 +22,7 @@ import numpy as np
 from tinygc.attitude import rotation
 from tinygc.attitude.integrate import sample_weights, steps
 from tinygc.attitude.rotation import Array
+from tinygc.closure.known_turns import KnownTurns
 
 #: calibrated rates (..., 3) rad/s of measured ones, in one's library or the other's
 RateMap = Callable[[Any], Any]
@@ -34,7 +35,8 @@ class Batch:
     """S segments of up to T samples side by side; short ones are padded with steps of no duration.
 
     rate (S, T, 3) rad/s measured; dt (S, T-1) s; earth (S, T, 3) rad/s, the Earth's rate in body axes, to be taken off the calibrated
-    rate; start, end (S, 4) q_tb from the reference; yaw_known: whether the reference sees three angles or two.
+    rate; start, end (S, 4) q_tb from the reference; yaw_known: whether the reference sees three angles or two.  turns: where it sees two,
+    those whose angle is known: the third component is then about each turn's own axis, and 0 where the angle is not known.
     """
 
     rate: np.ndarray
@@ -43,6 +45,7 @@ class Batch:
     start: np.ndarray
     end: np.ndarray
     yaw_known: bool
+    turns: KnownTurns | None = None
 
     def __len__(self) -> int:
         return len(self.rate)
@@ -55,11 +58,20 @@ class Batch:
     @property
     def angles(self) -> int:
         """Residual components per segment: 2 where only gravity is known, else 3."""
-        return 3 if self.yaw_known else 2
+        return 3 if self.yaw_known or self.turns is not None else 2
+
+    @property
+    def known(self) -> np.ndarray:
+        """(S, d) bool: the components that the reference sees; the others are 0, whatever the model."""
+        known = np.ones((len(self), self.angles), dtype=bool)
+        if self.turns is not None:
+            known[:, 2] = self.turns.known
+        return known
 
     def pick(self, which: np.ndarray | slice) -> Batch:
         """Some of the segments, by index or mask."""
-        return replace(self, **{name: getattr(self, name)[which] for name in ("rate", "dt", "earth", "start", "end")})
+        arrays = {name: getattr(self, name)[which] for name in ("rate", "dt", "earth", "start", "end")}
+        return replace(self, **arrays, turns=None if self.turns is None else self.turns.pick(which))
 
     def trimmed(self) -> Batch:
         """Without the columns in which no segment has a sample any more: what is left out may have been the longest."""
@@ -73,10 +85,15 @@ def end_attitude(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
 
     NumPy or torch, as ``rate`` is.
     """
+    return rotation.multiply(like(rate, batch.start), turned(batch, rate, integrator))
+
+
+def turned(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
+    """The same from no start (S, 4): by how much the body turns."""
     if isinstance(rate, np.ndarray) and len(rate) > TOGETHER:
-        return np.concatenate([end_attitude(batch.pick(some), rate[some], integrator) for some in _parts(len(rate))])
-    earth, dt, start = (like(rate, x) for x in (batch.earth, batch.dt, batch.start))
-    return rotation.multiply(start, rotation.compose(steps(rate - earth, dt, integrator)))
+        return np.concatenate([turned(batch.pick(some), rate[some], integrator) for some in _parts(len(rate))])
+    earth, dt = (like(rate, x) for x in (batch.earth, batch.dt))
+    return rotation.compose(steps(rate - earth, dt, integrator))
 
 
 def residual(q_pred: Array, q_end: np.ndarray | Array, yaw_known: bool) -> Array:
@@ -94,9 +111,19 @@ def residual(q_pred: Array, q_end: np.ndarray | Array, yaw_known: bool) -> Array
     return vector * xp.sqrt(2 / (1 + c))[..., None]
 
 
+def batch_residual(batch: Batch, q_pred: Array, turn: Array | None = None) -> Array:
+    """(..., S, d) of predicted ends q_tb (..., S, 4); turn: the gyro's own rotations, where a prediction goes on from another segment's."""
+    tilt = residual(q_pred, batch.end, batch.yaw_known)
+    if batch.turns is None:
+        return tilt
+    if turn is None:
+        turn = rotation.multiply(rotation.conjugate(like(q_pred, batch.start)), q_pred)
+    return rotation.namespace(q_pred).concatenate([tilt, batch.turns.residual(turn)[..., None]], -1)
+
+
 def segment_residuals(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
-    """``residual`` of each segment for calibrated rates (S, T, 3)."""
-    return residual(end_attitude(batch, rate, integrator), batch.end, batch.yaw_known)
+    """``batch_residual`` of each segment for calibrated rates (S, T, 3)."""
+    return batch_residual(batch, end_attitude(batch, rate, integrator))
 
 
 def error_angles(r: np.ndarray) -> np.ndarray:
@@ -110,20 +137,44 @@ def attitudes(batch: Batch, rate: np.ndarray) -> np.ndarray:
     """q_tb (S, T, 4) at every sample, from the start and calibrated rates."""
     running = rotation.accumulate(steps(rate - batch.earth, batch.dt))
     start = batch.start[:, None]
-    return np.concatenate([start, rotation.multiply(start, running)], axis=1)
+    q_tb = np.moveaxis(np.empty((4, *rate.shape[:-1])), 0, -1)  # each component contiguous, as ``rotation.join`` has them
+    q_tb[:, :1], q_tb[:, 1:] = start, rotation.multiply(start, running)
+    return q_tb
+
+
+def directions(batch: Batch, q_end: np.ndarray) -> np.ndarray:
+    """(S, 3, 3): the axes, in the table frame, about which the residual of segments that end at q_tb (S, 4) is measured.
+
+    x, y and z; where turns have a known angle, each one's own axis instead of z, or 0 where the angle is not known.
+    """
+    axes = np.broadcast_to(np.eye(3), (len(batch), 3, 3)).copy()
+    if batch.turns is not None:
+        axes[:, 2] = batch.turns.directions(batch.start, q_end)
+    return axes
 
 
 def sensitivity(batch: Batch, rate: np.ndarray) -> np.ndarray:
-    """(S, T, 3, 3) s: how a small error of the rate at each sample turns the end attitude, in the table frame.
+    """(S, T, 3, 3) s: how a small error of the rate at each sample turns the end attitude, about the axes of ``directions``.
 
     phi = sum_k sensitivity_k @ d_omega_k (docs/model.md, first-order sensitivity; in table axes instead of the end's body axes).
     The residual is half of phi, its first two or all three components.
     """
-    found = np.empty((*rate.shape, 3))
-    for some in _parts(len(rate)):
+    return end_and_sensitivity(batch, rate)[1]
+
+
+def end_and_sensitivity(batch: Batch, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``end_attitude`` of the exact integrator (S, 4), and ``sensitivity``: the attitudes along the way give both."""
+    segments, samples = rate.shape[:2]
+    end = np.empty((segments, 4))
+    found = np.empty((segments, 3, 3, samples))  # what sums over the samples finds them side by side
+    for some in _parts(segments):
         part = batch.pick(some)
-        found[some] = rotation.matrix(attitudes(part, rate[some])) * sample_weights(part.dt)[..., None, None]
-    return found
+        q_tb = attitudes(part, rate[some])
+        end[some] = q_tb[:, -1]
+        np.multiply(rotation.matrix(q_tb).transpose(0, 2, 3, 1), sample_weights(part.dt)[:, None, None], out=found[some])
+        if part.turns is not None:
+            found[some, 2] = np.einsum("sj,sjkt->skt", directions(part, q_tb[:, -1])[:, 2], found[some])
+    return end, found.transpose(0, 3, 1, 2)
 
 
 def _parts(count: int) -> list[slice]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -13,6 +12,7 @@ from tinygc.attitude.earth import EarthRate
 from tinygc.attitude.integrate import sample_weights
 from tinygc.closure.bias_wander import BiasWander
 from tinygc.closure.floor import Floor
+from tinygc.closure.probability import chi_square_above
 from tinygc.closure.still_rates import StillRates
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
@@ -47,11 +47,13 @@ def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, wander: Bia
     if wander is not None:
         bias, owner = design[:, linear.BIAS], np.repeat(np.arange(len(batch)), batch.angles)
         covariance = covariance + (bias @ bias.T) * wander.covariance()[np.ix_(owner, owner)]
+    known = batch.known.ravel()
+    angles, design, covariance = angles[known], design[known], covariance[np.ix_(known, known)]
     factor = np.linalg.cholesky(covariance)
     white = np.linalg.solve(factor, np.column_stack([angles, design * PRIOR_SIGMA]))
     left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
     chi_square, freedom = float(left @ left), max(len(angles) - linear.PARAMETERS, 1)
-    return GoodnessOfFit(chi_square, freedom, float(stats.chi2.sf(chi_square, freedom)))
+    return GoodnessOfFit(chi_square, freedom, chi_square_above(chi_square, freedom))
 
 
 def parameter_covariance(

@@ -7,8 +7,8 @@ import gzip
 import itertools
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -17,13 +17,16 @@ import numpy as np
 from session.common.errors import CalibrationError, DataError, FormatError
 from session.common.units import DEG
 from session.detect.pace import pace_of
-from session.dialects.layout import Answers, Layout
+from session.dialects.layout import Answers
 from session.dialects.lines import STANDARD
 from session.dialects.reader import Reader
 from session.dialects.stamps import counted
 from session.files.fixed_point import rows
 from session.files.results import read_json, whole
-from session.log.config import Accelerometer, read_config
+from session.log.config import OWN_UNITS, Accelerometer, read_config
+from session.recording.session_file import ASSUMED
+from session.sensor.known import DEFAULT
+from session.sensor.registers import RegisterUnits
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream
 from tinygc.deploy.session_time import began_in_session
@@ -72,9 +75,12 @@ def apply_model(
         answers,
         gyro_fs_dps=answers.gyro_fs_dps or _number(reader, "gyro_fs_dps") or known.gyro_fs_dps,
         accel_fs_g=answers.accel_fs_g or _number(reader, "accel_fs_g") or known.accel_fs_g,
+        sensor=answers.sensor or reader.comments.get("sensor") or known.model,
     )
-    source = _Source(reader, answers, known.accelerometer)
+    source = _Source(reader, answers, known)
     pieces, rate_hz, notes = source.pieces(), None, []
+    if not answers.sensor and any(unit.si is None for _, _, unit in reader.layout.kinds):
+        notes.append(ASSUMED)
     if model.made_for_hz or Calibration(model, 1.0).uses_rate:
         first = next(pieces, None)
         if first is None:
@@ -112,6 +118,8 @@ class _Surroundings:
     gyro_fs_dps: float | None = None
     accel_fs_g: float | None = None
     accelerometer: Accelerometer | None = None
+    model: str | None = None  #: of the sensor
+    own_units: Mapping[str, float | None] = field(default_factory=dict)  #: of its registers
 
 
 def _surroundings(model_path: Path, log: Path, session: Path | None) -> _Surroundings:
@@ -120,7 +128,8 @@ def _surroundings(model_path: Path, log: Path, session: Path | None) -> _Surroun
     if session is not None or (log.is_file() and (folder / "session.toml").exists()):
         config = read_config(folder / "session.toml")
         known = config.accelerometer if config.accelerometer.source != "none" else of_model.accelerometer
-        return _Surroundings(config.sensor.gyro_fs_dps, config.sensor.accel_fs_g, known)
+        sensor = config.sensor
+        return _Surroundings(sensor.gyro_fs_dps, sensor.accel_fs_g, known, sensor.model, sensor.own_units)
     return of_model
 
 
@@ -130,7 +139,9 @@ def _of_model(model_path: Path) -> _Surroundings:
     try:
         matrix, bias = (np.array(accelerometer[key], dtype=float) for key in ("matrix", "bias_mps2"))
         before = Accelerometer(matrix.reshape(3, 3), bias.reshape(3))
-        return _Surroundings(float(sensor["gyro_fs_dps"]), float(sensor["accel_fs_g"]), before)
+        model = sensor.get("model")
+        own = {key: float(sensor[key]) for key in OWN_UNITS if sensor.get(key) is not None}
+        return _Surroundings(float(sensor["gyro_fs_dps"]), float(sensor["accel_fs_g"]), before, model if model else None, own)
     except (AttributeError, KeyError, TypeError, ValueError):
         return _Surroundings()
 
@@ -161,11 +172,12 @@ class Applicable:
 class _Source:
     """A log's pieces in SI: stamps, measured rate, force as measured and as pre-calibrated, temperature."""
 
-    def __init__(self, reader: Reader, answers: Answers, accelerometer: Accelerometer | None):
+    def __init__(self, reader: Reader, answers: Answers, known: _Surroundings):
         self.reader, self.layout = reader, reader.layout
-        self._odr_hz, self._accelerometer = answers.odr_hz, accelerometer or Accelerometer()
-        self._gyro = _scale(self.layout, "gyro", answers.gyro_fs_dps, "--gyro-fs", reader.path.name)
-        self._accel = 1.0 if self.layout.accel is None else _scale(self.layout, "accel", answers.accel_fs_g, "--accel-fs", reader.path.name)
+        self._odr_hz, self._accelerometer = answers.odr_hz, known.accelerometer or Accelerometer()
+        self._units = _register_units(reader, answers, known)
+        self._gyro = self.layout.gyro_si(self._units)
+        self._accel = 1.0 if self.layout.accel is None else self.layout.accel_si(self._units)
 
     def pieces(self) -> Iterator[Applicable]:
         """``Piece`` after ``Piece``, SI."""
@@ -177,7 +189,7 @@ class _Source:
                 assert self._odr_hz is not None  # or the reader had asked for it
                 stamps = counted(first + len(piece.gyro), self._odr_hz)[first:]
             first += len(piece.gyro)
-            temp = None if piece.temp is None else self.layout.temperature_c(piece.temp)
+            temp = None if piece.temp is None else self.layout.temperature_c(piece.temp, self._units)
             yield Applicable(stamps, piece.gyro * self._gyro, None if piece.accel is None else piece.accel * self._accel, temp)
 
     def force(self, accel: np.ndarray | None) -> np.ndarray | None:
@@ -185,10 +197,13 @@ class _Source:
         return None if accel is None else self._accelerometer.correct(accel)
 
 
-def _scale(layout: Layout, kind: str, full_scale: float | None, option: str, name: str) -> float:
-    if getattr(layout, kind).unit.si is None and full_scale is None:
-        raise FormatError(f"{name} holds registers and does not say the full scale; give {option}, or --session DIR")
-    return float(layout.gyro_si(full_scale) if kind == "gyro" else layout.accel_si(full_scale))
+def _register_units(reader: Reader, answers: Answers, known: _Surroundings) -> RegisterUnits:
+    """What registers in the log mean.  FormatError where it has some and nobody says the full scale."""
+    for kind, full_scale, option in (("gyro", answers.gyro_fs_dps, "--gyro-fs"), ("accel", answers.accel_fs_g, "--accel-fs")):
+        if (triad := getattr(reader.layout, kind)) is not None and triad.unit.si is None and full_scale is None:
+            raise FormatError(f"{reader.path.name} holds registers and does not say the full scale; give {option}, or --session DIR")
+    own = known.own_units if answers.sensor == known.model else {}
+    return RegisterUnits(answers.sensor or DEFAULT, answers.gyro_fs_dps, answers.accel_fs_g, **own)
 
 
 def _rate(first: Applicable) -> float:

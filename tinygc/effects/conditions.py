@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from session.common.units import G
 from session.log.samples import Samples
@@ -57,4 +56,6 @@ def vibration(force_g: np.ndarray, dt_s: float) -> np.ndarray:
 
 def _mean(values: np.ndarray, window_s: float, dt_s: float) -> np.ndarray:
     """Moving mean along the samples."""
+    from scipy.ndimage import uniform_filter1d  # a fit that needs none of this need not wait for it
+
     return uniform_filter1d(values, max(1 if values.ndim == 1 else 3, round(window_s / dt_s)), axis=0, mode="nearest")

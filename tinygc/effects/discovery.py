@@ -10,7 +10,6 @@ import pkgutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
 
@@ -106,6 +105,8 @@ def _installed() -> dict[str, Effect]:
     effects = {effect.id: effect for effect in (importlib.import_module(f"{ENTRIES}.{name}").EFFECT for name in names)}
     if len(effects) != len(names):
         raise EffectError(f"{ENTRIES}: two files give one id")
+    from importlib.metadata import entry_points
+
     for point in entry_points(group=GROUP):
         where = f"installed effect {point.name!r} ({point.value})"
         try:

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from session.common.errors import CalibrationError
 from session.common.units import DEG
+from tinygc.closure.probability import signed_ranks_above
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
+from tinygc.models.linear import BIAS, NAMES
 from tinygc.problem.problem import Problem
 from tinygc.problem.still_bias import with_still_bias
 
@@ -22,12 +23,13 @@ BETTER_P = 0.05
 @dataclass(frozen=True, eq=False)
 class BiasChoice:
     """asked: the option; used: ``ends`` or ``stills``; held_out: of both, least squares' error angles (S, d) rad on segments that it never
-    saw, where both were tried; p_value: of so much less by the stills by chance."""
+    saw, where both were tried; p_value: of so much less by the stills by chance; unseen: whether the ends do not show the bias."""
 
     asked: str
     used: str
     held_out: dict[str, np.ndarray]
     p_value: float | None = None
+    unseen: bool = False
 
     def to_json(self) -> dict:
         """``bias_from`` of ``tinygc-fit/1``."""
@@ -49,6 +51,8 @@ class BiasChoice:
         ends, stills = (_rms(self.held_out[name]) / DEG for name in ("ends", "stills"))
         better = "better by more than chance" if self.used == "stills" else "not better by more than chance"
         why = "as asked" if self.asked != "auto" else f"the stills are {better}: p = {self.p_value:.2g}"
+        if self.unseen and self.asked == "auto":
+            return f"Bias {where}: the ends of so few turns do not show it."
         return f"Bias {where} ({why}); held out with the ends {ends:.4f}°, with the stills {stills:.4f}°."
 
 
@@ -64,11 +68,13 @@ def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, 
     if why:
         return BiasChoice(asked, "ends", {}), problem, run_method("least_squares", problem, options)
     level = with_still_bias(problem)
-    fits = {"ends": run_method("least_squares", problem, options), "stills": run_method("least_squares", level, options)}
+    ends = run_method("least_squares", problem, options)
+    fits = {"ends": ends, "stills": run_method("least_squares", level, options, before={"least_squares": ends})}
     held = {name: fit.held_out for name, fit in fits.items()}
     p_value = less_by_chance(held["ends"], held["stills"])
-    used = asked if asked != "auto" else ("stills" if p_value < BETTER_P else "ends")
-    return BiasChoice(asked, used, held, p_value), level if used == "stills" else problem, fits[used]
+    unseen = problem.batch.turns is not None and any(name in NAMES[BIAS] for name in fits["ends"].notes["unobserved"])
+    used = asked if asked != "auto" else ("stills" if unseen or p_value < BETTER_P else "ends")
+    return BiasChoice(asked, used, held, p_value, unseen), level if used == "stills" else problem, fits[used]
 
 
 def less_by_chance(usual: np.ndarray, other: np.ndarray) -> float:
@@ -80,7 +86,7 @@ def less_by_chance(usual: np.ndarray, other: np.ndarray) -> float:
     less = np.linalg.norm(usual[:, :2], axis=1) - np.linalg.norm(other[:, :2], axis=1)
     if _rms(other) >= _rms(usual) or not less.any():
         return 1.0
-    return float(stats.wilcoxon(less, alternative="greater").pvalue)
+    return signed_ranks_above(less)
 
 
 def _why_not(problem: Problem, options: FitOptions) -> str:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tinygc import closure
-from tinygc.closure.floor import Floor
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.methods.network.distance_loss import distance_weights
@@ -55,7 +54,8 @@ def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
     """The problem with each log's bias levelled, for any method to be fitted to, and the biases' spread (3,) rad/s."""
     days = level_days(problem)
     factor = (days.sigma / problem.floor.sigma)[:, 0]
-    floor = Floor(problem.floor.own * factor[:, None, None] ** 2, problem.floor.shared * (factor[:-1] * factor[1:])[:, None, None])
+    own, shared = problem.floor.own * factor[:, None, None] ** 2, problem.floor.shared * (factor[:-1] * factor[1:])[:, None, None]
+    floor = replace(problem.floor, own=own, shared=shared)
     return replace(problem, batch=days.batch, floor=floor), days.sigma_rps
 
 

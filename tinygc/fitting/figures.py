@@ -10,7 +10,8 @@ from session.common.units import DEG
 
 
 class ClosureFigures(TypedDict):
-    """Root mean squares over segments, degrees; yaw_rms_deg: None where yaw is not known."""
+    """Root mean squares over segments, degrees; yaw_rms_deg: None where yaw is not known.  Where some turns have a known angle, it is
+    that of these turns, about each one's own axis."""
 
     tilt_rms_deg: float
     roll_rms_deg: float
@@ -21,11 +22,12 @@ class ClosureFigures(TypedDict):
 def closure_figures(angles: np.ndarray) -> ClosureFigures:
     """The four figures of error angles (S, 2 or 3) rad, in degrees."""
     rms = np.sqrt(np.mean(angles**2, axis=0)) / DEG
+    third = angles[:, 2:][angles[:, 2:] != 0]  # 0, exactly, where a segment's angle is not known
     return {
         "tilt_rms_deg": float(np.hypot(rms[0], rms[1])),
         "roll_rms_deg": float(rms[0]),
         "pitch_rms_deg": float(rms[1]),
-        "yaw_rms_deg": float(rms[2]) if angles.shape[1] == 3 else None,
+        "yaw_rms_deg": float(np.sqrt(np.mean(third**2))) / DEG if len(third) else None,
     }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from session.common.units import DEG, G
 from session.common.version import VERSION
 from tinygc.fitting.figures import closure_figures, run_figures
+from tinygc.fitting.known_turns import known_turns_json
 from tinygc.fitting.result import FitResult
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def to_json(result: FitResult) -> dict:
         "accelerometer": result.accelerometer.to_json(),
         "goodness": vars(result.goodness),
         "bias_from": result.bias_from.to_json(),
+        "known_turns": known_turns_json(result),
         "unobserved": result.linear.notes.get("unobserved", []),
         "earth": {
             "source": earth.source,

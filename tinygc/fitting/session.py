@@ -89,10 +89,10 @@ def fit_session(
     joint = None
     if noise is not None and level.joint is not None:
         joint = widened * stated_joint_covariance(level, model, noise, options.still_rates)
-    other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates))
+    other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates), before={"least_squares": linear})
     exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(
-        problem=replace(level, floor=floor),  # several days' weights are no noise
+        problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps, floor=floor),  # several days' weights are no noise
         options=options,
         methods=fits,
         runs=runs,

@@ -7,11 +7,11 @@ L C L', whatever C is (the sandwich of ``closure/uncertainty.py`` with a dense f
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
-from scipy.linalg import solve_triangular
 
 from session.common.units import EARTH_RATE_RPS
 from tinygc import closure
+from tinygc.closure.probability import chi_square_above
+from tinygc.closure.triangular import solve_lower
 from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.fitting.stated_noise import StatedNoise, joint_columns, joint_response
 from tinygc.models import linear
@@ -53,33 +53,36 @@ def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) ->
 
     What each turn errs by itself is left out of the first: it stands for what nothing explains, and would explain everything.
     """
-    carry = _carry(problem, model, noise)
-    rate = model(problem.batch.rate)
-    angles = closure.error_angles(closure.segment_residuals(problem.batch, rate)).ravel()
-    design = linear.columns(closure.sensitivity(problem.batch, rate), problem.batch.rate)[:, : problem.batch.angles]
-    design = design.reshape(len(angles), PARAMETERS)
+    batch = problem.batch
+    end, sensitivity = closure.end_and_sensitivity(batch, model(batch.rate))
+    carry = _carry(problem, noise, sensitivity)
+    angles = closure.error_angles(closure.batch_residual(batch, end)).ravel()
+    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(len(angles), PARAMETERS)
     if problem.rest_rps is not None:
         design = _about(design, problem.rest_rps)[:, MATRIX]
     earth = _earth(problem, noise)
-    named, whole = (_goodness(angles, design, carry @ (given + earth) @ carry.T) for given in (noise.named, noise.covariance))
+    known = problem.batch.known.ravel()
+    covariances = ((carry @ (given + earth) @ carry.T)[np.ix_(known, known)] for given in (noise.named, noise.covariance))
+    named, whole = (_goodness(angles[known], design[known], covariance) for covariance in covariances)
     return named, whole.excess
 
 
 def _goodness(angles: np.ndarray, design: np.ndarray, covariance: np.ndarray) -> GoodnessOfFit:
     columns = design * PRIOR_SIGMA[: design.shape[1]]
-    white = solve_triangular(np.linalg.cholesky(covariance), np.column_stack([angles, columns]), lower=True)
+    white = solve_lower(np.linalg.cholesky(covariance), np.column_stack([angles, columns]))
     left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
     chi_square, freedom = float(left @ left), max(len(angles) - design.shape[1], 1)
-    return GoodnessOfFit(chi_square, freedom, float(stats.chi2.sf(chi_square, freedom)))
+    return GoodnessOfFit(chi_square, freedom, chi_square_above(chi_square, freedom))
 
 
 def _response(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
     """L (12, n) 1, rad/s: how the errors of the stacked channels move the parameters."""
     batch, rest = problem.batch, problem.rest_rps
     count, q = len(batch) * batch.angles, len(problem.still_rates.rate)
-    design = linear.columns(closure.sensitivity(batch, model(batch.rate)), batch.rate)[:, : batch.angles].reshape(count, PARAMETERS)
+    sensitivity = closure.sensitivity(batch, model(batch.rate))
+    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(count, PARAMETERS)
     weight = 1 / problem.floor.sigma.ravel() ** 2
-    carry = _carry(problem, model, noise)
+    carry = _carry(problem, noise, sensitivity)
     if rest is not None:
         design = _about(design, rest)[:, MATRIX]
         hessian = design.T @ (design * weight[:, None]) + np.diag(1 / PRIOR_SIGMA[MATRIX] ** 2)
@@ -104,7 +107,7 @@ def _about(design: np.ndarray, rest: np.ndarray) -> np.ndarray:
     return turned
 
 
-def _carry(problem: Problem, model: LinearModel, noise: StatedNoise) -> np.ndarray:
+def _carry(problem: Problem, noise: StatedNoise, sensitivity: np.ndarray) -> np.ndarray:
     """(S d, n): the closure's errors from those of the channels; what a still's rate errs by goes into the turns around it, where its bias
     is taken from there."""
     rows = noise.closure.stop
@@ -112,7 +115,7 @@ def _carry(problem: Problem, model: LinearModel, noise: StatedNoise) -> np.ndarr
     carry[:, :rows] = np.eye(rows)
     if problem.rest_rps is not None:
         batch = problem.batch
-        sensitivity = closure.sensitivity(batch, model(batch.rate))[:, :, : batch.angles]
+        sensitivity = sensitivity[:, :, : batch.angles]
         first, last, share = bias_shares(problem)
         before = np.einsum("st,stij->sij", 1 - share, sensitivity)
         after = np.einsum("st,stij->sij", share, sensitivity)

@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Group
 
 from session.common.errors import FitError
 from session.log.folder import Session
-from tinygc.deploy.calibration import Calibration
 from tinygc.fitting.figures import ClosureFigures, closure_figures, run_figures
 from tinygc.fitting.fit_json import to_json
 from tinygc.fitting.result import FitResult
@@ -23,6 +22,9 @@ from tinygc.library.text import as_html, as_text
 from tinygc.methods.options import FitOptions
 from tinygc.models.linear import NAMES
 from tinygc.report.fit_text import fit_report
+
+if TYPE_CHECKING:
+    from tinygc.deploy.calibration import Calibration
 
 #: told what is being done, and how many steps of how many are done
 Progress = Callable[[str, int, int], None]
@@ -87,6 +89,8 @@ class Fit:
     @cached_property
     def models(self) -> dict[str, Calibration]:
         """The calibration of each method, ready for use."""
+        from tinygc.deploy.calibration import Calibration
+
         rate_hz = 1 / self.result.problem.logs[0].samples.period_s
         tables = model_tables(self.result)
         return {name: Calibration(fit.model, rate_hz, tables[name]) for name, fit in self.result.methods.items()}

@@ -13,9 +13,9 @@ from session.common.errors import DataError
 from session.common.units import DEG, G
 from session.log.config import Accelerometer, Protocol, Site
 from session.log.folder import Session
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb, temperature_c
 from tinygc.effects import Effect, Movement, effect_of
 from tinygc.effects.conditions import vibration
+from tinygc.simulation.known_turns import stopped_turns
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import Distort, Recording, Simulation, plan_of, simulate_session
 from tinygc.simulation.unit import BIAS_DIGITS, MATRIX_DIGITS
@@ -92,14 +92,16 @@ def _session(simulation: Simulation) -> Session:
     options, unit = simulation.options, simulation.unit
 
     def arrays(recording: Recording) -> tuple[np.ndarray, ...]:
-        gyro = recording.gyro * gyro_rps_per_lsb(options.gyro_fs_dps)
-        return recording.t_us * 1e-6, gyro, recording.accel * accel_mps2_per_lsb(options.accel_fs_g), temperature_c(recording.temp)
+        units = options.register_units
+        temp_c = units.temperature_c(recording.temp)
+        arrays = (recording.t_us * 1e-6, recording.gyro * units.gyro_rps, recording.accel * units.accel_mps2)
+        return arrays if temp_c is None else (*arrays, temp_c)
 
     session = Session.from_arrays(
         *arrays(simulation.log),
         closures=[] if simulation.closure is None else [arrays(simulation.closure)],
         name=f"simulated-{options.seed}",
-        model="ASM330LHH",
+        model=options.sensor,
         serial=f"SIM-{options.unit_drawn_from}",
         gyro_fs_dps=options.gyro_fs_dps,
         accel_fs_g=options.accel_fs_g,
@@ -107,4 +109,5 @@ def _session(simulation: Simulation) -> Session:
         site=Site(options.latitude_deg, options.gravity_mps2, unit.heading_deg if options.with_heading else None),
         protocol=Protocol(still_s=options.still_s, segment_s=2 * options.still_s + options.turn_s),
     )
-    return replace(session, config=replace(session.config, sensor=replace(session.config.sensor, odr_hz=options.odr_hz)))
+    turns = stopped_turns(simulation.plan, options)
+    return replace(session, config=replace(session.config, sensor=replace(session.config.sensor, odr_hz=options.odr_hz)), turns=turns)

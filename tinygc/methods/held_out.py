@@ -26,8 +26,9 @@ class Seen:
 
     batch of S segments; sigma (S, d) rad; start: the first still's bias off; still_rates where they are data, too; order (S,): numbers
     that count on where a segment begins with the still that the one before ended with, None where each stands alone; whole: the
-    model that was fitted to all segments, where this is a fold; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s that the
-    stills show, where it is not to be fitted.
+    model that was fitted to all segments, where this is a fold; among (S all,) bool: which of all segments a fold sees, where their
+    references are those that all had; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s that the stills show, where it is
+    not to be fitted.
     """
 
     batch: Batch
@@ -38,15 +39,16 @@ class Seen:
     order: np.ndarray | None
     progress: Progress
     whole: Model | None = None
+    among: np.ndarray | None = None
     label: str = "whole"
     rest_rps: np.ndarray | None = None
 
     def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
         """The segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
         order = None if self.order is None else self.order[seen]
-        return replace(
-            self, batch=batch.pick(seen), sigma=self.sigma[seen], order=order, whole=whole, progress=progress, label=f"fold{number}"
-        )
+        among = seen if batch is self.batch else None
+        batch, sigma, label = batch.pick(seen), self.sigma[seen], f"fold{number}"
+        return replace(self, batch=batch, sigma=sigma, order=order, whole=whole, among=among, progress=progress, label=label)
 
 
 #: a model, and notes on how it was found

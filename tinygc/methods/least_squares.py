@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from tinygc.closure.least_squares import fit_least_squares
+from typing import cast
+
+from tinygc.closure.least_squares import Rows, fit_least_squares
 from tinygc.methods.held_out import Seen, held_out
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
@@ -13,11 +15,28 @@ from tinygc.problem.problem import Problem
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
     """E and B.  Raises FitError where the search does not settle."""
-    return held_out("least_squares", _fit, problem, options, progress)
+    near = before.get("least_squares")
+    begin = near.model if near is not None and isinstance(near.model, LinearModel) else None
+    return held_out("least_squares", _Fits(begin), problem, options, progress)
 
 
-def _fit(seen: Seen) -> tuple[LinearModel, dict]:
-    options, rest = seen.options, seen.rest_rps
-    rates = seen.still_rates if rest is None else None  # the stills are in the readings already
-    fit = fit_least_squares(seen.batch, seen.sigma, seen.start, still_rates=rates, integrator=options.integrator, rest_rps=rest)
-    return fit.model, {"steps": fit.steps, "unobserved": list(fit.unobserved)}
+class _Fits:
+    """The fit to all segments, from a model near its answer if there is one, then to folds of them, each of which begins where the first
+    ended: what it needs there is known."""
+
+    def __init__(self, near: LinearModel | None):
+        self.near = near
+        self.rows: Rows | None = None
+
+    def __call__(self, seen: Seen) -> tuple[LinearModel, dict]:
+        options, rest = seen.options, seen.rest_rps
+        rates = seen.still_rates if rest is None else None  # the stills are in the readings already
+        begin: LinearModel | Rows | None = self.near if seen.whole is None else cast(LinearModel, seen.whole)
+        if self.rows is not None and seen.among is not None:
+            begin = self.rows.pick(seen.among)
+        fit = fit_least_squares(
+            seen.batch, seen.sigma, seen.start, still_rates=rates, integrator=options.integrator, rest_rps=rest, begin=begin
+        )
+        if seen.whole is None:
+            self.rows = fit.rows
+        return fit.model, {"steps": fit.steps, "unobserved": list(fit.unobserved)}

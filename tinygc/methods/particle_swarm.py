@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import cast
 
+import numpy as np
+
+from tinygc.closure.nearby import Nearby
 from tinygc.methods.held_out import Seen, held_out
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
-from tinygc.methods.pso import fit_pso
+from tinygc.methods.pso import fit_pso, near_best
 from tinygc.methods.registry import Progress
 from tinygc.models.linear import LinearModel
 from tinygc.problem.problem import Problem
@@ -15,12 +18,23 @@ from tinygc.problem.problem import Problem
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
     """E and B; the same answer for the same ``options.seed``."""
-    # The swarm's windows are exact, and so it is judged.
-    return held_out("pso", _fit, problem, options, progress, integrator="exact")
+    # What a swarm sees of the closure is exact, and so it is judged.
+    return held_out("pso", _Fits(), problem, options, progress, integrator="exact")
 
 
-def _fit(seen: Seen) -> tuple[LinearModel, dict]:
-    # A fold's optimum is near the whole's: its swarm starts in a twentieth of the box, around it, and still converges by itself.
-    around, box = (seen.start, 1.0) if seen.whole is None else (cast(LinearModel, seen.whole), 0.05)
-    model = fit_pso(seen.batch, seen.sigma, around, seed=seen.options.seed, still_rates=seen.still_rates, box=box, progress=seen.progress)
-    return model, {}
+class _Fits:
+    """The fit to all segments, then to folds of them: a fold's optimum is near the whole's, its swarm begins around it."""
+
+    nearby: Nearby | None = None
+
+    def __call__(self, seen: Seen) -> tuple[LinearModel, dict]:
+        options, rates = seen.options, seen.still_rates
+        # A few turns of known angle may be all there is; a swarm would wander along what they do not show.
+        prior = None if seen.batch.turns is None else seen.start
+        if self.nearby is None or seen.whole is None:
+            model = fit_pso(seen.batch, seen.sigma, seen.start, seed=options.seed, still_rates=rates, prior=prior, progress=seen.progress)
+            self.nearby = Nearby.about(model, seen.batch)
+            return model, {}
+        rng, whole = np.random.default_rng(options.seed), cast(LinearModel, seen.whole)
+        nearby = Nearby.about(whole, seen.batch) if seen.among is None else self.nearby.pick(seen.among)
+        return near_best(nearby, seen.sigma, rng, still_rates=rates, prior=prior, progress=seen.progress), {}

@@ -1,36 +1,44 @@
 """Particle swarm on the 12 linear parameters: the paper's rival.  The whole swarm is one batch.
 
 Global-best swarm with Clerc and Kennedy's constriction (2002): v <- chi (v + c1 r1 (own best - x) + c2 r2 (swarm's best - x)).
-``minimise`` knows nothing of gyroscopes; ``fit_pso`` gives it the same residual that every method minimises.
+``minimise`` knows nothing of gyroscopes; ``fit_pso`` gives it the residual that every method minimises, to second order about where a
+swarm begins (``closure/nearby.py``), and swarms on until that is exact.  Through every sample it would cost ten times as much.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.closure.preintegration import preintegrate
+from tinygc import closure
+from tinygc.closure.nearby import Nearby
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
-from tinygc.models.linear import BIAS, MATRIX, LinearModel
+from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
 
 @dataclass(frozen=True)
 class SwarmOptions:
     """particles; steps at most; constriction 0.7298 with both attractions 1.496 (Clerc and Kennedy, phi = 4.1); the search stops
-    when the best has improved by less than ``tolerance`` (relative) over ``patience`` steps."""
+    when the best has improved by less than ``tolerance`` (relative) over ``patience`` steps: a swarm that begins around its best must
+    contract before it finds a better one."""
 
     particles: int = 48
     steps: int = 500
     constriction: float = 0.7298
     attraction: float = 1.49618
-    patience: int = 40
+    patience: int = 80
     tolerance: float = 1e-6
 
 
+#: swarms one after the other, at most; the box of each, as a share of the one before
+LEGS, NEARER = 6, 0.05
+#: half angles in sigmas: what a swarm saw of the closure is the closure
+AS_SEEN = 1e-4
 #: half-width of the box the swarm starts in: 5 % for each element of E, 2 dps for the bias
 START_BOX = np.array([0.05] * 9 + [2 * DEG] * 3)
 
@@ -73,19 +81,52 @@ def fit_pso(
     *,
     seed: int,
     still_rates: StillRates | None = None,
-    box: float = 1.0,
+    prior: LinearModel | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> LinearModel:
-    """The swarm's best linear model; ``box`` shrinks the box it starts in (around ``start``)."""
-    windows = preintegrate(batch)
-    weight = (2 / sigma.reshape(len(batch), -1)) ** 2
+    """The swarm's best linear model, searched for from a box around ``start``.
+
+    The swarm sees the closure to second order about where it begins.  Where its best is another model, it begins again there, in a box of a
+    twentieth, until the closure is what it saw.  prior: where what no segment shows belongs, held as weakly as least squares holds it;
+    None: nowhere.
+    """
+    centre, box, rng = start, 1.0, np.random.default_rng(seed)
+    for leg in range(LEGS):
+        nearby = Nearby.about(centre, batch)
+        told = partial(_tell, progress, leg)
+        centre = near_best(nearby, sigma, rng, box=box, still_rates=still_rates, prior=prior, progress=told)
+        box *= NEARER
+        seen = nearby.residuals(centre.vector[None])[0]
+        exact = closure.segment_residuals(batch, centre(batch.rate))
+        if np.abs((exact - seen) / sigma.reshape(len(batch), -1)).max() < AS_SEEN:
+            break
+    progress(1, 1)
+    return centre
+
+
+def near_best(
+    nearby: Nearby,
+    sigma: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    box: float = NEARER,
+    still_rates: StillRates | None = None,
+    prior: LinearModel | None = None,
+    progress: Callable[[int, int], None] = lambda step, steps: None,
+) -> LinearModel:
+    """The best of one swarm, which sees the closure through ``nearby``, from a box around its model."""
+    weight = (2 / sigma.reshape(len(nearby.batch), -1)) ** 2
 
     def cost(vectors: np.ndarray) -> np.ndarray:
-        E, B = vectors[:, MATRIX].reshape(-1, 3, 3), vectors[:, BIAS]
-        total = np.sum(windows.residuals(E, B) ** 2 * weight, axis=(1, 2))
+        total = np.einsum("psd,sd->p", nearby.residuals(vectors) ** 2, weight)
         if still_rates is not None:
             total = total + [np.sum(still_rates.residuals(LinearModel.from_vector(vector)) ** 2) for vector in vectors]
+        if prior is not None:
+            total = total + np.sum(((vectors - prior.vector) / PRIOR_SIGMA) ** 2, axis=1)
         return total
 
-    best = minimise(cost, start.vector, box * START_BOX, np.random.default_rng(seed), progress=progress)
-    return LinearModel.from_vector(best)
+    return LinearModel.from_vector(minimise(cost, nearby.vector, box * START_BOX, rng, progress=progress))
+
+
+def _tell(progress: Callable[[int, int], None], leg: int, step: int, steps: int) -> None:
+    progress(leg * steps + step, LEGS * steps)

@@ -59,7 +59,7 @@ def parameter_words(name: str) -> str:
 def _greedy(problem: Problem, covariance: np.ndarray, count: int) -> list[Proposal]:
     """The best movement, then the best after that, …, until every parameter reaches its target."""
     moves = _moves()
-    weight = 1 / float(np.median(problem.floor.sigma)) ** 2
+    weight = 1 / float(np.median(problem.floor.sigma[problem.batch.known])) ** 2
     information, proposals = np.linalg.inv(covariance), []
     for _ in range(count):
         sigma = np.sqrt(np.diag(np.linalg.inv(information))) / TARGETS

@@ -13,14 +13,13 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from session.common.units import DEG_PER_HOUR
 from session.log.config import Sensor
-from session.sensor.typical import typical_of
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate
 from tinygc.closure.bias_wander import UNKNOWN, BiasInstability, wander_covariance
+from tinygc.closure.triangular import solve_lower
 from tinygc.problem.still_set import StillSet
 
 GIVEN, ESTIMATED = "given", "estimated from this recording"
@@ -35,6 +34,8 @@ OUTLIERS, OUTLIER_SIGMAS = 0.02, 20.0
 STEP_CHI_SQUARE, MOST_STEPS = 25.0, 3
 #: s at both ends of a still that are left out: a turn begins more softly than a block's noise tells
 END_S = 0.2
+#: numbers in the covariances that are looked at together: some megabytes
+AT_ONCE = 500_000
 #: freedoms of all axes together, below which the flat prior, and not the recording, would decide
 LEAST_FREEDOM = 9
 #: degC: a smaller change is the thermometer's noise
@@ -45,8 +46,8 @@ def bias_instability_of(sensor: Sensor, logs: list[StillSet], earths: dict[int, 
     """Of a session's sensor, with the stills of its logs and the Earth's rate by yaw group."""
     if sensor.gyro_bias_instability_dph is not None:
         return BiasInstability(sensor.gyro_bias_instability_dph * DEG_PER_HOUR, GIVEN)
-    if known := typical_of(sensor.model):
-        return BiasInstability(known[1].gyro_bias_instability_dph * DEG_PER_HOUR, f"typical of {known[0]}")
+    if typical := sensor.typical("gyro_bias_instability_dph"):
+        return BiasInstability(typical[1] * DEG_PER_HOUR, f"typical of {typical[0]}")
     return estimated(logs, earths)
 
 
@@ -66,8 +67,8 @@ def estimated(logs: list[StillSet], earths: dict[int, EarthRate]) -> BiasInstabi
         columns = [_columns(log, t_s, down, side, temp_c, steps) for side in sideways]
         if sum(len(t_s) - each.shape[1] for each in columns) < LEAST_FREEDOM:
             return BiasInstability(0.0, UNKNOWN)
-        likelihood = [_log_likelihood(rate, columns, white, B**2 * flicker) for B in GRID_RPS]
-        found = _posterior(np.array(likelihood))
+        likelihood = [_log_likelihood(rate[:, axis], columns[axis], white[:, axis], flicker) for axis in range(3)]
+        found = _posterior(np.sum(likelihood, axis=0))
         step = _step(rate, columns, white, found.rps**2 * flicker)
         if step is None:
             break
@@ -128,22 +129,27 @@ def _columns(log: np.ndarray, t_s: np.ndarray, down: np.ndarray, sideways: np.nd
     return u[:, s > 1e-6]
 
 
-def _log_likelihood(rate: np.ndarray, columns: list[np.ndarray], white: np.ndarray, wander: np.ndarray) -> float:
-    """Restricted, over the axes, with the outliers' law; the columns' coefficients at their best."""
-    total = 0.0
-    for axis in range(3):
-        factor = np.linalg.cholesky(np.diag(white[:, axis]) + wander)
-        y, A = (solve_triangular(factor, each, lower=True) for each in (rate[:, axis], columns[axis]))
-        weight = np.ones(len(y))
-        for _ in range(12):
-            weighted = A * weight[:, None]
-            left = y - A @ np.linalg.solve(A.T @ weighted, weighted.T @ y)
-            usual = (1 - OUTLIERS) * np.exp(-(left**2) / 2)
-            wild = OUTLIERS / OUTLIER_SIGMAS * np.exp(-(left**2) / 2 / OUTLIER_SIGMAS**2) + 1e-300
-            weight = (usual + wild / OUTLIER_SIGMAS**2) / (usual + wild)
-        information = np.linalg.slogdet(A.T @ (A * weight[:, None]))[1]
-        total += float(np.sum(np.log(usual + wild)) - np.sum(np.log(np.diag(factor))) - information / 2)
-    return total
+def _log_likelihood(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: np.ndarray) -> np.ndarray:
+    """(B,) of each of ``GRID_RPS``, restricted, of one axis, with the outliers' law; the columns' coefficients at their best."""
+    every = max(1, AT_ONCE // len(flicker) ** 2)
+    return np.concatenate([_of_some(rate, columns, white, flicker, GRID_RPS[k : k + every]) for k in range(0, len(GRID_RPS), every)])
+
+
+def _of_some(rate: np.ndarray, columns: np.ndarray, white: np.ndarray, flicker: np.ndarray, tried_rps: np.ndarray) -> np.ndarray:
+    """The same of some instabilities (B,): arrays are (B, N, …) here."""
+    factor = np.linalg.cholesky(np.diag(white) + tried_rps[:, None, None] ** 2 * flicker)
+    both = np.broadcast_to(np.column_stack([rate, columns]), (len(tried_rps), len(rate), 1 + columns.shape[1]))
+    whitened = solve_lower(factor, both)
+    y, A = whitened[..., :1], whitened[..., 1:]
+    At, weight = A.swapaxes(1, 2), np.ones(y.shape)
+    for _ in range(12):
+        left = y - A @ np.linalg.solve(At @ (A * weight), At @ (weight * y))
+        usual = (1 - OUTLIERS) * np.exp(-(left**2) / 2)
+        wild = OUTLIERS / OUTLIER_SIGMAS * np.exp(-(left**2) / 2 / OUTLIER_SIGMAS**2) + 1e-300
+        weight = (usual + wild / OUTLIER_SIGMAS**2) / (usual + wild)
+    information = np.linalg.slogdet(At @ (A * weight))[1]
+    diagonal = np.diagonal(factor, axis1=1, axis2=2)
+    return np.sum(np.log(usual + wild), axis=(1, 2)) - np.sum(np.log(diagonal), axis=1) - information / 2
 
 
 def _step(rate: np.ndarray, columns: list[np.ndarray], white: np.ndarray, wander: np.ndarray) -> np.ndarray | None:
@@ -152,7 +158,7 @@ def _step(rate: np.ndarray, columns: list[np.ndarray], white: np.ndarray, wander
     gain = np.zeros(after.shape[1])
     for axis in range(3):
         factor = np.linalg.cholesky(np.diag(white[:, axis]) + wander)
-        y, A, S = (solve_triangular(factor, each, lower=True) for each in (rate[:, axis], columns[axis], after))
+        y, A, S = (solve_lower(factor, each) for each in (rate[:, axis], columns[axis], after))
         q, _ = np.linalg.qr(A)
         y, S = y - q @ (q.T @ y), S - q @ (q.T @ S)
         size = np.sum(S**2, axis=0)

@@ -10,6 +10,7 @@ import numpy as np
 from session.common.errors import DataError, SegmentError
 from session.common.units import DEG, NS
 from session.detect.excluded import without_excluded
+from session.detect.known_turns import FoundTurn
 from session.detect.segments import Segment, cut_segments
 from session.detect.session_stills import SessionStills
 from session.detect.stills import Still
@@ -22,6 +23,7 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import Batch, attitudes, nearest_yaw
 from tinygc.closure.still_rates import StillRates
 from tinygc.models.linear import LinearModel, bias_only
+from tinygc.problem.known_turns import as_reference, known_turns_of, rates_at_rest, span_space, tilt_excess
 from tinygc.problem.problem import Problem
 from tinygc.problem.rejections import CLIPPED, LEFT_OUT
 from tinygc.problem.still_set import StillSet
@@ -56,14 +58,18 @@ def build_problem(
     if session.truths is not None:
         return build_truth_problem(session, found, use_earth=use_earth, exclude=exclude, progress=progress)
     logs, segments = _stills_and_segments(session, found, exclude, moving, clipped, progress)
-    _require_enough(session, logs, segments)
-    chain = _batch(session, logs, segments)
+    turns = known_turns_of(session, found, segments)
+    _require_enough(session, logs, segments, turns)
+    chain = replace(_batch(session, logs, segments), turns=as_reference(turns, len(segments), segments))
     used = np.array([segment.accepted for segment in segments])
     sigma = np.full(int(used.sum()), 1e-3)
     start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
+    at_rest = rates_at_rest(logs) if chain.turns is not None else None
     # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
+    near: LinearModel | None = None
     for _ in range(2):
-        fit = fit_least_squares(chain.pick(used).trimmed(), sigma, start)
+        fit = fit_least_squares(chain.pick(used).trimmed(), sigma, start, still_rates=at_rest, begin=near)
+        near = fit.model
         logs, chain = carry_yaw(logs, segments, chain, fit.model)
         earths = _earths(session, logs, fit.model)
         if not use_earth:
@@ -80,7 +86,9 @@ def build_problem(
         [logs[segment.log].noise for segment in accepted],
         DIAL_SIGMA_RAD,
     )
-    return Problem(session, segments, batch, floor, earths, logs, fit.model, _still_rates(logs, earths), found)
+    if batch.turns is not None:
+        floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model, at_rest))
+    return Problem(session, segments, batch, floor, earths, logs, fit.model, _still_rates(logs, earths), found, known_turns=turns)
 
 
 def _stills_and_segments(
@@ -147,7 +155,7 @@ def _dial(session: Session, logs: list[StillSet], log: int, still: Still) -> np.
     return table[number]
 
 
-def _require_enough(session: Session, logs: list[StillSet], segments: list[Segment]) -> None:
+def _require_enough(session: Session, logs: list[StillSet], segments: list[Segment], turns: tuple[FoundTurn, ...]) -> None:
     where = session.folder
     still_s = session.config.protocol.still_s
     if not logs:
@@ -163,9 +171,10 @@ def _require_enough(session: Session, logs: list[StillSet], segments: list[Segme
     used = [segment for segment in segments if segment.accepted]
     if not used:
         raise SegmentError(f"{where}: all {len(segments)} segments are rejected, the first because {segments[0].problem}")
-    if len(used) < FEWEST_SEGMENTS:
+    if len(used) < FEWEST_SEGMENTS and not span_space(turns):
         raise SegmentError(
             f"{where}: {len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good): 12 parameters, 2 angles a segment"
+            + next((f"; turns.csv, {turn.known.name}: {turn.problem}" for turn in turns if turn.problem), "")
         )
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
 
 from session.accelerometer.parameters import (
     BIASES,
@@ -31,6 +30,7 @@ from session.common.units import MG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.least_squares import OBSERVED_BELOW
+from tinygc.closure.probability import chi_square_above
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 from tinygc.problem.joint_fit import ACCELEROMETER, COUNT, GRAVITY, GYROSCOPE, JointFit, System, bent
@@ -110,28 +110,32 @@ def _weighed(
     model = LinearModel.from_vector(at[GYROSCOPE])
     rate = model(batch.rate)
     d, rows = batch.angles, len(batch) * batch.angles
-    angles = closure.error_angles(closure.segment_residuals(batch, rate))
+    end, sensitivity = closure.end_and_sensitivity(batch, rate)
+    angles = closure.error_angles(closure.batch_residual(batch, end))
     design = np.zeros((rows + len(force), COUNT))
-    design[:rows, GYROSCOPE] = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, :d].reshape(rows, -1)
-    ends = tilt_columns(batch.start, number, force[first]) - tilt_columns(batch.end, number, force[last])
-    design[:rows, ACCELEROMETER] = ends[:, :d].reshape(rows, -1)
+    design[:rows, GYROSCOPE] = linear.columns(sensitivity, batch.rate)[:, :d].reshape(rows, -1)
+    tilted = tilt_columns(batch.start, number, force[first]) - tilt_columns(batch.end, number, force[last])
+    design[:rows, ACCELEROMETER] = tilted[:, :d].reshape(rows, -1)
     design[rows:, ACCELEROMETER] = length_columns(number, force)
     design[rows:, GRAVITY] = -1.0
     values = np.concatenate([angles.ravel(), np.linalg.norm(corrected(number, force), axis=1) - at[GRAVITY]])
-    sigma = np.concatenate([problem.floor.sigma.ravel(), white])
+    sigma = np.concatenate([replace(problem.floor, tilt_excess=1.0).sigma.ravel(), white])  # what tilt misses is found here
     system = System(design, values, 1 / sigma, prior, x, prior[GRAVITY] < GRAVITY_SIGMA_MPS2)
-    parts = (slice(0, rows), slice(rows, None))
+    # A known angle has its stop's sigma; what the ends of turns miss by in tilt is none of its.
+    stops = np.arange(2, rows, d) if batch.turns is not None else np.arange(0)
+    ends = np.setdiff1d(np.arange(rows), stops)
+    together = len(ends) // len(batch)
     for _ in range(ROUNDS):
         left = values + design @ (system.solve() - x)
         scaled, taken = design * system.root[:, None] * prior, system.covariance / np.outer(prior, prior)
         used = np.einsum("np,pq,nq->n", scaled, taken, scaled)
-        root = np.empty(len(values))
-        for part in parts:
+        root = 1 / (sigma * np.sqrt(1 + (left / sigma / BAR_SIGMAS) ** 2))
+        for part in (ends, np.arange(rows, len(values))):
             spare = max(1 - float(np.mean(used[part])), 0.1)
             miss = left[part] / sigma[part]
             size = max(1.0, float(sigma_of(miss)) / np.sqrt(spare))
-            if part.start == 0:  # a turn's angles stand or fall together
-                miss = np.repeat(np.linalg.norm(miss.reshape(-1, d), axis=1) / np.sqrt(d), d)
+            if part is ends:  # a turn's angles stand or fall together
+                miss = np.repeat(np.linalg.norm(miss.reshape(-1, together), axis=1) / np.sqrt(together), together)
             root[part] = 1 / (sigma[part] * size * np.sqrt(1 + (miss / (BAR_SIGMAS * size)) ** 2))
         settled = np.abs(root / system.root - 1).max() < 1e-3
         system = replace(system, root=root)
@@ -159,7 +163,7 @@ def _improbable(problem: Problem, prior: np.ndarray) -> float:
     size, axes = np.linalg.eigh(told)
     seen = size > 1e-6
     chi_square = float(np.sum((axes.T @ asked)[seen] ** 2 / (size + size**2)[seen]))
-    return float(stats.chi2.sf(chi_square, int(seen.sum())))
+    return chi_square_above(chi_square, int(seen.sum()))
 
 
 def tilt_columns(q_tb: np.ndarray, x: np.ndarray, force: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.accelerometer.parameters import IDENTITY, NAMES, PARAMETERS, corrected
+from session.accelerometer.parameters import IDENTITY, NAMES, PARAMETERS, SCALES, corrected
 from session.common.units import MG
 from session.log.config import Accelerometer
 from tinygc import closure
@@ -106,14 +106,18 @@ class JointFit:
 
     @property
     def words(self) -> str:
-        """The numbers that differ from those before by more than three sigmas, mg at one g; the largest, where none does."""
+        """The numbers that differ from those before by more than three sigmas, mg at one g; the largest, where none does.
+
+        Scales against their mean: what all axes share is gravity's length, which is not known as well.
+        """
+        told = np.eye(PARAMETERS)
+        told[np.ix_(SCALES, SCALES)] -= 1 / 3
         scale = np.concatenate([np.full(6, 1e-3), np.full(3, MG)])
-        off, sigma = (self.x - IDENTITY) / scale, np.sqrt(np.diag(self.covariance)) / scale
+        off, sigma = told @ (self.x - IDENTITY) / scale, np.sqrt(np.diag(told @ self.covariance @ told.T)) / scale
         sure = np.abs(off) > SAID_SIGMAS * sigma
         sure[np.argmax(np.abs(off) / sigma)] = True
-        return ", ".join(
-            f"{name} by {value:.2g} ± {s:.1g} mg" for name, value, s in zip(NAMES, off, sigma, strict=True) if sure[NAMES.index(name)]
-        )
+        found = zip(NAMES, off, sigma, sure, strict=True)
+        return ", ".join(f"{name} by {value:.2g} ± {s:.1g} mg" for name, value, s, there in found if there)
 
     def moved(self, force: np.ndarray) -> np.ndarray:
         """Forces (..., 3) m/s^2 of the calibration before under the new one."""

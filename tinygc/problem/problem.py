@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from session.detect.known_turns import FoundTurn
 from session.detect.segments import Segment
 from session.detect.session_stills import SessionStills
 from session.detect.stills import Noise, Still
@@ -31,7 +33,7 @@ class Problem:
     by log; first: the linear fit that carried the yaw; still_rates of every reference still; found: the session's stills as they were
     found, for its closure runs; rest_rps: the mean bias (3,) rad/s, as it is measured, where the batch has every turn at it by the
     stills on either side (``still_bias.py``), else None; joint: the estimation of both sensors that its references are of, if there
-    was one.
+    was one; known_turns: those of ``turns.csv``, used or with the reason why not.
     """
 
     session: Session
@@ -45,6 +47,7 @@ class Problem:
     found: SessionStills
     rest_rps: np.ndarray | None = None
     joint: JointFit | None = None
+    known_turns: tuple[FoundTurn, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Problem {self.session.name}: {len(self.stills)} stills, {len(self.used)} of {len(self.segments)} segments used>"
@@ -75,6 +78,13 @@ class Problem:
     def instability(self) -> BiasInstability:
         """Of the gyro's bias: given, typical of the model, or estimated from the stills."""
         return bias_instability_of(self.session.config.sensor, self.logs, self.earths)
+
+    def changed(self, **fields: Any) -> Problem:
+        """Of the same recording, whose bias instability it shares if that is known already."""
+        other = replace(self, **fields)
+        if "instability" in self.__dict__:
+            other.__dict__["instability"] = self.instability
+        return other
 
     @property
     def wander(self) -> BiasWander:

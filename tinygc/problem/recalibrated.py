@@ -10,6 +10,7 @@ from session.detect.stills import Still
 from tinygc.attitude import rotation
 from tinygc.closure.residual import nearest_yaw
 from tinygc.problem.joint_fit import JointFit, bent
+from tinygc.problem.known_turns import tilt_excess
 from tinygc.problem.problem import Problem
 
 
@@ -30,11 +31,16 @@ def recalibrated(problem: Problem, joint: JointFit) -> Problem:
         logs.append(replace(log, samples=samples[id(log.samples)], stills=stills, q_tb=q_tb))
     segments = [replace(s, first=now[id(s.first)], last=now[id(s.last)]) for s in problem.segments]
     references = np.concatenate([log.q_tb[[still.problem is None for still in log.stills]] for log in logs])
+    batch, floor = bent(problem.batch, joint.first, joint.last, joint.force), problem.floor
+    if batch.turns is not None:
+        floor = replace(floor, tilt_excess=1.0)
+        floor = replace(floor, tilt_excess=tilt_excess(batch, floor, joint.model, problem.still_rates))
     return replace(
         problem,
         session=session,
         segments=segments,
-        batch=bent(problem.batch, joint.first, joint.last, joint.force),
+        batch=batch,
+        floor=floor,
         logs=logs,
         first=joint.model,
         still_rates=replace(problem.still_rates, q_tb=references),

@@ -54,18 +54,21 @@ def residuals(batch: Batch, rate: Array, before: np.ndarray, integrator: str = "
     rows = np.maximum(before, 0)
     for _ in range(int(place(before).max())):
         end = rotation.multiply(xp.where(first > 0, start, end[rows]), turn)
-    return closure.residual(end, batch.end, batch.yaw_known)
+    return closure.batch_residual(batch, end, turn)
 
 
-def carried(design: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """(S, d, P) of each part with what it carries from those before: errors add up in the table frame, to first order."""
-    total = design.copy()
+def carried(design: np.ndarray, before: np.ndarray, turns_known: bool = False) -> np.ndarray:
+    """(S, d, P) of each part with what it carries from those before: errors add up in the table frame, to first order.
+
+    turns_known: the third component is a turn's angle about its own axis, which carries nothing.
+    """
+    total, d = design.copy(), 2 if turns_known else design.shape[1]
     for row, one in enumerate(before):
         if one >= 0:
-            total[row] += total[one]
+            total[row, :d] += total[one, :d]
     return total
 
 
-def carried_sigma(sigma: np.ndarray, before: np.ndarray) -> np.ndarray:
+def carried_sigma(sigma: np.ndarray, before: np.ndarray, turns_known: bool = False) -> np.ndarray:
     """(S, …) rad: as if the parts' noises were independent."""
-    return np.sqrt(carried(sigma**2, before))
+    return np.sqrt(carried(sigma**2, before, turns_known))

@@ -48,9 +48,12 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
     ``chain`` holds all segments, in order, with their ends' tilt (or all three angles, where the table's dials are the reference).
     """
     start, end = chain.start.copy(), chain.end.copy()
-    q_tb = [np.array([rotation.from_gravity(still.accel_mean) for still in log.stills]) for log in logs]
+    q_tb = [rotation.from_gravity(np.array([still.accel_mean for still in log.stills]).reshape(-1, 3)) for log in logs]
     group = [np.zeros(len(log.stills), dtype=int) for log in logs]
     step = rotation.multiply(rotation.conjugate(chain.start), attitudes(chain, model(chain.rate))[:, -1])
+    if chain.turns is not None:
+        # Where a turn's angle is known, it is that, not the gyro's, which carries the yaw.
+        step = rotation.multiply(rotation.conjugate(chain.start), chain.turns.turned(chain.start, rotation.multiply(chain.start, step)))
     groups, begun = 0, -1
     for i, segment in enumerate(segments):
         stills = logs[segment.log].stills

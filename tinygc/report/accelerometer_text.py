@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -39,7 +39,7 @@ def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
     before, after = (float(np.std(each)) / MG for each in (found.before, found.after))
     said = f"{len(found.before)} stills in {found.attitudes} attitudes; gravity's spread {before:.2f} mg before, {after:.2f} mg after"
     text.append(said, "not bold")
-    parts = [text, accelerometer_table(fit, "Accelerometer, f = matrix (measured - bias): value ± one sigma")]
+    parts: list[RenderableType] = [text, accelerometer_table(fit, "Accelerometer, f = matrix (measured - bias): value ± one sigma")]
     idle = np.flatnonzero(found.weight < IDLE_WEIGHT)
     if len(idle):
         listed = ", ".join(f"{i} ({found.after[i] / MG:+.1f} mg)" for i in idle[:5]) + (", …" if len(idle) > 5 else "")

@@ -12,6 +12,7 @@ from rich.text import Text
 from session.checks.first_look import Finding
 from session.common.units import DEG
 from tinygc.fitting.figures import closure_figures, run_figures
+from tinygc.fitting.known_turns import known_turns_words
 from tinygc.fitting.result import FitResult
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.registry import METHODS
@@ -69,6 +70,8 @@ def _headline(result: FitResult) -> Text:
     for segment in problem.used:
         if segment.note:
             text.append(f"  segment {segment.number} at {segment.start_s:.0f} s: {segment.note}\n", "not bold")
+    if words := known_turns_words(result):
+        text.append(f"  {words}\n", "not bold")
     return text
 
 
@@ -120,6 +123,8 @@ def _methods(result: FitResult) -> Table:
         table.add_row("noise floor of the mended log (physics)", "", mended, mended, style="dim")
     folds = min(result.options.folds, len(result.problem.used))
     table.caption = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
+    if result.problem.batch.turns is not None:
+        table.caption += "; yaw here: the turns of known angle, each about its own axis"
     table.caption_justify = "left"
     return table
 
@@ -183,7 +188,10 @@ def _remarks(result: FitResult) -> list[Text]:
         remarks += [Text(f"{run.file}: {words}.", "yellow") for run, words in _losses(result) if words]
     unobserved = result.linear.notes.get("unobserved")
     if unobserved:
-        remarks.append(Text(f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways.", "yellow"))
+        seen = f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways."
+        if result.problem.batch.turns is not None:
+            seen += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
+        remarks.append(Text(seen, "yellow"))
     pairs = _correlations(result.covariance)
     if pairs:
         remarks.append(Text("Correlated above 0.5: " + ", ".join(pairs)))

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass, field, fields
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from session.common.errors import CalibrationError
+from session.log.known_turns import MOST_SIGMA_DEG
+from session.sensor.known import DEFAULT
+
+if TYPE_CHECKING:
+    from session.sensor.registers import RegisterUnits
 
 #: nominal output data rate, Hz -> bandwidth (-3 dB) of the gyro's LPF2, Hz, always on (docs/sensor.md, LSM6DSO Table 18;
 #: the two highest rates are from memory, unchecked).  62.5 is no rate of the chip: slow boards and other sensors have it; its filter is
@@ -38,6 +44,7 @@ class SimulationOptions:
     # Sensor
     odr_hz: float = _choice(208.0, "Hz, nominal: 62.5, 104, 208, 416, 833, 1667, 3333 or 6667")
     odr_error: float | None = _choice(None, "fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %")
+    sensor: str = _choice(DEFAULT, "whose registers it has (calibrate.py sensors); its noise stays what the other options say")
     gyro_fs_dps: float = _choice(500.0, "dps, full scale")
     accel_fs_g: float = _choice(4.0, "g, full scale")
     gyro_noise_dps_rthz: float = _choice(0.005, "dps/sqrt(Hz), white, one-sided density")
@@ -64,6 +71,7 @@ class SimulationOptions:
     vigour: float = _choice(1.0, "scales angles and rates of the turns; never beyond 0.85 of full scale")
     still_s: float = _choice(1.0, "s, still that the protocol asks for on each side of a turn")
     turn_s: float = _choice(3.0, "s, usual length of a turn")
+    stop_sigma_deg: float = _choice(0.0, "deg, a stop's repeatability: turns about one gimbal go into turns.csv; 0: none")
     unit_seed: int = _choice(-1, "seed of the unit's errors, for several sessions of one unit; -1: that of the rest")
 
     @property
@@ -83,6 +91,7 @@ class SimulationOptions:
             self._require(0 <= getattr(self, name) <= 0.1, name, "0 to 0.1 (larger ones may be no invertible matrix)")
         for name in ("gyro_bias_dps", "accel_bias_mg", "accel_calibration_error_mg"):
             self._require(getattr(self, name) >= 0, name, "0 or more")
+        self._require(0 <= self.stop_sigma_deg <= MOST_SIGMA_DEG, "stop_sigma_deg", f"0 to {MOST_SIGMA_DEG:g}")
         for name in ("vigour", "still_s", "turn_s"):
             self._require(getattr(self, name) > 0, name, "more than 0")
         self._require(1 <= self.segments <= MOST_SEGMENTS, "segments", f"1 to {MOST_SEGMENTS}")
@@ -107,10 +116,15 @@ class SimulationOptions:
             ("turn_s", self.segments * self.turn_s),
         ):
             self._require(length_s * self.odr_hz <= MOST_SAMPLES, name, f"less: a session has at most {MOST_SAMPLES:.0e} samples")
-        from session.sensor import registers
+        units = self.register_units
+        self._require(units.gyro_rps > 0 and units.accel_mps2 > 0, "sensor", "one that `calibrate.py sensors` lists")
 
-        registers.gyro_rps_per_lsb(self.gyro_fs_dps)
-        registers.accel_mps2_per_lsb(self.accel_fs_g)
+    @property
+    def register_units(self) -> RegisterUnits:
+        """What the sensor's registers mean."""
+        from session.sensor.registers import RegisterUnits
+
+        return RegisterUnits(self.sensor, self.gyro_fs_dps, self.accel_fs_g)
 
     def _require(self, fine: bool, name: str, expected: str) -> None:
         if not fine:
@@ -133,6 +147,8 @@ def command_line(options: SimulationOptions) -> str:
             words.append(flag(option.name))
         elif isinstance(value, tuple):
             words.append(" ".join([flag(option.name), *map(repr, value)]))
+        elif isinstance(value, str):
+            words.append(f"{flag(option.name)} {shlex.quote(value)}")
         else:
             words.append(f"{flag(option.name)} {value!r}".removesuffix(".0"))
     return " ".join(words)

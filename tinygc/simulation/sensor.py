@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import butter, sosfilt, sosfilt_zi, sosfreqz
 
-from session.common.units import DEG, G
-from session.sensor import registers
+from session.sensor.profiles.profile import REGISTER_MAX
+from session.sensor.registers import RegisterUnits
 from tinygc.simulation.noise import white
 
 ACCEL_BANDWIDTH_ODR = 0.25  #: accelerometer's LPF2 at its usual setting, ODR/4 (asm330lhh_reg.h)
@@ -41,18 +41,9 @@ def low_pass(signal: np.ndarray, bandwidth_hz: float, density: float, odr_hz: fl
     return filtered[::factor]
 
 
-def gyro_registers(rate: np.ndarray, fs_dps: float) -> np.ndarray:
-    """Register values (N, 3) int16 of a measured rate rad/s: rounded, cut at full scale and at what 16 bits hold."""
-    return _counts(rate, fs_dps * DEG, registers.gyro_rps_per_lsb(fs_dps))
-
-
-def accel_registers(force: np.ndarray, fs_g: float) -> np.ndarray:
-    """Register values (N, 3) int16 of a measured specific force m/s^2."""
-    return _counts(force, fs_g * G, registers.accel_mps2_per_lsb(fs_g))
-
-
-def _counts(value: np.ndarray, full_scale: float, per_lsb: float) -> np.ndarray:
-    largest = min(round(full_scale / per_lsb), registers.REGISTER_MAX)
+def registers_of(value: np.ndarray, full_scale: float, per_lsb: float) -> np.ndarray:
+    """Register values (N, 3) int16 of measured rates or forces in SI: rounded, cut at full scale and at what 16 bits hold."""
+    largest = min(round(full_scale / per_lsb), REGISTER_MAX)
     return np.clip(np.rint(value / per_lsb), -largest, largest).astype(np.int16)
 
 
@@ -61,8 +52,7 @@ def temperature(t_s: np.ndarray, start_c: float, warm_up_c: float) -> np.ndarray
     return start_c + warm_up_c * -np.expm1(-t_s / TEMPERATURE_SETTLES_S)
 
 
-def temperature_registers(temp_c: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Register values (N,) int16 of a temperature, with the thermometer's noise."""
+def temperature_registers(temp_c: np.ndarray, rng: np.random.Generator, units: RegisterUnits) -> np.ndarray:
+    """Register values (N,) int16 of a temperature, with the thermometer's noise; zeros where the register's meaning is not known."""
     noisy = temp_c + TEMPERATURE_NOISE_C * rng.standard_normal(len(temp_c))
-    counts = np.rint((noisy - registers.TEMP_AT_ZERO_C) * registers.TEMP_LSB_PER_C)
-    return np.clip(counts, -registers.REGISTER_MAX, registers.REGISTER_MAX).astype(np.int16)
+    return np.clip(np.rint(units.temperature_lsb(noisy, len(noisy))), -REGISTER_MAX, REGISTER_MAX).astype(np.int16)

@@ -106,11 +106,12 @@ def _record(
     gyro = sensor.low_pass(unit.measured_rate(rate), gyro_hz, gyro_noise, odr_hz, factor, gyro_rng)[run_up:]
     accel = sensor.low_pass(unit.measured_force(force), accel_hz, accel_noise, odr_hz, factor, accel_rng)[run_up:]
     gyro += bias_instability(options.bias_instability_dph * DEG_PER_HOUR, odr_hz, count, flicker_rng)
+    units = options.register_units
     return Recording(
         t_us=np.rint(np.arange(count) / odr_hz * 1e6).astype(np.int64),
-        gyro=sensor.gyro_registers(gyro, options.gyro_fs_dps),
-        accel=sensor.accel_registers(accel, options.accel_fs_g),
-        temp=sensor.temperature_registers(temp_c[run_up * factor :: factor], temperature_rng),
+        gyro=sensor.registers_of(gyro, options.gyro_fs_dps * DEG, units.gyro_rps),
+        accel=sensor.registers_of(accel, options.accel_fs_g * G, units.accel_mps2),
+        temp=sensor.temperature_registers(temp_c[run_up * factor :: factor], temperature_rng, units),
     )
 
 

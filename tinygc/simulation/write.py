@@ -14,6 +14,8 @@ from session.common.errors import FormatError
 from session.common.units import DEG, MG
 from session.files.writing import naming, result_folder
 from session.log.config import SCHEMA
+from session.log.known_turns import NAME as KNOWN_TURNS
+from tinygc.simulation.known_turns import stopped_turns, turns_text
 from tinygc.simulation.options import SimulationOptions, command_line
 from tinygc.simulation.simulate import Distort, Recording, Simulation, simulate_session
 from tinygc.simulation.unit import BIAS_DIGITS, MATRIX_DIGITS
@@ -56,10 +58,13 @@ def write_simulation(
 
 
 def write_files(simulation: Simulation, folder: Path, config: str) -> None:
-    """What a recorded session would hold, and no truth: ``config`` as session.toml, the log, the closure run."""
+    """What a recorded session would hold, and no truth: ``config`` as session.toml, the log, the closure run, turns of known angle."""
     with result_folder(folder), naming(folder):
         (folder / CONFIG).write_text(config, encoding="utf-8")
         _write_log(folder / LOG, simulation, simulation.log)
+        (folder / KNOWN_TURNS).unlink(missing_ok=True)
+        if turns := stopped_turns(simulation.plan, simulation.options):
+            (folder / KNOWN_TURNS).write_text(turns_text(turns), encoding="utf-8")
         if simulation.closure is None:
             (folder / CLOSURE).unlink(missing_ok=True)
         else:
@@ -111,7 +116,7 @@ def config_text(simulation: Simulation, concealed: bool, calibrated: bool = True
 {remark}schema = "{SCHEMA}"
 
 [sensor]
-model = "ASM330LHH"
+model = "{options.sensor}"
 serial = "{_serial(options)}"
 odr_hz = {float(options.odr_hz)!r}
 gyro_fs_dps = {options.gyro_fs_dps:g}

@@ -13,7 +13,6 @@ from session.common.units import G
 from session.dialects.reader import Reader
 from session.log.folder import Session, read_session
 from session.log.samples import Samples
-from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from tinygc.effects import Movement, movement_of
 from tinygc.problem.conditions import conditions
 from tinygc.problem.prepared import prepare
@@ -102,8 +101,8 @@ def steps_of(session: Session, log: int) -> Steps:
     layout, samples, sensor = Reader(session.logs[log].path, None).layout, session.logs[log].samples, session.config.sensor
     gyro_raw, accel_raw = (triad is not None and triad.unit.si is None for triad in (layout.gyro, layout.accel))
     return Steps(
-        gyro_rps_per_lsb(sensor.gyro_fs_dps) if gyro_raw else _step(samples.gyro),
-        accel_mps2_per_lsb(sensor.accel_fs_g) if accel_raw else _step(samples.accel),
+        sensor.register_units.gyro_rps if gyro_raw else _step(samples.gyro),
+        sensor.register_units.accel_mps2 if accel_raw else _step(samples.accel),
         gyro_raw,
         accel_raw,
     )

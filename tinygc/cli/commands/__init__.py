@@ -6,6 +6,7 @@ below.
 """
 
 COMMANDS = (
+    "sensors",
     "ports",
     "board",
     "record",

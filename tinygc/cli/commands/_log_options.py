@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 def add_log_options(command: argparse.ArgumentParser) -> None:
     """``--odr``, ``--gyro-fs``, … in a group of their own."""
     asked = command.add_argument_group("what a log may not tell")
+    asked.add_argument("--sensor", metavar="NAME", help="what the sensor is, such as MPU-9250 (calibrate.py sensors lists those known)")
     asked.add_argument("--odr", type=positive, metavar="HZ", help="data rate")
     asked.add_argument("--gyro-fs", type=positive, metavar="DPS", help="full scale of the gyroscope")
     asked.add_argument("--accel-fs", type=positive, metavar="G", help="full scale of the accelerometer")
@@ -41,4 +42,5 @@ def answers_of(args: argparse.Namespace) -> Answers:
         columns=args.columns,
         gyro_axes=args.gyro_axes,
         accel_axes=args.accel_axes,
+        sensor=args.sensor,
     )

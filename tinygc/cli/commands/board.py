@@ -32,6 +32,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         help="one that nobody has calibrated: bias of so many mg (30), scale 1 %%, axes 5 mrad; --config then says nothing of it",
     )
     command.add_argument("--frames", action="store_true", help="send frames instead of text lines")
+    command.add_argument("--physical", action="store_true", help="send text lines in dps, g and degC instead of registers")
+    command.add_argument("--sensor", default="ASM330LHH", metavar="NAME", help="whose registers the simulated one has (%(default)s)")
+    command.add_argument("--gyro-fs", type=positive, default=500.0, metavar="DPS", help="its full scale (%(default)g)")
+    command.add_argument("--accel-fs", type=positive, default=4.0, metavar="G", help="its full scale (%(default)g)")
     command.add_argument("--speed", type=positive, default=1.0, metavar="X", help="so many times faster than real (%(default)g)")
     command.add_argument("--lead", type=seconds, default=10.0, metavar="S", help="still time before the session (%(default)g)")
     command.add_argument("--tail", type=seconds, metavar="S", help="still time behind it, then stop (go on for ever)")
@@ -61,13 +65,16 @@ def run(args: argparse.Namespace) -> int:
         if not args.quiet:
             print(what, file=sys.stderr, flush=True)
 
+    if args.frames and args.physical:
+        raise CalibrationError("board: frames hold registers; leave --frames or --physical out")
     faults = Faults.parse(args.faults)
     if args.folder:
         source = recorded(args.folder)
     else:
         say("simulating a session …")
         odr_hz = int(args.rate) if args.rate == int(args.rate) else args.rate
-        options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed)
+        ranges = {"sensor": args.sensor, "gyro_fs_dps": args.gyro_fs, "accel_fs_g": args.accel_fs}
+        options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges)
         if raw := args.raw_accelerometer:  # its scale and axes are off by as much as any unit's: only nobody says how
             options = replace(options, accel_bias_mg=raw)
         source = simulated(options, calibrated=not raw)
@@ -82,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
             source=source,
             terminal=terminal,
             frames=args.frames,
+            physical=args.physical,
             speed=args.speed,
             lead_s=args.lead,
             tail_s=args.tail,

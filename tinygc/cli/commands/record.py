@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import closure_seconds, count, note, positive
+from tinygc.cli.arguments import closure_seconds, count, note, positive, stream_header
 from tinygc.cli.commands._interruption import Interruption
 from tinygc.cli.commands._results import output, write_json
 
@@ -49,6 +49,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         "--note", type=note, action="append", default=[], metavar="KEY=TEXT", help="for [notes] of session.toml, such as operator=…"
     )
     command.add_argument("--like", type=Path, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
+    command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (calibrate.py sensors)")
+    command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
     command.add_argument("--odr", type=positive, metavar="HZ", help="data rate, where the board does not say")
     command.add_argument("--gyro-fs", dest="gyro_fs_dps", type=positive, metavar="DPS", help="full scale, where the board does not say")
     command.add_argument("--accel-fs", dest="accel_fs_g", type=positive, metavar="G", help="full scale, where the board does not say")
@@ -64,22 +66,23 @@ def run(args: argparse.Namespace) -> int:
     from session.guide.keys import Keys
     from session.recording.ports import only_candidate
     from session.recording.recorder import Recorder
-    from session.recording.session_file import SessionFile
+    from session.recording.session_file import ASSUMED, SessionFile
 
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
-    session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, dict(args.note))
+    session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note))
     _say_what_was_asked(args, folder)
     interrupted = False
     with Interruption() as wanted:
-        recorder = Recorder(folder, port, args.baud)
+        recorder = Recorder(folder, port, args.baud, args.header)
         guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)
         coach = None if args.no_coach else _coach()
         try:
             with Keys() as keys, _view(args, f"{folder} · {port}") as view:
                 typed = keys if keys.there else None
-                GuidedRecording(guide, recorder, session_file.configure, coach, view, session_file, typed).lead(wanted)
+                configure = lambda info, waited_s: session_file.configure(info, waited_s, recorder.logs.physical)  # noqa: E731
+                GuidedRecording(guide, recorder, configure, coach, view, session_file, typed).lead(wanted)
         except KeyboardInterrupt:
             interrupted = True
         except CalibrationError as error:
@@ -94,6 +97,8 @@ def run(args: argparse.Namespace) -> int:
         console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again", soft_wrap=True)
     if guide.taken.own is not None:
         console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}", soft_wrap=True)
+    if session_file.assumed:
+        console.print(ASSUMED, soft_wrap=True)
     if missing := _missing(guide):
         console.print(missing, soft_wrap=True)
     again = f"calibrate.py record --resume --out {folder} --port {port}{f' --closure {args.closure:g}' if args.closure else ''}"

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tinygc.cli.arguments import stream_header
 from tinygc.cli.commands._log_options import add_log_options, answers_of
 from tinygc.cli.commands._results import output, write_json
 
@@ -22,7 +23,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--out", type=Path, required=True, metavar="DIR", help="session folder to make")
     command.add_argument("--add", choices=("log", "closure"), help="add to the session that is there, as a further log or a closure run")
-    command.add_argument("--sensor", default="", metavar="NAME", help="what the sensor is")
+    command.add_argument("--header", type=stream_header, metavar="LINE", help="of raw.bin in text that does not hold it: t_us,gx_dps,…")
     command.add_argument("--serial", default="", metavar="TEXT", help="which one it is")
     add_log_options(command)
 
@@ -33,9 +34,9 @@ def run(args: argparse.Namespace) -> int:
     from session.replay.from_raw import convert_raw, is_raw
 
     if len(args.logs) == 1 and is_raw(args.logs[0]):
-        made = convert_raw(args.logs[0], args.out, args.odr, args.gyro_fs, args.accel_fs)
+        made = convert_raw(args.logs[0], args.out, args.odr, args.gyro_fs, args.accel_fs, args.sensor, args.header)
     else:
-        made = convert(args.logs, args.out, answers_of(args), args.add, args.sensor, args.serial)
+        made = convert(args.logs, args.out, answers_of(args), args.add, args.serial)
     console = output(args)
     console.print(f"{made.log}: {made.samples} samples, {' and '.join(made.dialects)}", soft_wrap=True)
     for note in made.notes:

@@ -45,5 +45,6 @@ def _add_simulation_options(command: argparse.ArgumentParser) -> None:
         elif isinstance(field.default, tuple):
             command.add_argument(flag(name), dest=name, type=float, nargs=len(field.default), default=None, help=help_text)
         else:
-            kind = int if isinstance(field.default, int) else float
-            command.add_argument(flag(name), dest=name, type=kind, default=None, metavar=kind.__name__.upper(), help=help_text)
+            kind = type(field.default) if isinstance(field.default, (int, str)) else float
+            metavar = "NAME" if kind is str else kind.__name__.upper()
+            command.add_argument(flag(name), dest=name, type=kind, default=None, metavar=metavar, help=help_text)

@@ -2,49 +2,62 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from session.common.errors import FormatError
 from session.log.config import Accelerometer, Config
-from session.sensor.registers import (
-    ACCEL_MG_PER_LSB,
-    GYRO_MDPS_PER_LSB,
-    TEMP_AT_ZERO_C,
-    TEMP_LSB_PER_C,
-    accel_mps2_per_lsb,
-    gyro_rps_per_lsb,
-)
+from session.sensor.known import DEFAULT
+from session.sensor.profiles.profile import Thermometer
+from session.sensor.registers import RegisterUnits
 from tinygc.deploy.embedded.affine import affine, table
 from tinygc.deploy.embedded.stage import Inputs, single
 
 
 @dataclass(frozen=True, eq=False)
 class Registers:
-    """gyro_fs_dps and accel_fs_g of the sensor, its true or nominal odr_hz, and the accelerometer's pre-calibration."""
+    """gyro_fs_dps and accel_fs_g of the sensor, its true or nominal odr_hz, the accelerometer's pre-calibration, what its registers mean;
+    model: its name; own_units: as in session.toml."""
 
     gyro_fs_dps: float = 500
     accel_fs_g: float = 4
     odr_hz: float = 208.0
     accelerometer: Accelerometer = field(default_factory=Accelerometer)
+    model: str = DEFAULT
+    own_units: Mapping[str, float | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, config: Config) -> Registers | None:
-        """Of a session; None where its full scales are no ASM330LHH's, so that nothing is known of its registers."""
+        """Of a session; None where it is not known what all of its sensor's registers mean."""
         sensor = config.sensor
-        if sensor.gyro_fs_dps not in GYRO_MDPS_PER_LSB or sensor.accel_fs_g not in ACCEL_MG_PER_LSB:
+        registers = cls(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.odr_hz, config.accelerometer, sensor.model, sensor.own_units)
+        try:
+            return registers if registers.units.gyro_rps and registers.units.accel_mps2 and registers.units.thermometer else None
+        except FormatError:
             return None
-        return cls(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.odr_hz, config.accelerometer)
+
+    @property
+    def units(self) -> RegisterUnits:
+        """Per LSB, SI."""
+        return RegisterUnits(self.model, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
+
+    @property
+    def thermometer(self) -> Thermometer:
+        """Of its temperature register."""
+        assert self.units.thermometer is not None  # ``of`` has looked
+        return self.units.thermometer
 
     @property
     def constants(self) -> dict[str, np.ndarray]:
         """rad/s per LSB; the accelerometer's sensitivity, matrix and bias as one affine map; degC per LSB and at zero."""
-        calibration, lsb = self.accelerometer, accel_mps2_per_lsb(self.accel_fs_g)
+        calibration, lsb, thermometer = self.accelerometer, self.units.accel_mps2, self.thermometer
         force = table(calibration.matrix * lsb, -calibration.matrix @ calibration.bias_mps2, "the accelerometer's pre-calibration")
         return {
-            "RPS_PER_LSB": single([gyro_rps_per_lsb(self.gyro_fs_dps)], "the sensitivity"),
+            "RPS_PER_LSB": single([self.units.gyro_rps], "the sensitivity"),
             "FORCE": force,
-            "TEMPERATURE": single([1 / TEMP_LSB_PER_C, TEMP_AT_ZERO_C], "the temperature"),
+            "TEMPERATURE": single([1 / thermometer.lsb_per_c, thermometer.at_zero_c], "the temperature"),
         }
 
     def inputs(self, registers: np.ndarray) -> Inputs:

@@ -105,7 +105,7 @@ _DEFINES = """\
 """
 
 _FROM_REGISTERS = """
-/* Registers gx gy gz ax ay az temp of an ASM330LHH at {sensor.gyro_fs_dps:g} dps and {sensor.accel_fs_g:g} g, in physical units; the
+/* Registers gx gy gz ax ay az temp of the {model} at {sensor.gyro_fs_dps:g} dps and {sensor.accel_fs_g:g} g, in physical units; the
  * accelerometer's pre-calibration is in it. */
 void tinygc_from_registers(const int16_t registers[7], tinygc_input *in);
 """
@@ -167,7 +167,7 @@ def source_files(program: Program, sensor: Registers | None, title: str, facts: 
         "force": "" if "in->force" in code else unread,
         "temp": "" if "in->temp_c" in code else unread,
         "defines": "" if sensor is None else _DEFINES.format(sensor=sensor, odr=_number(np.float32(sensor.odr_hz))),
-        "prototype": "" if sensor is None else _FROM_REGISTERS.format(sensor=sensor),
+        "prototype": "" if sensor is None else _FROM_REGISTERS.format(sensor=sensor, model=_comment(sensor.model)),
         "constants": "\n\n".join(_constant(name, array) for name, array in (constants | known.constants).items()),
         "functions": "\n".join([affine.FUNCTION, *(stage.functions for stage in stages if stage.functions)]),
         "from_registers": ("static " if sensor is None else "") + register_input.FUNCTION,

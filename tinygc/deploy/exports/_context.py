@@ -15,7 +15,6 @@ from session.log.config import Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of
 from session.log.logfile import read_log
-from session.sensor.typical import typical_of
 from tinygc import models
 from tinygc.deploy.errors import ExportError
 from tinygc.deploy.needs import Needs
@@ -72,8 +71,8 @@ class Context:
             return sensor.gyro_bias_instability_dph * DEG_PER_HOUR, "given in session.toml"
         if (found := noise.get("gyro_bias_instability_dph")) is not None:
             return found * DEG_PER_HOUR, str(noise.get("gyro_bias_instability_source"))
-        known = typical_of(sensor.model)
-        return known and (known[1].gyro_bias_instability_dph * DEG_PER_HOUR, f"typical of {known[0]}")
+        typical = sensor.typical("gyro_bias_instability_dph")
+        return typical and (typical[1] * DEG_PER_HOUR, f"typical of {typical[0]}")
 
     def temperature_c(self) -> tuple[float, float] | None:
         """Coldest and warmest of the calibration logs, degC; None where they do not tell.  Reads them."""

@@ -35,7 +35,8 @@ def export(model: Model, context: Context) -> dict[str, str]:
             "odr_hz": sensor.odr_hz,
             "gyro_fs_dps": sensor.gyro_fs_dps,
             "accel_fs_g": sensor.accel_fs_g,
-        },
+        }
+        | {name: value for name, value in sensor.own_units.items() if value is not None},
         "accelerometer": {
             "equation": "f = matrix @ (measured - bias_mps2), m/s^2",
             "matrix": accelerometer.matrix.tolist(),

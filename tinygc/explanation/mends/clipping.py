@@ -45,7 +45,7 @@ def find_clipping(problem: Problem) -> Clipping | None:
     if not any(ceilings):
         known_to, bar = plateaus.SAME, PLATEAU_EXCESS  # the linear errors came after
         misfit = np.sum((closure_angles(problem.batch, problem.first) / problem.floor.sigma) ** 2)
-        chance = float(chi2.sf(misfit, problem.floor.sigma.size))
+        chance = float(chi2.sf(misfit, int(problem.batch.known.sum())))
         ceilings = [plateaus.find_plateaus(log.samples, full_scale) for log in problem.logs]
     levels = [ceiling.level for ceiling in ceilings if ceiling is not None]
     if not levels:

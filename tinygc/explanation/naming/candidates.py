@@ -46,7 +46,8 @@ def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], s
     stacked = (twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked() for effect in rest)
     columns = dict(enumerate(whiten.each(stacked)))
     along = frozenset(number for number, effect in enumerate(rest) if effect.kind == "force")
-    rows = slice(0, whiten.parts["still"].stop)
+    # An angle that no reference sees is 0 whatever the noise, and tells nothing of its scale.
+    rows = np.concatenate([np.flatnonzero(twin.batch.known), np.arange(whiten.parts["still"].start, whiten.parts["still"].stop)])
     return Selection(fit.J, columns, seed, allowances=whiten.allowances, scale_rows=rows, along=along)
 
 

@@ -53,7 +53,7 @@ class Selection(Generic[Name]):
         seed: int,
         *,
         allowances: np.ndarray | None = None,
-        scale_rows: slice = slice(None),
+        scale_rows: slice | np.ndarray = slice(None),
         along: frozenset = frozenset(),
     ):
         self.q = orthonormal(nuisance)

@@ -13,14 +13,14 @@ A component is V_k s_k^2: V_k from the recording's geometry, s_k estimated (``re
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
 
 from session.common.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc.closure.bias_wander import wander_covariance
 from tinygc.explanation.noise.restricted_likelihood import Prior
+from tinygc.explanation.noise.sparse import Sparse
 from tinygc.explanation.noise.undersampling import Undersampling
 from tinygc.explanation.twin.twin import Twin
 
@@ -56,7 +56,7 @@ class Component:
     """
 
     name: str
-    V: np.ndarray | csr_array
+    V: np.ndarray | Sparse
     usual: float
     unit: str
     si: float
@@ -66,17 +66,17 @@ class Component:
 
 def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> list[Component]:
     """Of a twin whose channels have sizes (S d, 3 Q, Q)."""
-    floor = float(np.sqrt(np.mean(twin.problem.floor.sigma**2)))
+    floor = float(np.sqrt(np.mean(replace(twin.problem.floor, tilt_excess=1.0).sigma[twin.batch.known] ** 2)))
     reference = _reference(twin, sizes) if twin.stills else _truth(twin, sizes)
-    found = [_wander(twin, sizes), _still_rate(twin, sizes), reference, _turn(sizes, floor)]
+    found = [_wander(twin, sizes), _still_rate(twin, sizes), reference, _turn(twin, sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:
         found.append(_undersampled(twin, sizes, missed))
-    return [component for component in found if abs(component.V).max() > 0]
+    return [c for c in found if np.any(c.V.values if isinstance(c.V, Sparse) else c.V)]
 
 
 def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     s, q = len(twin.segments), len(twin.stills)
-    starts = [movement.t_s[0] for movement in twin.movements]
+    starts = twin.problem.began_s
     segment_s = [starts[segment.log] + segment.start_s + segment.duration_s / 2 for segment in twin.segments]
     still_s = [starts[log] + still.start_s + still.duration_s / 2 for log, still in twin.stills]
     spans = [segment.duration_s for segment in twin.segments] + [still.duration_s for _, still in twin.stills]
@@ -96,15 +96,11 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "the bias wanders", prior)
 
 
-def _diagonal(values: np.ndarray) -> csr_array:
-    return csr_array(diags_array(values))
-
-
 def _still_rate(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     diagonal = np.zeros(sum(sizes))
     diagonal[sizes[0] : sizes[0] + sizes[1]] = 1.0
     white = float(np.median(twin.problem.still_rates.sigma)) if len(twin.stills) else DEG
-    return Component(STILL_RATE, _diagonal(diagonal), white, "dps", DEG, "the mean rate of each still errs by itself")
+    return Component(STILL_RATE, Sparse.of_diagonal(diagonal), white, "dps", DEG, "the mean rate of each still errs by itself")
 
 
 def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
@@ -118,7 +114,7 @@ def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     V[: sizes[0], : sizes[0]] = np.kron(shared, tilt)
     length = slice(sizes[0] + sizes[1], sum(sizes))
     V[length, length] = np.eye(sizes[2])
-    return Component(REFERENCE, csr_array(V), 0.1 * MG, "mg", MG, "the accelerometer errs with attitude, beyond its calibration")
+    return Component(REFERENCE, Sparse.of(V), 0.1 * MG, "mg", MG, "the accelerometer errs with attitude, beyond its calibration")
 
 
 def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
@@ -130,13 +126,16 @@ def _truth(twin: Twin, sizes: tuple[int, int, int]) -> Component:
             ends.setdefault((s.log, at), np.zeros(len(twin.segments)))[number] += sign
     moments = np.array(list(ends.values()))
     V = np.kron(moments.T @ moments, np.eye(twin.batch.angles))
-    return Component(TRUTH, csr_array(V), sigma, "deg", DEG, "each moment of truth errs by itself", Prior(sigma, TRUTH_SPREAD))
+    return Component(TRUTH, Sparse.of(V), sigma, "deg", DEG, "each moment of truth errs by itself", Prior(sigma, TRUTH_SPREAD))
 
 
-def _turn(sizes: tuple[int, int, int], floor: float) -> Component:
+def _turn(twin: Twin, sizes: tuple[int, int, int], floor: float) -> Component:
     diagonal = np.zeros(sum(sizes))
     diagonal[: sizes[0]] = 1.0
-    return Component(TURN, _diagonal(diagonal), floor, "deg", DEG, "each turn errs by itself")
+    if twin.batch.turns is not None:
+        # A known angle has its stop's sigma: what an accelerometer or a hand does to the tilt at the ends is none of its.
+        diagonal[2 : sizes[0] : twin.batch.angles] = 0.0
+    return Component(TURN, Sparse.of_diagonal(diagonal), floor, "deg", DEG, "each turn errs by itself")
 
 
 def _undersampled(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> Component:
@@ -145,4 +144,4 @@ def _undersampled(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
     diagonal[: sizes[0]] = np.repeat(missed.predicted_rad**2, d)
     prior = Prior(1.0, FILTERED_SPREAD, FACTOR_SPREAD)
     says = "motion is faster than half the data rate"
-    return Component(UNDERSAMPLED, _diagonal(diagonal), 1.0, "times what is predicted", 1.0, says, prior)
+    return Component(UNDERSAMPLED, Sparse.of_diagonal(diagonal), 1.0, "times what is predicted", 1.0, says, prior)

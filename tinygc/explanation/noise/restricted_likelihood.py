@@ -10,12 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import OptimizeResult, minimize
-from scipy.sparse import csr_array
+
+from tinygc.closure.triangular import inverse_lower, solve_lower
+from tinygc.explanation.noise.sparse import Sparse
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
 
 #: steps of the search; it begins where the last one ended
 STEPS = 12
@@ -52,7 +55,7 @@ def estimate(
     r: np.ndarray,
     J: np.ndarray,
     base: np.ndarray,
-    V: list[np.ndarray | csr_array],
+    V: list[np.ndarray | Sparse],
     usual: np.ndarray,
     priors: list[Prior | None],
     blocks: list[np.ndarray],
@@ -95,12 +98,13 @@ def estimate(
     return Estimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), value)
 
 
-def _block(V: np.ndarray | csr_array, rows: np.ndarray) -> np.ndarray:
-    part = V[np.ix_(rows, rows)]
-    return part if isinstance(part, np.ndarray) else part.toarray()
+def _block(V: np.ndarray | Sparse, rows: np.ndarray) -> np.ndarray:
+    return V.block(rows) if isinstance(V, Sparse) else V[np.ix_(rows, rows)]
 
 
 def _lowest(cost: Callable, begin: np.ndarray, least: np.ndarray, steps: int) -> OptimizeResult:
+    from scipy.optimize import minimize
+
     bounds = [(float(low), None) for low in least]
     return minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps, "ftol": 1e-6})
 
@@ -109,23 +113,23 @@ def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.nd
     information, pull, value = np.eye(p), np.zeros(p), 0.0
     kept = []
     for r, J, base, V in parts:
-        factor = cho_factor(base + sum(v * xk for v, xk in zip(V, x, strict=True)), lower=True, check_finite=False)
-        CJ, Cr = cho_solve(factor, J, check_finite=False), cho_solve(factor, r, check_finite=False)
-        information += J.T @ CJ
-        pull += J.T @ Cr
-        value += 2 * float(np.sum(np.log(np.diag(factor[0])))) + float(r @ Cr)
-        kept.append((factor, CJ, Cr))
-    solved = cho_factor(information, check_finite=False)
-    beta = cho_solve(solved, pull, check_finite=False)
-    value += 2 * float(np.sum(np.log(np.diag(solved[0])))) - float(pull @ beta)
+        factor = np.linalg.cholesky(base + sum(v * xk for v, xk in zip(V, x, strict=True)))
+        white = solve_lower(factor, np.column_stack([J, r]))
+        information += white[:, :p].T @ white[:, :p]
+        pull += white[:, :p].T @ white[:, p]
+        value += 2 * float(np.sum(np.log(np.diag(factor)))) + float(white[:, p] @ white[:, p])
+        kept.append((factor, white))
+    root = np.linalg.cholesky(information)
+    beta = np.linalg.solve(information, pull)
+    value += 2 * float(np.sum(np.log(np.diag(root)))) - float(pull @ beta)
     gradient = np.zeros(len(x))
     if not slope:
         return value, gradient
-    for (_, _, base, V), (factor, CJ, Cr) in zip(parts, kept, strict=True):
-        inverse = cho_solve(factor, np.eye(len(base)), check_finite=False)
-        y = Cr - CJ @ beta
-        right = cho_solve(solved, CJ.T, check_finite=False)  # (p, n)
-        P = inverse - CJ @ right
+    for (_, _, _, V), (factor, white) in zip(parts, kept, strict=True):
+        inverse = inverse_lower(factor)
+        taken = solve_lower(root, white[:, :p].T @ inverse)  # (p, n): P = C^-1 less what the columns take up
+        P = inverse.T @ inverse - taken.T @ taken
+        y = inverse.T @ (white[:, p] - white[:, :p] @ beta)
         for k, v in enumerate(V):
             gradient[k] += float(np.sum(P * v)) - float(y @ v @ y)
     return value, gradient

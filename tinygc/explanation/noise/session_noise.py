@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.stats import chi2, norm
 
+from tinygc.closure.probability import chi_square_above, normal_above
 from tinygc.explanation.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, WANDER, Component, components_of
 from tinygc.explanation.noise.restricted_likelihood import STEPS, estimate
+from tinygc.explanation.noise.sparse import Sparse
 from tinygc.explanation.noise.undersampling import Undersampling, undersampling
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
@@ -34,7 +35,15 @@ class SessionNoise:
     @property
     def covariance(self) -> np.ndarray:
         """(n, n) beside white noise."""
-        return sum((s**2 * c.V for s, c in zip(self.s, self.components, strict=True) if s > 0), np.zeros(self.components[0].V.shape))
+        count = sum(len(block) for block in self.blocks)  # every row is in one of them
+        total = np.zeros((count, count))
+        for s, component in zip(self.s, self.components, strict=True):
+            V = component.V
+            if isinstance(V, Sparse):
+                total[V.rows, V.columns] += s**2 * V.values
+            elif s > 0:
+                total += s**2 * V
+        return total
 
     def size(self, name: str) -> float:
         """s of a component, SI; 0 where there is none of this name."""
@@ -65,7 +74,7 @@ class SessionNoise:
         large = [c.name for s, c in zip(self.s, self.components, strict=True) if c.name in most and s > most[c.name] * c.usual]
         gains = [self.without(name).estimated(whiten, r, J, self.without(name).s).value - self.value for name in large]
         # Of what is known beforehand, the prior says how rare it is.
-        p = [float(chi2.sf(max(gain, 0.0), 1)) / 2 for gain in gains] or [2 * float(norm.sf(UNUSUAL))]
+        p = [chi_square_above(max(gain, 0.0), 1) / 2 for gain in gains] or [2 * normal_above(UNUSUAL)]
         return min(1.0, len(p) * min(p))
 
     def to_json(self) -> list[dict]:

@@ -64,7 +64,7 @@ def undersampling(twin: Twin) -> Undersampling:
     grows = thinning_exponent(square)
     exponent = grows or SMOOTH
     predicted = np.mean(square / thinning_weights(exponent)[:, None], axis=0) * (grows >= LEAST_EXPONENT)
-    period = float(np.median([movement.dt_s for movement in twin.movements]))
+    period = float(np.median([log.samples.period_s for log in twin.problem.logs]))
     return Undersampling(capped(np.sqrt(predicted)), exponent, np.sqrt(np.mean(square, axis=1)), 1 / period)
 
 

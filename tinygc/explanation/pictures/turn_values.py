@@ -53,7 +53,7 @@ def turn_columns(e: Explanation, claim: Claim) -> np.ndarray:
 def turn_sigma(e: Explanation) -> np.ndarray:
     """(S, d) rad: the floor of each angle of closure, widened as the claims' own sigmas are, by what is left."""
     fit = e.naming.fit
-    widen = max(1.0, float(fit.r @ fit.r) / max(len(fit.r) - fit.J.shape[1], 1))
+    widen = max(1.0, float(fit.r @ fit.r) / max(len(fit.r) - int(np.sum(~e.twin.batch.known)) - fit.J.shape[1], 1))
     return e.twin.problem.floor.sigma * np.sqrt(widen)
 
 

@@ -25,13 +25,13 @@ def channel_p_values(twin: Twin, whiten: Whitener, r: np.ndarray, nuisance: np.n
     """
     q, _ = np.linalg.qr(nuisance / np.linalg.norm(nuisance, axis=0))
     taken = np.sum(q**2, axis=1)
-    return {name: _p(twin, r[part], taken[part].sum()) for name, part in whiten.parts.items()}
+    return {name: _p(twin, r[part], taken[part].sum(), unknown_rows(twin, name)) for name, part in whiten.parts.items()}
 
 
 def own_p_values(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
     """Goodness of fit of each channel with the calibration that suits it best: where something is missing."""
     alone, taken = own_residuals(twin, whiten, fit)
-    return {name: _p(twin, alone[part], taken[name]) for name, part in whiten.parts.items()}
+    return {name: _p(twin, alone[part], taken[name], unknown_rows(twin, name)) for name, part in whiten.parts.items()}
 
 
 def own_residuals(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[np.ndarray, dict[str, float]]:
@@ -48,10 +48,15 @@ def own_residuals(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[np.ndarray,
     return alone, taken
 
 
-def _p(twin: Twin, r: np.ndarray, taken: float) -> float:
+def unknown_rows(twin: Twin, name: str) -> int:
+    """How many rows of a channel hold no datum: angles of turns that no reference sees."""
+    return int(np.sum(~twin.batch.known)) if name == "closure" else 0
+
+
+def _p(twin: Twin, r: np.ndarray, taken: float, unknown: int) -> float:
     """Against the measured noise, which is itself only known from so many blocks (Fisher's F)."""
     noise_freedom = 3 * sum(still.duration_s for _, still in twin.stills) / 0.1 * 0.66
-    freedom = max(len(r) - taken, 1.0)
+    freedom = max(len(r) - unknown - taken, 1.0)
     return float(stats.f.sf(np.sum(r**2) / freedom, freedom, noise_freedom))
 
 

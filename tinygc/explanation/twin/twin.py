@@ -96,7 +96,6 @@ class Twin:
     def __init__(self, problem: Problem):
         self.problem, self.batch = problem, problem.batch
         self.segments = problem.used
-        self.movements = [_movement(problem, log) for log in range(len(problem.logs))]
         at_rest = all(segment.first is not None for segment in self.segments)  # not between moments of truth: no still is a reference
         self.stills: list[tuple[int, Still]] = [
             (number, still) for number, log in enumerate(problem.logs) for still in log.stills if still.problem is None and at_rest
@@ -106,6 +105,11 @@ class Twin:
         self.q_tb = np.array(q).reshape(-1, 4)
         index = {id(still): number for number, (_, still) in enumerate(self.stills)}
         self.first, self.last = np.array([[index.get(id(s.first), -1), index.get(id(s.last), -1)] for s in self.segments]).T
+
+    @cached_property
+    def movements(self) -> list[Movement]:
+        """What effects are given of each log."""
+        return [_movement(self.problem, log) for log in range(len(self.problem.logs))]
 
     def start(self) -> State:
         """The present physics: the linear model alone."""
@@ -118,7 +122,7 @@ class Twin:
 
     def rates(self, state: State) -> list[np.ndarray]:
         """True rates (N, 3) of each log, as far as the state knows them: linear model and effects undone."""
-        return [self._undone(state, number, len(state.claims)) for number in range(len(self.movements))]
+        return [self._undone(state, number, len(state.claims)) for number in range(len(self.problem.logs))]
 
     def _undone(self, state: State, log: int, count: int) -> np.ndarray:
         """Rates (N, 3) of one log with the first ``count`` claims undone."""
@@ -137,7 +141,7 @@ class Twin:
         rates = self.rates(state) if rates is None else rates
         batch = self.batch_at(state)
         q_pred = closure.end_attitude(batch, self.padded(rates))
-        angles = closure.error_angles(closure.residual(q_pred, batch.end, batch.yaw_known))
+        angles = closure.error_angles(closure.batch_residual(batch, q_pred))
         return Channels(angles, self._still_rates(rates) - self._earth_in_stills(state), self._lengths(state))
 
     def batch_at(self, state: State) -> Batch:
@@ -155,6 +159,11 @@ class Twin:
     def _turns(self) -> np.ndarray:
         """(S, T, 3, 3) from the body to the table, by the first linear fit: within a degree, of which the Earth's rate knows nothing."""
         return rotation.matrix(closure.attitudes(self.batch, self.problem.first(self.batch.rate)))
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """(S, 3, 3) in the table frame: about which the closure is measured, as ``closure.directions``, by the first linear fit."""
+        return closure.directions(self.batch, closure.attitudes(self.batch, self.problem.first(self.batch.rate))[:, -1])
 
     @cached_property
     def level_axes(self) -> list[np.ndarray]:
@@ -201,7 +210,7 @@ class Twin:
     def _still_rows(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Of each log: rows of all its stills, where each begins among them, and how many each has."""
         found = []
-        for log in range(len(self.movements)):
+        for log in range(len(self.problem.logs)):
             own = [still for number, still in self.stills if number == log]
             count = np.array([still.stop - still.start for still in own], dtype=int)
             rows = np.concatenate([np.arange(still.start, still.stop) for still in own]) if own else np.zeros(0, dtype=int)
@@ -230,7 +239,7 @@ class Twin:
 
     def earth_columns(self) -> Channels:
         """Of the Earth's rate in table axes, (3,): it turns the prediction by -w times the segment's duration."""
-        design = -self.batch.duration_s[:, None, None] * np.eye(3)[: self.batch.angles]
+        design = -self.batch.duration_s[:, None, None] * self.axes[:, : self.batch.angles]
         still = -rotation.matrix(self.q_tb).transpose(0, 2, 1)
         return Channels(design, still, np.zeros((len(self.stills), 3)))
 
@@ -255,10 +264,12 @@ class Twin:
         """Columns of P patterns (P, Q, 3) of what is taken off the stills' force, by finite differences of the reference attitudes."""
         padded, force, base = self.padded(rates), state.freed(self.force), self.batch_at(state)
 
+        turned = closure.turned(base, padded)
+
         def look(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             bent = self._tilted(force)
-            batch = replace(base, start=bent[self.first], end=bent[self.last])
-            angles = closure.error_angles(closure.residual(closure.end_attitude(batch, padded), batch.end, batch.yaw_known))
+            end = rotation.multiply(bent[self.first], turned)
+            angles = closure.error_angles(closure.batch_residual(replace(base, start=bent[self.first], end=bent[self.last]), end))
             return angles, np.linalg.norm(force, axis=1)
 
         here = look(force)

@@ -12,11 +12,10 @@ from functools import cached_property
 from itertools import islice
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotri
 
 from session.common.units import MG
 from tinygc.attitude import rotation
+from tinygc.closure.triangular import solve_lower
 from tinygc.explanation.twin.twin import Twin
 
 #: what a MEMS accelerometer of this class wanders by within minutes; bounds what the length of gravity can tell.  Generous: lengths are
@@ -50,7 +49,7 @@ class Whitener:
 
     def __call__(self, stacked: np.ndarray) -> np.ndarray:
         """Rows of unit variance, uncorrelated."""
-        return solve_triangular(self._factor, stacked[self._rows], lower=True, check_finite=False)
+        return solve_lower(self._factor, stacked[self._rows])
 
     def back(self, whitened: np.ndarray) -> np.ndarray:
         """The stacked channels (n,) or (n, m) that are whitened so."""
@@ -79,11 +78,15 @@ class Whitener:
     @cached_property
     def precision(self) -> np.ndarray:
         """(n, n), the inverse of the covariance."""
+        from scipy.linalg.lapack import dpotri
+
         lower, _ = dpotri(self._factor, lower=True)
         return np.tril(lower) + np.tril(lower, -1).T
 
     def pulled(self, whitened: np.ndarray) -> np.ndarray:
         """The precision times the stacked channels (n,) or (n, m) that are whitened so."""
+        from scipy.linalg import solve_triangular
+
         return solve_triangular(self._factor, whitened, lower=True, trans="T", check_finite=False)
 
     def by_channel(self, whitened: np.ndarray) -> np.ndarray:
@@ -91,7 +94,7 @@ class Whitener:
         stacked = self.back(whitened)
         alone = np.empty_like(stacked)
         for name, part in self.parts.items():
-            alone[part] = solve_triangular(self._own_factors[name], stacked[part], lower=True)
+            alone[part] = solve_lower(self._own_factors[name], stacked[part])
         return alone
 
     @cached_property
@@ -130,7 +133,7 @@ def _covariance(twin: Twin) -> np.ndarray:
             log, still = twin.stills[number]
             period = problem.logs[log].samples.period_s
             shared_s = max(0, min(segment.stop, still.stop) - max(segment.start, still.start)) * period
-            block = (turn[number][:d] * walk[number]) * shared_s / duration[number]
+            block = (twin.axes[i, :d] @ turn[number] * walk[number]) * shared_s / duration[number]
             rows, at = slice(i * d, i * d + d), s * d + 3 * number
             full[rows, at : at + 3] += block
             full[at : at + 3, rows] += block.T

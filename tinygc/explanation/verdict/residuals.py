@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tinygc.explanation.twin.channels import own_residuals
+from tinygc.explanation.twin.channels import own_residuals, unknown_rows
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.titles import CHANNELS
 
@@ -38,17 +38,22 @@ def channel_rms(e: Explanation) -> dict[str, tuple[float, float]]:
     looks = [own_residuals(e.twin, e.whiten, fit) for fit in (e.naming.first, e.naming.fit)]
     found = {}
     for name, part in e.whiten.parts.items():
-        before, after = (float(np.sqrt(np.sum(r[part] ** 2) / max(part.stop - part.start - taken[name], 1))) for r, taken in looks)
+        before, after = (float(np.sqrt(np.sum(r[part] ** 2) / max(values_of(e, name) - taken[name], 1))) for r, taken in looks)
         found[name] = before, after
     return found
+
+
+def values_of(e: Explanation, name: str) -> int:
+    """How many values a channel has: rows of angles that no reference sees are none."""
+    part = e.whiten.parts[name]
+    return part.stop - part.start - unknown_rows(e.twin, name)
 
 
 def residual_table(e: Explanation) -> list[ChannelRms]:
     """The table's rows: the channels that are fitted, then slope and scatter within the stills, which no effect that is fitted moves."""
     rows = []
     for name, (before, after) in channel_rms(e).items():
-        part = e.whiten.parts[name]
-        rows.append(ChannelRms(CHANNELS[name], part.stop - part.start, before, after if is_refitted(e) else None))
+        rows.append(ChannelRms(CHANNELS[name], values_of(e, name), before, after if is_refitted(e) else None))
     assert e.within is not None  # an explanation that is told is whole
     for name in ("slope", "scatter"):
         rows.append(ChannelRms(f"{name} of the rate within each still", e.within.slope.size, e.within.rms(name), None))

@@ -10,7 +10,7 @@ import numpy as np
 
 from tinygc import closure
 from tinygc.methods.denoising.material import Material, of_problem
-from tinygc.methods.denoising.training import train_denoiser
+from tinygc.methods.denoising.training import train_denoiser, train_smoothing
 from tinygc.methods.held_out import tell
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
@@ -23,7 +23,8 @@ from tinygc.problem.problem import Problem
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
     """The calibration of ``tinygc``, fitted first where it is not among ``before``, and the denoiser behind it.
 
-    Trained on all segments, then on all but each fold with that fold's calibration, which saw none of it either.
+    Trained on all segments, then on all but each fold with that fold's calibration, which saw none of it either.  A fold's search begins
+    at what smooths best; that has seen all rates, but no attitude.
     """
     calibrated = before.get("tinygc") or run_method("tinygc", problem, options, progress)
     material = of_problem(problem)
@@ -35,11 +36,13 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
     began = time.perf_counter()
     trained = train_denoiser(material, calibrated.model, how, partial(tell, progress, 0, steps), options.checkpoint("denoiser_whole"))
     seconds = time.perf_counter() - began
+    smooth = train_smoothing(material, calibrated.model, how)
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
     for k, calibration in enumerate(calibrated.fold_models):
         told = partial(tell, progress, k + 1, steps)
-        part = train_denoiser(material.pick(fold != k), calibration, how, told, options.checkpoint(f"denoiser_fold{k}"))
+        seen, checkpoint = material.pick(fold != k), options.checkpoint(f"denoiser_fold{k}")
+        part = train_denoiser(seen, calibration, how, told, checkpoint, smooth)
         held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
     notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": how.loss}}
     angles = denoised_angles(material, trained.model, options.integrator)

@@ -25,6 +25,8 @@ PRIOR_SIGMA = {"endpoint": 0.1, "still": 3.0, "neighbours": 3.0}
 
 
 MAX_STEPS = 80
+#: the same from weights that smooth already: what is left is to close, which asks for little
+NEAR_STEPS = 12
 
 
 #: of the loss, relative: a step that gains less ends the search
@@ -68,15 +70,24 @@ def taps_and_jacobian(vector: np.ndarray, dilations: tuple[int, int, int] = DILA
 
 
 def train_second_order(
-    material: Material, calibration: Model, options: DenoiseOptions, progress: Progress = lambda step, steps: None
+    material: Material,
+    calibration: Model,
+    options: DenoiseOptions,
+    progress: Progress = lambda step, steps: None,
+    near: Denoiser | None = None,
+    closing: bool = True,
 ) -> DenoiserTraining:
-    """The taps of the linear subnet that are best for the loss, behind this calibration; as ``training.train_denoiser``."""
+    """The taps of the linear subnet that are best for the loss, behind this calibration; as ``training.train_denoiser``.
+
+    closing: whether the closure is part of the loss.
+    """
     terms = [] if options.loss == "endpoint" else [_smoothing(material, calibration, options)]
     delay = options.delay if options.loss == "neighbours" else 0
-    vector, losses = start(options.seed).vector, []
+    vector, losses = (start(options.seed) if near is None else near).vector, []
+    steps = MAX_STEPS if near is None else NEAR_STEPS
     for number in range(ROUNDS):
-        closing = _closing(material, calibration, taps_and_jacobian(vector)[0], delay)
-        vector, trace = _settle(vector, [closing, *terms], PRIOR_SIGMA[options.loss])
+        rows = [_closing(material, calibration, taps_and_jacobian(vector)[0], delay)] if closing else []
+        vector, trace = _settle(vector, [*rows, *terms], PRIOR_SIGMA[options.loss], steps)
         losses += trace
         progress(number + 1, ROUNDS)
     denoiser = Denoiser.from_vector(vector).normalised()
@@ -122,7 +133,7 @@ def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: in
     return rows, (design * weight[..., None, None]).reshape(len(rows), 3, REACH + 1), taps
 
 
-def _settle(vector: np.ndarray, terms: list[Term], prior: float) -> tuple[np.ndarray, list[float]]:
+def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> tuple[np.ndarray, list[float]]:
     """Levenberg-Marquardt on the sum of squares of all terms (rows, design, taps at which the rows hold) and a weak prior."""
     began, damping, losses = vector, 1e-3, []
 
@@ -133,7 +144,7 @@ def _settle(vector: np.ndarray, terms: list[Term], prior: float) -> tuple[np.nda
     r, jacobian = residuals(vector)
     cost = r @ r
     whole = np.concatenate([design for _, design, _ in terms])
-    for _ in range(MAX_STEPS):
+    for _ in range(steps):
         J = np.concatenate([whole[:, axis] @ jacobian[axis] for axis in range(3)], axis=1)
         normal = J.T @ J + np.eye(PARAMETERS) / prior**2
         gradient = J.T @ r + (vector - began).ravel() / prior**2

@@ -18,6 +18,7 @@ from tinygc.methods.denoising.material import REACH, Material
 from tinygc.methods.denoising.second_order import train_second_order
 from tinygc.methods.denoising.start import DenoiserTraining
 from tinygc.methods.registry import Progress
+from tinygc.models.denoiser import Denoiser
 from tinygc.models.model import Model
 
 if TYPE_CHECKING:
@@ -30,8 +31,10 @@ def train_denoiser(
     options: DenoiseOptions,
     progress: Progress = lambda step, steps: None,
     checkpoint: Checkpoint | None = None,
+    near: Denoiser | None = None,
 ) -> DenoiserTraining:
-    """The whole net with this calibration, frozen; checkpoint (``Checkpoint``) where AdamW trains it.
+    """The whole net with this calibration, frozen; checkpoint (``Checkpoint``) where AdamW trains it; near: what ``train_smoothing`` found,
+    where the second order may begin, and then soon ends.
 
     Raises FitError where the loss is not finite, or there is nothing to smooth.
     """
@@ -39,8 +42,19 @@ def train_denoiser(
         raise ValueError(f"loss is {options.loss!r}, expected one of {', '.join(LOSSES)}")
     if not 0 <= options.delay <= REACH:
         raise FitError(f"a delay of {options.delay} samples is not within the denoiser's reach of {REACH}")
-    if options.optimizer == "adamw" or options.slope != 1:
+    if not _is_second_order(options):
         from tinygc.methods.denoising.adamw_denoiser import train_adamw
 
         return train_adamw(material, calibration, options, progress, checkpoint)
-    return train_second_order(material, calibration, options, progress)
+    return train_second_order(material, calibration, options, progress, near)
+
+
+def train_smoothing(material: Material, calibration: Model, options: DenoiseOptions) -> Denoiser | None:
+    """The weights best for all of the loss but the closure, from rates alone; None where the closure is all of it, and for AdamW."""
+    if options.loss == "endpoint" or not _is_second_order(options):
+        return None
+    return train_second_order(material, calibration, options, closing=False).model.denoiser
+
+
+def _is_second_order(options: DenoiseOptions) -> bool:
+    return options.optimizer != "adamw" and options.slope == 1

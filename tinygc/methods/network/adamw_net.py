@@ -50,9 +50,9 @@ def train_adamw(
     start = start or CalibrationNet.identity()
     where = device()
     before = np.full(len(batch), -1) if before is None else before
-    spread_of_rows = sequences.carried_sigma(sigma.reshape(len(batch), -1), before)
+    spread_of_rows = sequences.carried_sigma(sigma.reshape(len(batch), -1), before, batch.turns is not None)
     weights_of_rows = 2 / spread_of_rows
-    trust = 1 / np.sqrt((np.broadcast_to(spread_of_rows, (len(batch), batch.angles)) ** 2).mean(axis=1))
+    trust = 1 / np.sqrt((np.broadcast_to(spread_of_rows, (len(batch), batch.angles)) ** 2).mean(axis=1, where=batch.known))
     rate, weight, trust = (torch.as_tensor(array, device=where) for array in (batch.rate, weights_of_rows, trust / trust.mean()))
     settings = np.array(list((integrator + loss).encode()))
     identity = [before, batch.rate, batch.dt, batch.earth, batch.start, batch.end, sigma, settings]

@@ -3,7 +3,7 @@
 Second order (the default): Levenberg-Marquardt.  The net's Jacobian is contracted with the closure's linear sensitivity, so one step
 costs about one epoch.  It leads from the identity to the linear solution, and from there
 along a path of weaker and weaker ties to it; on that path the step whose predicted error is least (leave one segment out) is kept, so
-that 27 parameters do not fit the noise that 12 leave alone.
+that 27 parameters do not fit the noise that 12 leave alone.  A tie with which the first, linear step promises nothing is passed over.
 
 First order: the paper's AdamW at 0.01 in PyTorch (``adamw_net.py``), differentiating through the tree product.  Only that imports
 torch, which takes seconds; the second order needs no autograd.
@@ -26,6 +26,8 @@ from tinygc.problem import sequences
 
 #: standard errors by which a looser tie must lower the left-out error before its kinks are believed
 BELIEF = 3.0
+#: the same that the first step from the linear solution promises, or the tie is not tried (benchmarks/ties.py)
+PROMISE = 1.0
 MAX_STEPS = 25
 #: in units of chi-square: a step that gains less than this says nothing of the sensor
 ENOUGH = 1e-3
@@ -82,23 +84,28 @@ def train_second_order(
     problem = _Problem(batch, sigma, still_rates, integrator, start or CalibrationNet.identity(), before)
     vector, losses = problem.identity if begin is None else begin.vector, []
     chosen: tuple[np.ndarray, float] | None = None
-    lowest = np.empty(0)
+    lowest = unbent = np.empty(0)
     rungs = problem.start.rungs(problem.typical_rps, ties)
+    linear: _Linear | None = None
     for number, (tie, prior) in enumerate(rungs):
+        progress(number + 1, len(rungs))
+        if linear is not None and not _less(linear.left_out(prior), unbent, PROMISE):
+            continue
         vector, left_out, trace = problem.settle(vector, prior, steps)
         losses += trace
-        progress(number + 1, len(rungs))
         # The first is the linear solution; each looser tie must earn its freedom.
-        if chosen is None or _clearly_less(left_out, lowest):
+        if chosen is None or _less(left_out, lowest, BELIEF):
             chosen, lowest = (vector, tie), left_out
+        if linear is None:
+            linear, unbent = problem.linear(vector), left_out
     assert chosen is not None  # there is a rung at least: the linear one
     return Training(problem.net(chosen[0]), chosen[1], tuple(losses))
 
 
-def _clearly_less(trial: np.ndarray, best: np.ndarray) -> bool:
-    """Whether squared errors (S,) of the same segments are smaller by more than chance, judged pair by pair."""
+def _less(trial: np.ndarray, best: np.ndarray, sigmas: float) -> bool:
+    """Whether squared errors (S,) of the same segments are smaller by so many standard errors, judged pair by pair."""
     gain = best - trial
-    return bool(gain.mean() > BELIEF * gain.std(ddof=1) / np.sqrt(len(gain)))
+    return bool(gain.mean() > sigmas * gain.std(ddof=1) / np.sqrt(len(gain)))
 
 
 class _Problem:
@@ -116,7 +123,7 @@ class _Problem:
         self.integrator, self.start = integrator, start
         self.before = np.full(len(batch), -1) if before is None else before
         self.batch, self.still_rates = batch, still_rates
-        self.weight = 1 / sequences.carried_sigma(sigma.reshape(len(batch), -1), self.before)
+        self.weight = 1 / sequences.carried_sigma(sigma.reshape(len(batch), -1), self.before, batch.turns is not None)
         self.typical_rps = float(np.sqrt(np.mean(batch.rate[..., :3] ** 2)))
         self.identity = start.vector
 
@@ -135,7 +142,7 @@ class _Problem:
 
     def jacobian(self, vector: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
         net = self.net(vector)
-        design = sequences.carried(net.columns(sensitivity, self.batch.rate), self.before)
+        design = sequences.carried(net.columns(sensitivity, self.batch.rate), self.before, self.batch.turns is not None)
         rows = [(design * self.weight[..., None]).reshape(-1, len(vector))]
         if self.still_rates is not None:
             each = np.eye(3)[None, None] / self.still_rates.sigma[:, None, :, None]
@@ -174,12 +181,33 @@ class _Problem:
             losses.append(float(r @ r / len(r)))
             if gain < ENOUGH:
                 break
-        return vector, self._left_out(r, scaled, normal), losses
+        return vector, self.left_out(r, scaled, normal), losses
 
-    def _left_out(self, r: np.ndarray, scaled: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    def linear(self, vector: np.ndarray) -> _Linear:
+        """About these weights."""
+        return _Linear(self, vector, self.residuals(vector), self.jacobian(vector, self.sensitivity(vector)))
+
+    def left_out(self, r: np.ndarray, scaled: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """(S,) squared residual of each segment when it is left out of the fit (PRESS; Allen 1974), in the linear approximation."""
         d, count = self.batch.angles, len(self.batch)
         rows = scaled[: d * count].reshape(count, d, -1)
         hat = rows @ np.linalg.solve(normal, rows.transpose(0, 2, 1))
         left_out = np.linalg.solve(np.eye(d) - np.minimum(hat, 1 - 1e-6), r[: d * count].reshape(count, d, 1))
         return np.sum(left_out[..., 0] ** 2, axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """The rows (n,) at some weights (P,), and their Jacobian (n, P): what a first step from there does, with any prior."""
+
+    problem: _Problem
+    vector: np.ndarray
+    r: np.ndarray
+    J: np.ndarray
+
+    def left_out(self, prior: np.ndarray) -> np.ndarray:
+        """(S,) as ``_Problem.left_out``, after that step; prior (P,)."""
+        scaled = self.J * prior
+        normal = scaled.T @ scaled + np.eye(len(prior))
+        step = np.linalg.solve(normal, scaled.T @ self.r + (self.vector - self.problem.identity) / prior)
+        return self.problem.left_out(self.r - scaled @ step, scaled, normal)

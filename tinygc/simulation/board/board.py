@@ -9,12 +9,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from session.stream import frames
-from session.stream.text import HEADER
+from session.stream.form import HEADER
 from tinygc.simulation.board.faults import Faults, spoil
 from tinygc.simulation.board.source import Source
 from tinygc.simulation.board.terminal import Terminal
 
 TICK_S = 0.004
+#: physical units with the digits of a float32, which a board's printf has
+ROW, PHYSICAL_ROW = ",".join(["%d"] * 8) + "\n", ",".join(["%d"] + ["%.7g"] * 7) + "\n"
+PHYSICAL_HEADER = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"
 CATCH_UP_S = 0.02  #: of lateness made up for in a tick
 RESET_S = 0.5  #: a board starts up in about this time
 UNPLUGGED_S = 1.0  #: host time that a pulled cable stays out
@@ -22,7 +25,9 @@ UNPLUGGED_S = 1.0  #: host time that a pulled cable stays out
 
 @dataclass
 class Board:
-    """lead_s: still time between the first reader and the session; tail_s: still time behind it, then ``run`` returns; None: never
+    """frames: instead of text lines; physical: the lines are in dps, g and degC.
+
+    lead_s: still time between the first reader and the session; tail_s: still time behind it, then ``run`` returns; None: never
     returns; uptime_s: device time at the start (its 32 bits wrap after 71.6 minutes).
 
     Counts: sent (samples that were put on the wire, or spoilt by the faults), starts (of the device).
@@ -31,6 +36,7 @@ class Board:
     source: Source
     terminal: Terminal
     frames: bool = False
+    physical: bool = False
     speed: float = 1.0
     lead_s: float = 10.0
     tail_s: float | None = None
@@ -81,7 +87,7 @@ class Board:
         if self.faults.garbage:
             self.terminal.write(self._rng.bytes(int(self.faults.garbage)))
         if not self.frames:
-            self.terminal.write(f"{HEADER}\n".encode())
+            self.terminal.write(f"{PHYSICAL_HEADER if self.physical else HEADER}\n".encode())
 
     def _send(self, due: int) -> None:
         """All samples before ``due``."""
@@ -101,8 +107,8 @@ class Board:
             self._sequence += len(rows)
             messages = [table.tobytes()] if self.faults == Faults() else [row.tobytes() for row in table]
         else:
-            table = np.column_stack([t_us % 2**32, rows])
-            text = "%d,%d,%d,%d,%d,%d,%d,%d\n" * len(table) % tuple(table.ravel().tolist())
+            table = np.column_stack([t_us % 2**32, self.source.in_units(rows) if self.physical else rows])
+            text = (PHYSICAL_ROW if self.physical else ROW) * len(table) % tuple(table.ravel().tolist())
             messages = [text.encode()] if self.faults == Faults() else [line.encode() for line in text.splitlines(keepends=True)]
         if self._position >= self._silent_until and self.terminal.write(spoil(messages, self.faults, self._rng)):
             self.sent += len(rows)

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import DataError
+from session.common.units import DEG, G
+from session.log.config import Sensor
 from session.log.folder import Session, read_session
 from session.log.samples import Samples
-from session.sensor import registers
+from session.sensor.known import DEFAULT
+from session.sensor.registers import REGISTER_MAX, RegisterUnits
 from session.stream.events import Info
 from tinygc.simulation.board.mark import onto_the_mark
 from tinygc.simulation.options import SimulationOptions
@@ -22,11 +25,21 @@ STILL_S = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """rows (n, 7) int16 registers of the session, at info.odr_hz; config: text of its session.toml, or None."""
+    """rows (n, 7) int16 registers of the session, at info.odr_hz; config: text of its session.toml, or None; units: what they mean, where
+    the model and the full scales of ``info`` do not say it."""
 
     rows: np.ndarray
     info: Info
     config: str | None = None
+    units: RegisterUnits | None = None
+
+    def in_units(self, rows: np.ndarray) -> np.ndarray:
+        """Registers (n, 7) in dps, g and degC; 0 degC where the temperature's meaning is not known."""
+        values, info = rows.astype(float), self.info
+        units = self.units or RegisterUnits(info.sensor or DEFAULT, info.gyro_fs_dps, info.accel_fs_g)
+        temp_c = units.temperature_c(values[:, 6])
+        temp_c = np.zeros(len(rows)) if temp_c is None else temp_c
+        return np.column_stack([values[:, :3] * (units.gyro_rps / DEG), values[:, 3:6] * (units.accel_mps2 / G), temp_c])
 
     def take(self, start: int, stop: int, rng: np.random.Generator) -> np.ndarray:
         """Rows start <= i < stop; before 0 and behind the last, still ones: drawn from the first and the last still."""
@@ -45,7 +58,7 @@ def simulated(options: SimulationOptions, calibrated: bool = True) -> Source:
 
     simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)))
     parts = [part for part in (simulation.log, simulation.closure) if part is not None]
-    info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.seed))
+    info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.seed), options.sensor)
     return Source(np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False, calibrated=calibrated))
 
 
@@ -55,8 +68,14 @@ def recorded(folder: Path) -> Source:
     logs = [log.samples for log in (*session.logs, *session.closures)]
     sensor = session.config.sensor
     odr_hz = (len(logs[0]) - 1) / logs[0].duration_s
-    info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial)
-    return Source(np.concatenate([_registers(samples, session) for samples in logs]), info, (folder / "session.toml").read_text("utf-8"))
+    info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial, _word(sensor))
+    rows = np.concatenate([_registers(samples, session) for samples in logs])
+    return Source(rows, info, (folder / "session.toml").read_text("utf-8"), sensor.register_units)
+
+
+def _word(sensor: Sensor) -> str:
+    """The model as one word of a comment; empty where it is none that is known."""
+    return "" if sensor.profile is None else sensor.profile.name
 
 
 def _rows(recording: Recording) -> np.ndarray:
@@ -65,10 +84,9 @@ def _rows(recording: Recording) -> np.ndarray:
 
 def _registers(samples: Samples, session: Session) -> np.ndarray:
     sensor = session.config.sensor
-    gyro = samples.gyro / registers.gyro_rps_per_lsb(sensor.gyro_fs_dps)
-    accel = samples.accel / registers.accel_mps2_per_lsb(sensor.accel_fs_g)
-    temp_c = np.full(len(samples), registers.TEMP_AT_ZERO_C) if samples.temp_c is None else samples.temp_c
-    rows = np.rint(np.column_stack([gyro, accel, (temp_c - registers.TEMP_AT_ZERO_C) * registers.TEMP_LSB_PER_C]))
-    if np.abs(rows).max() > registers.REGISTER_MAX + 1:
+    units = sensor.register_units
+    temp = units.temperature_lsb(samples.temp_c, len(samples))
+    rows = np.rint(np.column_stack([samples.gyro / units.gyro_rps, samples.accel / units.accel_mps2, temp]))
+    if np.abs(rows).max() > REGISTER_MAX + 1:
         raise DataError(f"{session.folder}: holds values beyond the registers of {sensor.gyro_fs_dps:g} dps and {sensor.accel_fs_g:g} g")
     return rows.astype(np.int16)

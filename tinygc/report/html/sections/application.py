@@ -8,7 +8,6 @@ from base64 import b64encode
 import numpy as np
 
 from session.common.units import DEG
-from session.sensor.registers import gyro_rps_per_lsb
 from tinygc.deploy.calibration import Calibration
 from tinygc.models.physics import PhysicsModel
 from tinygc.report.html.adopted import model_table
@@ -89,7 +88,7 @@ def _by_this_tool(evidence: Evidence) -> str:
 def _lsb_rps(evidence: Evidence) -> float | None:
     """rad/s per register's unit, where the logs hold registers."""
     sensor = evidence.fit.session.config.sensor
-    return gyro_rps_per_lsb(sensor.gyro_fs_dps) if all(log.raw for log in evidence.fit.session.logs) else None
+    return sensor.register_units.gyro_rps if all(log.raw for log in evidence.fit.session.logs) else None
 
 
 def _measured(evidence: Evidence) -> str:

@@ -1,0 +1,100 @@
+"""Beside the method of imu_tk (Tedaldi, Pretto & Menegatti 2014, ICRA), as its paper describes it, on the same segments.
+
+Its accelerometer: nine numbers that bring the squared length of gravity in the stills nearest to the site's, all stills alike.  Its
+gyroscope: the bias is the mean of the first still; scale and misalignment (nine numbers) bring gravity, carried through each turn, nearest
+to the accelerometer's.  The paper integrates by Runge-Kutta of fourth order; here the exact one stands for it, which leaves it better off.
+Ours: ``fit`` as it is, without ``[accelerometer]``.  Held out in the same five folds.
+
+    python benchmarks/imu_tk_method.py ../shared/mikov/imu0 ../shared/mikov/imu2 ../shared/mikov/imu4
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from common import markdown
+from scipy.optimize import least_squares
+
+from session.accelerometer import parameters
+from session.accelerometer.from_stills import force_of
+from session.common.units import DEG
+from session.log.config import Accelerometer
+from session.log.folder import Session, read_session
+from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.residual import closure_angles
+from tinygc.fitting.session import fit_session
+from tinygc.methods.options import FitOptions
+from tinygc.models.linear import LinearModel, bias_only
+from tinygc.problem.build import build_problem
+from tinygc.problem.prepared import prepare
+from tinygc.problem.problem import Problem
+
+FOLDS = 5
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folders", nargs="+", type=Path, help="session folders")
+    rows = []
+    for folder in parser.parse_args().folders:
+        session = read_session(folder)
+        bare = replace(session, config=replace(session.config, accelerometer=Accelerometer(source="none")))
+        ours = fit_session(bare, FitOptions(methods=("least_squares",), folds=FOLDS))
+        stills = fit_session(bare, FitOptions(methods=("least_squares",), folds=FOLDS, bias="stills"))
+        theirs, E = imu_tk(bare)
+        floor = ours.problem.floor.tilt_rms / DEG
+        figures = [theirs, rms(ours.linear.held_out), rms(stills.linear.held_out), floor]
+        apart = np.diag(E - ours.linear.model.E) * 1e6
+        sigma = np.sqrt(np.diag(ours.covariance))[[0, 4, 8]] * 1e6
+        cells = [f"{a:+.0f} ± {s:.0f}" for a, s in zip(apart, sigma, strict=True)]
+        rows.append([folder.name, str(len(ours.problem.used)), *(f"{x:.4f}" for x in figures), ", ".join(cells)])
+    names = ["recording", "turns", "imu_tk's method", "ours", "ours, `--bias stills`", "noise floor", "its scales less ours, ppm ± our σ"]
+    print("Held-out closure, degrees rms of tilt; every method estimates its accelerometer from the same stills.\n")
+    print(markdown(names, rows))
+
+
+def imu_tk(session: Session) -> tuple[float, np.ndarray]:
+    """Held-out tilt, deg rms, and E (3, 3)."""
+    begun = prepare(session).problem  # only for which stills and turns there are
+    gravity = session.config.site.expected_gravity_mps2
+    bare = replace(session, config=replace(session.config, accelerometer=Accelerometer()))
+    measured = force_of([still for log in build_problem(bare).logs for still in log.stills if still.problem is None])
+    own = by_squares(measured, gravity)
+    problem = build_problem(replace(session, config=replace(session.config, accelerometer=own)), use_earth=False)
+    assert len(problem.batch) == len(begun.batch)
+    return _held_out(problem), _fit(problem, np.ones(len(problem.batch), dtype=bool)).E
+
+
+def by_squares(measured: np.ndarray, gravity: float) -> Accelerometer:
+    """Nine numbers from stills' mean readings (S, 3), as equation 10 of the paper."""
+
+    def cost(x: np.ndarray) -> np.ndarray:
+        return gravity**2 - np.sum(parameters.corrected(x, measured) ** 2, axis=1)
+
+    x = least_squares(cost, parameters.IDENTITY, x_scale=parameters.units(gravity)).x
+    return parameters.after(x, Accelerometer())
+
+
+def _held_out(problem: Problem) -> float:
+    fold = np.arange(len(problem.batch)) % FOLDS
+    angles = np.zeros((len(problem.batch), problem.batch.angles))
+    for k in range(FOLDS):
+        angles[fold == k] = closure_angles(problem.batch.pick(fold == k), _fit(problem, fold != k))
+    return rms(angles)
+
+
+def _fit(problem: Problem, seen: np.ndarray) -> LinearModel:
+    first = next(still for log in problem.logs for still in log.stills if still.problem is None)
+    batch = problem.batch.pick(seen)
+    return fit_least_squares(batch, np.full(len(batch), 1e-3), bias_only(first.gyro_mean), rest_rps=first.gyro_mean).model
+
+
+def rms(angles: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1)))) / DEG
+
+
+if __name__ == "__main__":
+    main()

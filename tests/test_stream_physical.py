@@ -1,0 +1,200 @@
+"""Text streams in physical units: what they say is what the log holds, whatever the wire does to them and however they are cut."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import DEG, config
+from streams import INFO, sent
+
+from session.common.errors import CalibrationError
+from session.guide.guided_session import samples_of
+from session.log.config import Sensor
+from session.log.logfile import read_log
+from session.recording.logwriter import LogWriter
+from session.recording.session_file import SessionFile
+from session.replay.from_raw import convert_raw
+from session.sensor.registers import RegisterUnits
+from session.stream.decoder import StreamDecoder
+from session.stream.events import Chunk, Info, Trouble
+from session.stream.form import parse_header
+from session.stream.text import parse_decimals
+
+UNITS = RegisterUnits("ASM330LHH", 500, 4)
+HEADER = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"
+COMMENT = b"# gyro_fs_dps=500 accel_fs_g=4 odr_hz=1666.5 serial=77 sensor=MPU-9250\n"
+
+
+def values_of(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps (count,) us and numbers (count, 7) in dps, g and degC with the digits that a board prints."""
+    t_us, registers = sent(count, seed=seed)
+    scale = [UNITS.gyro_rps / DEG] * 3 + [UNITS.accel_mps2 / 9.80665] * 3 + [1 / 256]
+    return t_us, np.round(registers * np.array(scale) + np.array([0] * 6 + [25.0]), 5)
+
+
+def lines_of(t_us, values, header=HEADER, time=lambda t: str(t)) -> list[bytes]:
+    rows = zip(t_us.tolist(), values.tolist(), strict=True)
+    return [f"{header}\n".encode(), *(f"{time(t)},{','.join(f'{x:.5f}' for x in row)}\n".encode() for t, row in rows)]
+
+
+def decode(data: bytes, cuts=(), told=None) -> tuple[StreamDecoder, list]:
+    decoder, events, edges = StreamDecoder(told), [], [0, *sorted(cuts), len(data)]
+    for start, stop in pairwise(edges):
+        events += decoder.feed(data[start:stop])
+    return decoder, events + decoder.finish()
+
+
+def samples(events) -> tuple[np.ndarray, np.ndarray]:
+    chunks = [event for event in events if isinstance(event, Chunk)]
+    return np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks])
+
+
+@pytest.mark.parametrize(
+    ("header", "time", "columns"),
+    [
+        (HEADER, str, 7),
+        (HEADER.replace("t_us", "t_s"), lambda t: f"{t / 1e6:.6f}", 7),
+        (HEADER.replace("t_us", "t_ns"), lambda t: str(t * 1000 + 400), 7),
+        (HEADER.replace(",temp_c", ""), str, 6),
+        (HEADER.replace("_dps", "_rps").replace("_g", "_mps2"), str, 7),
+        (HEADER + ",note", str, 7),
+    ],
+)
+def test_what_is_sent_is_what_the_log_holds(header, time, columns, tmp_path):
+    t_us, values = values_of(400)
+    values = values[:, :columns]
+    lines = lines_of(t_us, values, header, time)
+    if header.endswith("note"):
+        lines[1:] = [line[:-1] + b",x\n" for line in lines[1:]]
+    data = lines[0] + COMMENT + b"".join(lines[1:])
+    decoder, events = decode(data)
+    found_us, found = samples(events)
+    np.testing.assert_array_equal(found_us, t_us)
+    np.testing.assert_array_equal(found, values)
+    assert (decoder.garbage, decoder.lost, decoder.info) == (0, 0, Info(500, 4, 1666.5, "77", "MPU-9250"))
+    writer = LogWriter(tmp_path)
+    writer.write(events)
+    writer.close()
+    assert writer.physical
+    log = read_log(writer.paths[0], Sensor("unknown", "", 1667, 500, 4))
+    assert not log.raw
+    rad, force = ("rps" in header, "mps2" in header)
+    np.testing.assert_allclose(log.samples.gyro, values[:, :3] * (1.0 if rad else DEG), rtol=1e-14)
+    np.testing.assert_allclose(log.samples.accel, values[:, 3:6] * (1.0 if force else 9.80665), rtol=1e-14)
+    live = samples_of(next(event for event in events if isinstance(event, Chunk)), config())
+    np.testing.assert_allclose(live.gyro, log.samples.gyro[: len(live)], rtol=1e-14)
+    np.testing.assert_allclose(live.accel, log.samples.accel[: len(live)], rtol=1e-14)
+    assert (live.temp_c is None) == (columns == 6)
+
+
+def test_it_does_not_matter_how_the_bytes_are_cut():
+    t_us, values = values_of(300)
+    data = b"boot\r\n" + COMMENT + b"".join(lines_of(t_us, values)).replace(b"\n", b"\r\n")
+    whole = samples(decode(data)[1])
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        parts = samples(decode(data, rng.integers(0, len(data), 30))[1])
+        np.testing.assert_array_equal(parts[0], whole[0])
+        np.testing.assert_array_equal(parts[1], whole[1])
+
+
+def test_lost_lines_are_counted_and_torn_ones_left_out():
+    t_us, values = values_of(600)
+    lines = lines_of(t_us, values)
+    kept = lines[:200] + lines[205:400] + [lines[400][:20] + b"\n"] + lines[401:]
+    decoder, events = decode(b"".join(kept))
+    found_us, found = samples(events)
+    there = np.isin(t_us, found_us)
+    np.testing.assert_array_equal(found, values[there])
+    assert decoder.lost == 600 - len(found_us)
+    assert decoder.garbage == 21
+    assert 590 <= len(found_us) <= 594  # a gap costs the line before it
+
+
+def test_a_spoilt_number_beside_damage_is_left_out():
+    t_us, values = values_of(400)
+    lines = lines_of(t_us, values)
+    lines[200] = b"\xff\xfe\n"
+    cells = lines[300].split(b",")
+    lines[300] = b",".join([*cells[:2], b"99.9", *cells[3:]])
+    decoder, events = decode(b"".join(lines))
+    assert decoder.implausible == 1
+    assert t_us[299] not in samples(events)[0]
+    untouched = lines_of(t_us, values)
+    untouched[300] = lines[300]  # on a good wire a jump is a jump
+    assert decode(b"".join(untouched))[0].implausible == 0
+
+
+def test_without_its_header_it_is_nothing_and_with_the_option_all_of_it():
+    t_us, values = values_of(300)
+    data = b"".join(lines_of(t_us, values)[1:])
+    decoder, events = decode(data)
+    assert decoder.samples == 0
+    assert decoder.garbage == len(data)
+    _, events = decode(data, told=HEADER)
+    np.testing.assert_array_equal(samples(events)[1], values)
+
+
+def test_another_header_begins_another_log(tmp_path):
+    t_us, values = values_of(200)
+    rows = np.column_stack([t_us + 200 * 600, sent(200)[1]]).tolist()
+    registers = "t_us,gx,gy,gz,ax,ay,az,temp\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
+    data = b"".join(lines_of(t_us, values)) + registers.encode()
+    decoder, events = decode(data)
+    assert decoder.resets == 1
+    assert [event.kind for event in events if isinstance(event, Trouble)] == ["reset"]
+    writer = LogWriter(tmp_path)
+    writer.write(events)
+    writer.close()
+    assert [path.read_text().split("\n")[0] for path in writer.paths] == [HEADER, "t_us,gx,gy,gz,ax,ay,az,temp"]
+    assert sum(len(path.read_text().split("\n")) - 2 for path in writer.paths) == 400
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", "t_us,gx_dps,gy_dps,gz_dps", "t_us,gx_dps,gy_rps,gz_dps,ax_g,ay_g,az_g", ""],
+)
+def test_what_is_no_header(header):
+    assert parse_header(header.encode()) is None
+
+
+@pytest.mark.parametrize("cell", ["nan", "inf", "1e999", "0x1", "01.5", "--1", "1_0", "", ".", "1.2.3", "1,", "٣"])
+def test_numbers_that_are_none(cell):
+    _, order, form = parse_header(HEADER.encode())
+    good = parse_decimals(b"10,1.5,-.5,2.,1e-3,+0.25,0,25", order, form)
+    assert good == (8, [10, 1.5, -0.5, 2.0, 0.001, 0.25, 0.0, 25.0])
+    found = parse_decimals(f"10,{cell},-.5,2,1e-3,0.25,0,25".encode(), order, form)
+    assert found is None or cell == "1,"  # an empty column more is another width
+
+
+def test_the_sensor_of_a_recording_is_the_one_that_is_named(tmp_path):
+    """The option, then the board's comment, then ``--like``; else an ASM330LHH for registers, and nobody's for physical units."""
+    named = Info(500, 4, 1666.5, "77", "MPU-9250")
+
+    def model(name, info, option=None, physical=False):
+        file = SessionFile(tmp_path / name, None, None, None, None, option)
+        return file.configure(info, 0.0, physical).sensor.model, file.assumed
+
+    assert model("a", named) == ("MPU-9250", False)
+    assert model("b", named, "bmi270") == ("bmi270", False)
+    assert model("c", INFO) == ("ASM330LHH", True)
+    assert model("d", INFO, physical=True) == ("unknown", False)
+    with pytest.raises(CalibrationError, match=r'sensor\.model is "MPU-9250", the board says BMI270'):
+        SessionFile(tmp_path / "a", None, None, None, None).configure(Info(500, 4, 1666.5, "77", "BMI270"))
+    again = SessionFile(tmp_path / "a", None, None, None, None, "mpu_9250").configure(named)
+    assert again.sensor.model == "MPU-9250"
+
+
+def test_raw_bytes_in_physical_units_replay(tmp_path):
+    t_us, values = values_of(2000)
+    raw = tmp_path / "raw.bin"
+    raw.write_bytes(b"".join(lines_of(t_us, values)))
+    made = convert_raw(raw, tmp_path / "s", None, 500, 4)
+    assert made.samples == 2000
+    assert 'model = "unknown"' in (tmp_path / "s" / "session.toml").read_text()
+    raw.write_bytes(b"".join(lines_of(t_us, values)[1:]))
+    with pytest.raises(CalibrationError, match="--header"):
+        convert_raw(raw, tmp_path / "t", 1667, 500, 4)
+    assert convert_raw(raw, tmp_path / "t", 1667, 500, 4, "lsm6dso", HEADER).samples == 2000

@@ -1,0 +1,109 @@
+"""``sensors``: what is known of which sensor."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from tinygc.cli.commands._results import output, write_json
+
+if TYPE_CHECKING:
+    from session.sensor.profiles.profile import Figure, Profile
+
+SUMMARY = "list the sensors that are known, or all that is known of one"
+#: of each figure: its name for a person, and its unit
+FIGURES = {
+    "gyro_noise_mdps_rthz": ("gyroscope noise", "mdps/√Hz"),
+    "accel_noise_ug_rthz": ("accelerometer noise", "ug/√Hz"),
+    "gyro_bias_instability_dph": ("bias instability", "deg/h"),
+    "zero_rate_dps": ("zero-rate level, at most", "dps"),
+}
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("name", nargs="?", metavar="NAME", help="as in session.toml or --sensor, such as mpu9250 (all)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """One line for each sensor, or some for one."""
+    from session.common.errors import CalibrationError
+    from session.sensor.known import PROFILES, nearest_name, profile_of
+
+    console = output(args)
+    if args.name is None:
+        for profile in PROFILES:
+            console.print(_line(profile), soft_wrap=True)
+        console.print("(remembered figures are in brackets: nothing is held against them)", soft_wrap=True)
+        chosen = PROFILES
+    else:
+        one = profile_of(args.name)
+        if one is None:
+            near = nearest_name(args.name)
+            meant = f"; is {near} meant?" if near else ""
+            raise CalibrationError(f"{args.name[:60]!r} is no sensor that is known{meant} (`calibrate.py sensors`)")
+        for line in _lines(one):
+            console.print(line, soft_wrap=True)
+        chosen = (one,)
+    write_json(args.json, {"schema": "tinygc-sensors/1", "sensors": [_table(profile) for profile in chosen]})
+    return 0
+
+
+def _line(profile: Profile) -> str:
+    noise = profile.gyro_noise_mdps_rthz
+    said = "" if noise is None else f"; {_value(noise, 'mdps/√Hz')}"
+    return f"{profile.name:11} {_ranges(profile.gyro)} dps; {_ranges(profile.accel)} g; {_rates(profile)}{said}"
+
+
+def _lines(profile: Profile) -> list[str]:
+    lines = [", ".join((profile.name, *profile.also))]
+    for what, unit, full_scale, table in (("gyroscope", "mdps", "dps", profile.gyro), ("accelerometer", "mg", "g", profile.accel)):
+        each = "full scale / 32768" if table is None else ", ".join(f"{lsb:.6g} at ±{fs:g} {full_scale}" for fs, lsb in table.items())
+        lines.append(f"  {what}, {unit} per LSB: {each}")
+    thermometer = profile.thermometer
+    register = "not known" if thermometer is None else f"{thermometer.lsb_per_c:.6g} LSB per degC, 0 at {thermometer.at_zero_c:.5g} degC"
+    lines.append(f"  temperature register: {register}")
+    lines.append(f"  these are from: {profile.units}")
+    lines.append(f"  data rates: {_rates(profile)}")
+    for name, figure in profile.figures.items():
+        called, unit = FIGURES[name]
+        lines.append(f"  {called}: {_value(figure, unit)} ({figure.source})")
+    if profile.works_c is not None:
+        lines.append(f"  works from {profile.works_c[0]:g} to {profile.works_c[1]:g} degC")
+    missing = [called for name, (called, _) in FIGURES.items() if profile.yardstick(name) is None]
+    if missing:
+        lines.append(f"  not held against anything: {'; '.join(missing)}")
+    return lines
+
+
+def _value(figure: Figure, unit: str) -> str:
+    return f"{figure.value:g} {unit}" if figure.read else f"[{figure.value:g} {unit}]"
+
+
+def _ranges(table: object) -> str:
+    return "±" + ", ".join(f"{fs:g}" for fs in table) if isinstance(table, dict) else "any"
+
+
+def _rates(profile: Profile) -> str:
+    listed = [", ".join(f"{rate:g}" for rate in profile.odr_hz)] if profile.odr_hz else []
+    listed += [f"{one.base_hz:g}" + (f" / 1…{one.most}" if one.most > 1 else "") for one in profile.divided]
+    return f"{', '.join(listed)} Hz" if listed else "data rates not known"
+
+
+def _table(profile: Profile) -> dict:
+    thermometer = profile.thermometer
+    return {
+        "name": profile.name,
+        "also": list(profile.also),
+        "gyro_mdps_per_lsb": None if profile.gyro is None else {f"{fs:g}": lsb for fs, lsb in profile.gyro.items()},
+        "accel_mg_per_lsb": None if profile.accel is None else {f"{fs:g}": lsb for fs, lsb in profile.accel.items()},
+        "units_source": profile.units,
+        "temp_lsb_per_c": None if thermometer is None else thermometer.lsb_per_c,
+        "temp_at_zero_c": None if thermometer is None else thermometer.at_zero_c,
+        "odr_hz": list(profile.odr_hz),
+        "divided": [asdict(one) for one in profile.divided],
+        "clock_within": None if profile.clock_within is None else asdict(profile.clock_within),
+        "works_c": None if profile.works_c is None else list(profile.works_c),
+        "figures": {name: asdict(figure) for name, figure in profile.figures.items()},
+    }

@@ -19,7 +19,8 @@ from common import in_parallel, markdown
 from session.common.units import DEG, MDPS, MG, G
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
-from session.guide.messages import Taken
+from session.guide.messages import AcceptedTurn, Progress
+from session.guide.own_accelerometer import OwnAccelerometer
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -34,32 +35,36 @@ from tinygc.plan.turns import Turn, TurnPart
 from tinygc.problem.build import build_problem
 from tinygc.simulation import motion
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import plan_of, simulate_session
+from tinygc.simulation.simulate import _streams, plan_of, simulate_session
 from tinygc.simulation.table_movement import PEAK_RPS, TURN_SPREAD, Plan, not_faster, rest_s, stroke
+from tinygc.simulation.unit import SimulatedUnit, draw_unit
 
-COUNTS = (8, 12, 20, 40)
+COUNTS = (8, 12, 20, 28, 40)
+RAW_MG = 30.0
 ANGLE_SPREAD, STRAY_RAD = 0.10, 5 * DEG
 NEAR = 0.8  #: cosine: a gimbal whose axis is further from the one that is asked for will not do
 NOISE = Noise(np.full(3, 5 * MDPS), np.full(3, 0.06 * MG))
 
 
 class CoachedHand:
-    """Three gimbals, outer middle inner, and a hand that does what it is told."""
+    """Three gimbals, outer middle inner, and a hand that does what it is told.  own: an accelerometer that nobody has calibrated."""
 
-    def __init__(self, options: SimulationOptions):
+    def __init__(self, options: SimulationOptions, own: OwnAccelerometer | None = None):
+        self.own, self._unit = own, simulate_unit(options)
+        self._taken_turns, self._stills = [], []
         self._options, self._rng = options, np.random.default_rng([options.seed, 77])
         random = plan_of(options)
         self._start, self._clock_s = random.start_rad, random.turns[0][0]
         self._strokes, self._turns = [], []
         self._angles = self._start.copy()
-        self._coach = Coach()
+        self.coach = Coach()
         first = [s for s in random.strokes if s.start_s < random.turns[0][1]]  # nobody has advice for the first turn
         self._do(first, random.turns[0][1] - random.turns[0][0])
 
     def plan(self, segments: int) -> Plan:
         """A session of so many turns."""
         while len(self._turns) < segments:
-            self._do(*self._obeyed(self._coach.best_turn(self._force(self._angles))))
+            self._do(*self._obeyed(self.coach.best_turn(self._force(self._angles))))
         return Plan(self._start, tuple(self._strokes), tuple(self._turns), self._clock_s, None, self._clock_s)
 
     def _obeyed(self, turn: Turn) -> tuple[list, float]:
@@ -97,9 +102,16 @@ class CoachedHand:
         self._strokes += strokes
         self._turns.append((begin_s, begin_s + seconds))
         self._clock_s += seconds + rest_s(self._options, self._rng)
-        self._coach.add(self._taken(strokes, before, begin_s, seconds))
+        turn = self._taken(strokes, before, begin_s, seconds)
+        self._taken_turns.append(turn)
+        for still in turn.segment.stills[len(self._stills) > 0 :]:
+            self._stills.append(still)
+            if self.own is not None:
+                self.own.add(still)
+        own = self.own is not None
+        self.coach.look(Progress(tuple(self._taken_turns), tuple(self._stills), own, self.own.accelerometer if own else None))
 
-    def _taken(self, strokes, before, begin_s: float, seconds: float) -> Taken:
+    def _taken(self, strokes, before, begin_s: float, seconds: float) -> AcceptedTurn:
         """What the guide would hand over, but for noise and the sensor's errors."""
         t_s = np.arange(begin_s - 1.0, begin_s + seconds + 1.0, 1 / 50)
         moved = motion.move(Plan(before, tuple(strokes), (), 0.0, None, 0.0), t_s)
@@ -109,7 +121,7 @@ class CoachedHand:
         ]
         samples = Samples(np.rint(t_s * 1e9).astype(np.int64), moved.rate, np.zeros_like(moved.rate))
         segment = Segment(0, 0, *ends, 0, len(t_s), t_s[0], t_s[-1] - t_s[0], seconds, 90.0)
-        return Taken(segment, samples, NOISE, 1, float(t_s.mean()))
+        return AcceptedTurn(segment, samples, NOISE, 1, float(t_s.mean()))
 
     @staticmethod
     def _axes(angles) -> np.ndarray:
@@ -117,9 +129,10 @@ class CoachedHand:
         down = motion.table_to_body(angles[:, None], np.array([0.0, 0.0, 1.0]))[0]
         return np.array([down, [0.0, np.cos(angles[2]), -np.sin(angles[2])], [1.0, 0.0, 0.0]])
 
-    @staticmethod
-    def _force(angles) -> np.ndarray:
-        return motion.table_to_body(angles[:, None], np.array([0.0, 0.0, -G]))[0]
+    def _force(self, angles) -> np.ndarray:
+        """What the accelerometer reads there, but for noise."""
+        force = motion.table_to_body(angles[:, None], np.array([0.0, 0.0, -G]))
+        return (force if self.own is None else self._unit.measured_force(force))[0]
 
 
 def worst_sigmas(options: SimulationOptions, plan: Plan | None) -> list[float]:
@@ -162,11 +175,41 @@ def one_seed(seed: int) -> list[list[float]]:
     return [worst_sigmas(options, plan) for plan in (None, one_axis(options), CoachedHand(options).plan(max(COUNTS)))]
 
 
+def simulate_unit(options: SimulationOptions) -> SimulatedUnit:
+    """The sensor of these options."""
+    return draw_unit(options, _streams(options)[0])
+
+
+def falling(seed: int) -> list[list[tuple[float, float]]]:
+    """Random and coached: the worst sigma of the gyroscope's twelve and of a raw accelerometer's nine, beside their targets."""
+    options = SimulationOptions(segments=max(COUNTS), closure_s=0.0, seed=seed, accel_bias_mg=RAW_MG)
+    found = []
+    for coached in (False, True):
+        hand, sigmas = CoachedHand(options, OwnAccelerometer(G)), []
+        random = [[one for one in plan_of(options).strokes if a <= one.start_s < b] for a, b in plan_of(options).turns]
+        for count in range(1, max(COUNTS) + 1):
+            if coached:
+                hand.plan(count)
+            elif count > 1:
+                shift = hand._clock_s - min(one.start_s for one in random[count - 1])
+                strokes = [replace(one, start_s=one.start_s + shift) for one in random[count - 1]]
+                hand._do(strokes, max(one.stop_s for one in strokes) - hand._clock_s)
+            if count in COUNTS:
+                sigma = hand.coach.sigma
+                sigmas.append((float(sigma[:12].max()), float(sigma[12:].max())))
+        found.append(sigmas)
+    return found
+
+
 def main() -> None:
     command = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     command.add_argument("--seeds", type=int, default=50)
     command.add_argument("--first", type=int, default=1000, help="first seed")
+    command.add_argument("--raw-accelerometer", action="store_true", help="sigmas of a session that calibrates its accelerometer, too")
     args = command.parse_args()
+    if args.raw_accelerometer:
+        print_falling(np.array(in_parallel(falling, range(args.first, args.first + args.seeds), "seed")))
+        return
     found = np.array(in_parallel(one_seed, range(args.first, args.first + args.seeds), "seed"))
     rows = []
     for i, count in enumerate(COUNTS):
@@ -175,6 +218,17 @@ def main() -> None:
         rows.append((count, *sigmas, *_share(random / coached), *_share(single / coached)))
     header = ("segments", "random", "one axis", "coached", "random / coached", "≥ 2", "one axis / coached", "≥ 2")
     print(markdown(header, rows))
+
+
+def print_falling(found: np.ndarray) -> None:
+    """found (seeds, 2 hands, counts, 2)."""
+    rows = []
+    for i, count in enumerate(COUNTS):
+        cells = [f"{np.median(found[:, hand, i, k]):.2f}" for hand in (0, 1) for k in (0, 1)]
+        reached = [f"{100 * np.mean(found[:, hand, i].max(axis=-1) <= 1):.0f} %" for hand in (0, 1)]
+        rows.append((count, *cells, *reached))
+    kinds = ("gyroscope, random", "accelerometer, random", "gyroscope, coached", "accelerometer, coached")
+    print(markdown(("segments", *kinds, "enough, random", "enough, coached"), rows))
 
 
 def _share(ratio: np.ndarray) -> tuple[str, str]:

@@ -1,4 +1,7 @@
-"""Forty segments, from the virtual board through ``record`` to ``fit``, against the same session read from its file."""
+"""Forty segments, from the virtual board through ``record`` to ``fit``, against the same session read from its file.
+
+With ``--raw-accelerometer``: one that nobody has calibrated, and a closure run behind the segments.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from common import markdown, progress
 
 ROOT = Path(__file__).resolve().parent.parent
 CALIBRATE = [sys.executable, str(ROOT / "calibrate.py")]
+RUN_S = 50  #: of turning in the closure run
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 
 
@@ -23,7 +27,11 @@ def main() -> None:
     parser.add_argument("--rates", type=int, nargs="*", default=[416, 1667], help="Hz")
     parser.add_argument("--segments", type=int, default=40)
     parser.add_argument("--speed", type=float, default=4.0, help="of the board, times real time")
+    parser.add_argument("--raw-accelerometer", action="store_true", help="that the session calibrates, with a closure run")
     args = parser.parse_args()
+    if args.raw_accelerometer:
+        raw(args)
+        return
     header = ("stream", "seconds", "accepted", "samples", "lost", "closure held out", "… from the file", "raw", "… from the file")
     rows = []
     for rate in args.rates:
@@ -34,6 +42,57 @@ def main() -> None:
             run("simulate", "--out", file, *options)
             theirs = closure(file)
             rows += [measure(Path(folder), rate, form, args, theirs) for form in ("text", "frames")]
+    progress("")
+    print(markdown(header, rows))
+
+
+def raw(args: argparse.Namespace) -> None:
+    """A table of sessions that calibrate both sensors, closure run included."""
+    header = (
+        "stream",
+        "seconds",
+        "accepted",
+        "gravity's spread, mg",
+        "… calibrated",
+        "closure held out",
+        "floor",
+        "closure run",
+        "its floor",
+    )
+    rows = []
+    for rate in args.rates:
+        with tempfile.TemporaryDirectory(prefix="tinygc-") as name:
+            folder = Path(name)
+            progress(f"{rate} Hz")
+            port, config, out = folder / "port", folder / "bench.toml", folder / "s"
+            words = ["--rate", rate, "--segments", args.segments, "--link", port, "--config", config, "--lead", 4, "--speed", args.speed]
+            words += ["--raw-accelerometer", "--closure", RUN_S + 4]
+            board = subprocess.Popen(
+                [*CALIBRATE, "board", *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, cwd=ROOT, env=ENVIRONMENT
+            )
+            board.stdout.readline()
+            began = time.monotonic()
+            words = ["--port", port, "--out", out, "--like", config, "--segments", args.segments, "--closure", RUN_S]
+            told = json.loads(run("record", *words, "--json", "-"))
+            seconds = time.monotonic() - began
+            board.terminate()
+            board.wait()
+            fit = json.loads(run("fit", out, "--methods", "least_squares", "--json", "-"))
+            (closed,) = fit["closure_runs"]
+            found, spread, segments = fit["methods"]["least_squares"]["holdout"], told["accelerometer"]["spread_mg"], told["segments"]
+            rows.append(
+                (
+                    f"{rate} Hz, text",
+                    f"{seconds:.0f}",
+                    f"{segments['accepted']} of {segments['accepted'] + segments['rejected']}",
+                    f"{spread['before']:.1f}",
+                    f"{spread['after']:.3f}",
+                    f"{found['tilt_rms_deg']:.4f}°",
+                    f"{fit['noise']['closure_floor_rms_deg']:.4f}°",
+                    f"{closed['least_squares']['rmse_deg']:.4f}°",
+                    f"{closed['floor_rmse_deg']:.4f}°",
+                )
+            )
     progress("")
     print(markdown(header, rows))
 

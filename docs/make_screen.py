@@ -47,8 +47,8 @@ def main() -> None:
         for change in guide.feed(samples.between(first, first + 42)):
             if change.kind is not Kind.STAGE:
                 changes.append(change)
-            if change.taken:
-                guide.advise(coach([change.taken]))
+            if change.accepted:
+                guide.advise(coach(guide.taken.progress))
         if moments and samples.t_s[first] > moments[0] and (len(moments) == 2 or (guide.stage is Stage.TURN and not guide.turning)):
             moments.pop(0)
             console.print(view(guide, "data/session2 · /dev/ttyACM0", changes))

@@ -33,7 +33,8 @@ GRAVITY = 9.7946
 
 #: the virtual board stands at the other end of a pseudo-terminal
 POSIX_ONLY = {
-    f"test_{name}.py" for name in ["board", "firmware", "record", "recording", "recording_clock", "recording_port", "recording_survives"]
+    f"test_{name}.py"
+    for name in ["board", "decisions", "firmware", "record", "recording", "recording_clock", "recording_port", "recording_survives"]
 }
 
 

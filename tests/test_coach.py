@@ -5,6 +5,7 @@ import pytest
 from conftest import DEG, config, session_of
 from guided_streams import guide_of, play, simulated
 
+from session.guide.messages import Progress
 from tinygc.attitude import rotation
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.models import linear
@@ -26,7 +27,7 @@ def test_its_sigmas_are_those_of_the_fit(taken):
     """Within 10 %: it has the ends of the stills a little earlier, and knows nothing of the Earth's heading."""
     samples, segments = taken
     coach = Coach()
-    coach(segments)
+    coach(Progress(tuple(segments)))
     problem = build_problem(session_of(samples, still_s=config().protocol.still_s))
     covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
     np.testing.assert_allclose(coach.sigma, np.sqrt(np.diag(covariance)) / TARGETS, rtol=0.10)
@@ -36,9 +37,9 @@ def test_its_sigmas_are_those_of_the_fit(taken):
 def test_all_at_once_or_one_by_one_it_says_the_same(taken):
     _, segments = taken
     one_by_one, at_once = Coach(), Coach()
-    for segment in segments[:8]:
-        last = one_by_one([segment])
-    assert at_once(segments[:8]) == last
+    for count in range(1, 9):
+        last = one_by_one(Progress(tuple(segments[:count])))
+    assert at_once(Progress(tuple(segments[:8]))) == last
     assert last.words
     assert "times its target" in last.reason
     assert last.reason == f"it helps the {last.missing[0]}"
@@ -47,8 +48,8 @@ def test_all_at_once_or_one_by_one_it_says_the_same(taken):
 
 def test_it_stops_when_all_is_reached(taken):
     _, segments = taken
-    assert Coach()(segments[:1]).words
-    content = Coach(TARGETS * 10)(segments)
+    assert Coach()(Progress(tuple(segments[:1]))).words
+    content = Coach(TARGETS * 10)(Progress(tuple(segments)))
     assert content.reached
     assert content.words == ""
     assert content.missing == ()
@@ -57,7 +58,7 @@ def test_it_stops_when_all_is_reached(taken):
 def test_unobserved_parameters_are_not_taken_for_known(taken):
     """Two segments leave most of twelve parameters where the prior had them: 20 % and 20 dps, thousands of times the target."""
     coach = Coach()
-    coach(taken[1][:2])
+    coach(Progress(tuple(taken[1][:2])))
     assert np.sum(coach.sigma > 100) >= 6
 
 
@@ -106,9 +107,9 @@ def test_its_turn_helps_more_than_most(taken):
     """What it proposes lowers the worst sigma at least as much as 90 % of all turns it could have proposed."""
     _, segments = taken
     coach = Coach()
-    coach(segments[:7])
+    coach(Progress(tuple(segments[:7])))
     accel = segments[6].segment.last.accel_mean
-    weight = 1 / np.sqrt(np.mean([np.trace(own) / 2 for own in coach._own]))
+    weight = 1 / np.sqrt(np.mean([np.trace(seen.own) / 2 for seen in coach._seen.values()]))
     information = np.linalg.inv(coach.covariance)
 
     def worst_after(turn):

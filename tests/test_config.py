@@ -141,7 +141,7 @@ def test_a_byte_order_mark_of_an_editor_does_no_harm(tmp_path):
         ("serial =", "heading_deg = 3.0\nserial =", "sensor.heading_deg", "site.heading_deg"),
         ("[sensor]", "still_s = 2\n[sensor]", "still_s", "protocol.still_s"),
         ("[site]", "[protocl]\nsegment_s = 3\n[site]", "protocl.segment_s", "protocol.segment_s"),
-        ("[site]", "[notes]\nweather = 3\n[site]", "notes.weather", None),
+        ("[site]", "[weather]\nkind = 3\n[site]", "weather.kind", None),
     ],
 )
 def test_a_key_that_nothing_reads_is_named_with_the_nearest_known_one(tmp_path, old, new, key, near):

@@ -265,7 +265,16 @@ def test_board_record_and_ports(tmp_path):
     assert_on_page(json.loads((tmp_path / "board.json").read_text(encoding="utf-8")), "tinygc-board/1")
     times = (tmp_path / "s" / "raw.times").read_text(encoding="utf-8").split("\n")
     assert times[0] in CODE.findall(section("Serial stream"))
-    assert {line.split(",", 2)[2].partition(" ")[0] for line in times[1:] if line} <= {"", "open", "close", "begin"}
+    assert {line.split(",", 2)[2].partition(" ")[0] for line in times[1:] if line} <= {
+        "",
+        "open",
+        "close",
+        "begin",
+        "pause",
+        "keep",
+        "drop",
+        "note",
+    }
     assert_on_page(told("replay", tmp_path / "s" / "raw.bin", "--out", tmp_path / "again", tmp_path / "x.json"), "tinygc-replay/1")
     assert_on_page(told("ports", tmp_path / "x.json"), "tinygc-ports/1")
 

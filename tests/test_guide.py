@@ -130,7 +130,7 @@ def test_advice_is_shown_and_ends_the_session_where_asked():
 def test_coverage_says_what_was_turned_and_what_was_up():
     guide = guide_of()
     play(guide, Table().rest(3).turn(180, (1, 0, 0), 3).rest(2.5).turn(-90, (0, 1, 0), 3).rest(2.5).samples())
-    turned, stills = guide.coverage.turned_deg, guide.coverage.stills
+    turned, stills = guide.taken.coverage.turned_deg, guide.taken.coverage.stills
     assert turned["+x"] == pytest.approx(180, abs=1)
     assert turned["-y"] == pytest.approx(90, abs=1)
     assert turned["-x"] + turned["+y"] + turned["+z"] + turned["-z"] < 1

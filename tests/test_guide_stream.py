@@ -91,4 +91,4 @@ def test_a_long_rest_is_not_kept_in_memory():
     guide = guide_of()
     play(guide, Table().rest(200).turn(120, (1, 0, 0), 3).rest(3).samples(), 2000)
     assert guide.accepted == 1
-    assert guide._window.duration_s < 60
+    assert guide.here.window.duration_s < 60

@@ -12,6 +12,7 @@ from streams import INFO, frame_list, line_list, samples, sent
 import calibrate
 from session.log.config import read_config
 from session.log.folder import read_session
+from session.recording.decisions import Decision
 from session.recording.logwriter import LogWriter
 from session.recording.recorder import Recorder
 from session.stream import frames
@@ -92,7 +93,7 @@ def test_where_a_closure_run_begins_replays_too(wire, tmp_path):
     recorder = Recorder(tmp_path / "s", name)
     messages = frame_list(*sent(2000))
     record(recorder, master, b"".join(messages[:1000]) + messages[1000][:11])
-    recorder.begin("closure")
+    recorder.decide(Decision("begin", "closure"))
     record(recorder, master, messages[1000][11:] + b"".join(messages[1001:]))
     recorder.close()
     there = [(tmp_path / "s" / name).read_bytes() for name in ("log0001.csv", "closure0001.csv")]

@@ -33,6 +33,8 @@ from session.checks.stills import (
 from session.checks.truth import check_truth
 from session.checks.undersampling import check_undersampling
 from session.common.errors import CalibrationError
+from session.common.units import NS
+from session.detect.excluded import moments_of
 from session.detect.session_stills import SessionStills
 from session.detect.stills import Noise, Still
 from session.detect.unused_rests import UnusedRest
@@ -117,6 +119,7 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
         findings += first_look(session, log, here.stills, here.noise, unused)
         if log in session.logs:
             all_stills.append(here.stills)
+    findings += check_excluded(session)
     if all_stills and session.truths is None:
         findings += check_segment_count(session.name, all_stills)
     return findings + check_known_turns(session, found)
@@ -131,6 +134,21 @@ def check_keys(config: Config) -> list[Finding]:
     for key, near in config.unknown:
         do = f"did you mean {near}?" if near else "remove it"
         findings.append(Finding("warning", "session.toml", "unknown key", f"{key} is read by nothing", do))
+    return findings
+
+
+def check_excluded(session: Session) -> list[Finding]:
+    """Turns that session.toml leaves out, in logs that are not there, or outside of them."""
+    findings = []
+    for row in session.config.exclude:
+        mine = [log.samples for log in session.logs if moments_of(log.path, [row])]
+        if not any(samples.t_ns[0] * NS <= row.at_s <= samples.t_ns[-1] * NS for samples in mine):
+            says = f"{row.log} at {row.at_s:g} s is left out, " + (
+                "which lies outside of it" if mine else "which is no log of this session"
+            )
+            findings.append(
+                Finding("warning", "session.toml", "exclude", says, "correct log and at_s (s of the log's clock), or remove it")
+            )
     return findings
 
 

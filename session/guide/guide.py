@@ -1,4 +1,4 @@
-"""The state machine: find port - check stream - hold still - turn - hold still - accepted, or why not - … - done.
+"""The state machine: find port - check stream - hold still - turn - hold still - accepted, or why not - … - closure run - done.
 
 It lives on samples, in blocks of 0.1 s, and on what others tell it of the port; the same samples in other portions give the same
 changes.  It never waits without saying for what.
@@ -7,108 +7,150 @@ changes.  It never waits without saying for what.
 from __future__ import annotations
 
 from session.common.units import DEG, NS
-from session.detect.blocks import block_size
-from session.detect.pace import Pace, pace_of
-from session.detect.segments import Segment
+from session.detect.excluded import moved_at
 from session.detect.stills import MIN_STILL_FRACTION
-from session.guide.coverage import Coverage
+from session.guide.closure_guide import MARK_WORDS, ClosureGuide
 from session.guide.health import Health
+from session.guide.instructions import instruction_of
 from session.guide.messages import AcceptedTurn, Advice, Change, Instruction, Kind, Stage
-from session.guide.stillness import Block, Stillness
-from session.guide.stream_check import CHECK_S, FEWEST, stream_problem
+from session.guide.own_accelerometer import OwnAccelerometer
+from session.guide.present_log import PresentLog
+from session.guide.stillness import Block
+from session.guide.taken import Taken, accepted_turn, fastest_ns, why_not
 from session.guide.turn_in_progress import TurnInProgress
-from session.guide.window import Examined, Window
+from session.guide.window import Examined
 from session.log.config import Protocol, Sensor
-from session.log.samples import Samples, joined
+from session.log.samples import Samples
+from session.recording.decisions import Decision
 
 HOLD_STILLS = 1.5  #: times the protocol's still_s are asked for: a still serves two turns
 SETTLING_S = 0.3  #: quiet for so long, a turn is over
 EXAMINE_EVERY_S = 0.2
-LEAST_TURN_DEG = 30.0  #: what turns less is not counted: it tells next to nothing
 STIR_DEG = 2.0  #: what moves less was no turn
-PEAK_FULL_SCALE = 0.85
 COACH_S = 2.0  #: how long the coach is waited for before any turn will do
-ANY_TURN = "turn by 90° to 300° to another attitude, about any axis but the vertical alone, in about 3 s"
 
 
 class Guide:
-    """Leads through ``segments`` accepted segments.  stop_at_target: or until the coach has nothing to ask for.
+    """Leads through ``segments`` accepted segments.  stop_at_target: or until the coach has nothing to ask for.  closure_s: and through a
+    closure run with so much turning; 0: none.
 
-    instruction is what to do now; accepted counts segments, rejected those that were not; health, coverage, advice are for the screen.
+    instruction is what to do now; accepted counts segments, rejected those that were not, dropped those that the person took back;
+    health, taken, advice are for the screen and the coach; closure is the run, once it is its turn.
     """
 
-    def __init__(self, protocol: Protocol, segments: int = 40, stop_at_target: bool = False):
-        self.protocol, self.segments, self.stop_at_target = protocol, segments, stop_at_target
+    def __init__(self, protocol: Protocol, segments: int = 40, stop_at_target: bool = False, closure_s: float = 0.0):
+        self.protocol, self.segments, self.stop_at_target, self.closure_s = protocol, segments, stop_at_target, closure_s
         self.sensor: Sensor | None = None
-        self.stage, self.health, self.coverage = Stage.FIND_PORT, Health(), Coverage()
+        self.closure: ClosureGuide | None = None
+        self.stage, self.health, self.taken = Stage.FIND_PORT, Health(), Taken()
         self.advice: Advice | None = None
         self.coached = False  #: whether advice is to be expected after each accepted segment
-        self.accepted, self.rejected, self.log = 0, 0, 0
+        self.rejected = self.dropped = self.log = 0
         self._before_s = 0.0  # in earlier logs
-        self._waits = ""  # what the port or the stream lacks
+        self.keys = ""  # the screen's last line
+        self.waits_for = ""  # what the port or the stream lacks
         self._changes: list[Change] = []
-        self._pending: list[Samples] = []
         self._asked_s: float | None = None
         self._new_log()
 
-    def begin(self, sensor: Sensor) -> None:
-        """The sensor's ranges are known: samples can come."""
+    def begin(self, sensor: Sensor, own: OwnAccelerometer | None = None) -> None:
+        """The sensor's ranges are known: samples can come.  own: where nobody has calibrated its accelerometer."""
         self.sensor = sensor
+        self.taken.begin(own)
 
     def waits(self, stage: Stage, why: str) -> None:
         """The port is not there, or says nothing: samples will not come before that has changed.  What was reached is kept."""
-        if self.stage is not Stage.DONE:
-            self.stage, self._waits = stage, why
-            self._turn.interrupted()
+        if self.stage not in (Stage.DONE, Stage.PAUSED):
+            self.stage, self.waits_for = stage, why
+            self.turn.interrupted()
 
     def new_log(self) -> None:
         """The device's clock has begun anew, and with it a log: its first still has yet to come."""
         self.log += 1
-        self._before_s += self._now_s
+        self._before_s += self.here.now_s
         self.health.new_log()
-        self._waits = ""  # it was of the log before
+        self.waits_for = ""  # it was of the log before
         self._new_log()
-        if self.stage is not Stage.DONE:
+        if self.closure is not None:
+            self.closure.interrupted()
+        if self.stage not in (Stage.DONE, Stage.PAUSED):
             self.stage = Stage.CHECK_STREAM
 
     def feed(self, samples: Samples) -> list[Change]:
         """Later samples of the present log, SI.  Returns what they change."""
-        if len(samples) == 0 or self.stage is Stage.DONE:
+        if len(samples) == 0 or self.stage in (Stage.DONE, Stage.PAUSED):
             return []
         self._changes = []
         if self.stage is Stage.FIND_PORT:
-            self.stage, self._waits = Stage.CHECK_STREAM, ""
-        self._pending.append(samples)
+            self.stage, self.waits_for = Stage.CHECK_STREAM, ""
+        self.here.add(samples)
         checking = self.stage is Stage.CHECK_STREAM
-        if checking and not self._check_stream():
+        if checking and not self._stream_is_good():
             return self._changes
-        pending = joined(self._pending)
-        assert self._pace is not None  # the stream has been looked at
-        self.health.feed(pending if checking else samples, self._pace)
-        size = block_size(self._period_s)
-        whole = len(pending) // size * size
-        for first in range(0, whole, size):
+        self.health.feed(self.here.pending if checking else samples, self.here.pace)
+        for block in self.here.blocks():
             if self.stage is not Stage.DONE:
-                self._block(pending.between(first, first + size))
-        self._pending = [pending.between(whole, len(pending))]
+                self._block(block)
         return self._changes
 
     def advise(self, advice: Advice | None) -> list[Change]:
         """The coach's word on the segments so far; it may come later than the segment it speaks of."""
-        self._changes, self.advice, self._asked_s = [], advice, None
-        if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE:
-            self._finish("every parameter has reached its target")
+        self._changes, self.advice = [], advice
+        self._asked_s = None
+        if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE and self.closure is None:
+            self._segments_done("every parameter has reached its target")
         return self._changes
+
+    def decided(self, decision: Decision) -> list[Change]:
+        """What a person, or the guide itself (``wants``), has decided, and the files show: now, or in a recording that is resumed."""
+        self._changes = []
+        if decision.word == "pause":
+            self.stage = Stage.PAUSED
+            self._say(Kind.STAGE, "paused: what comes is kept, and not judged")
+        elif self.stage is Stage.PAUSED and decision.word == "begin":
+            self.stage = Stage.CHECK_STREAM
+            self.new_log()
+            self._say(Kind.STAGE, "it goes on")
+        elif decision.word == "drop":
+            self._drop(int(decision.rest) * 1000)
+        elif self.closure is not None:
+            self.closure.decided(decision)
+            self.turn.accepted_still()
+            if decision.word == "keep":
+                self._finish(f"{self.accepted} segments and a closure run")
+        return self._changes
+
+    @property
+    def wants(self) -> Decision | None:
+        """What is to be done with the files."""
+        return self.closure.wants if self.closure is not None and self.stage is Stage.CLOSURE else None
+
+    @property
+    def accepted(self) -> int:
+        """Segments that count."""
+        return len(self.taken.turns)
+
+    @property
+    def to_drop(self) -> tuple[int | None, str]:
+        """Device time, µs, at which the last turn moved (the one at this moment, or else the last accepted); None and why, without one."""
+        if self.closure is None and self.stage in (Stage.TURN, Stage.HOLD_STILL) and self.turn.path_rad > STIR_DEG * DEG:
+            return self.here.peak_ns // 1000, ""
+        if self.closure is not None or self.stage is not Stage.TURN:
+            return None, "there is no turn to drop now"
+        if self.here.refused:
+            return None, "the last turn does not count anyhow"
+        last = self.taken.last_of(self.log)
+        return (None, "this log holds no accepted turn yet") if last is None else (fastest_ns(last) // 1000, "")
 
     @property
     def now_s(self) -> float:
         """Since the session's first sample, without the time between two logs."""
-        return self._before_s + self._now_s
+        return self._before_s + self.here.now_s
 
     @property
     def turning(self) -> bool:
         """Whether the table moves in its turn now."""
-        return self.stage is Stage.TURN and self._turn.moving
+        return self.stage is Stage.TURN and self.turn.moving
 
     @property
     def hold_s(self) -> float:
@@ -118,62 +160,23 @@ class Guide:
     @property
     def instruction(self) -> Instruction:
         """What to do now, and why it waits."""
-        if self.stage is Stage.FIND_PORT:
-            return Instruction(self.stage, "connect the board", self._waits or "no port is open yet", good=False)
-        if self.stage is Stage.CHECK_STREAM:
-            seen_s = sum(part.duration_s for part in self._pending)
-            waits = self._waits or f"{min(seen_s, CHECK_S):.1f} of {CHECK_S:.1f} s of samples seen"
-            return Instruction(self.stage, "wait: the stream is being looked at", waits, good=False)
-        if self.stage is Stage.DONE:
-            return Instruction(self.stage, "done: the table may be left", f"{self.accepted} segments accepted")
-        if self.stage is Stage.TURN:
-            return self._turn_instruction()
-        held = self._turn.still_s
-        why, good = self._objection, False
-        if self._turn.moving:
-            why = f"{self._why} for {self._turn.restless_s or self._turn.moving_s:.1f} s: hands off?"
-        elif not why:
-            why, good = f"still for {held:.1f} of {self.hold_s:.1f} s", True
-        return Instruction(
-            self.stage, "hold still: hands off the table", why, max(self.hold_s - held, 0.0), min(held / self.hold_s, 1.0), good
-        )
+        return instruction_of(self)
 
-    def _turn_instruction(self) -> Instruction:
-        if self._asked_s is not None and self._now_s - self._asked_s < COACH_S and not self._turn.moving:
-            return Instruction(self.stage, "one moment: the coach looks at the last turn", f"for up to {COACH_S:g} s")
-        do = self.advice.words if self.advice and self.advice.words else ANY_TURN
-        if not self._turn.moving:
-            why = self.advice.reason if self.advice and self.advice.reason else f"segment {self.accepted + 1} of {self.segments}"
-            return Instruction(self.stage, do, f"waiting for the turn; {why}")
-        peak_dps, bar_dps = self._turn.peak_rps / DEG, PEAK_FULL_SCALE * self._sensor.gyro_fs_dps
-        turned = f"turned {self._turn.path_rad / DEG:.0f}° so far"
-        if peak_dps > bar_dps:
-            return Instruction(self.stage, do, f"{turned}, but {peak_dps:.0f} > {bar_dps:.0f} dps: slower, or it clips", good=False)
-        return Instruction(self.stage, do, f"{turned}, peak {peak_dps:.0f} of {self._sensor.gyro_fs_dps:.0f} dps; then let go")
+    @property
+    def coach_is_asked(self) -> bool:
+        """Whether its word on the last turn is still awaited, for a while."""
+        return self._asked_s is not None and self.here.now_s - self._asked_s < COACH_S and not self.turn.moving
+
+    @property
+    def turn(self) -> TurnInProgress:
+        """What the table does now."""
+        return self.here.turn
 
     def _new_log(self) -> None:
-        self._pending = []
+        self.here = PresentLog()
         self._asked_s = None
-        self._began_ns = self._now_ns = 0
-        self._period_s = 0.0
-        self._pace: Pace | None = None
-        self._window: Window | None = None
-        self._stillness: Stillness | None = None
-        self._turn = TurnInProgress()
-        self._why = self._objection = ""
+        self.objection = ""
         self._examined_s = 0.0
-
-    @property
-    def _seen(self) -> Window:
-        """The recent part of the log; there is one as soon as its stream has been looked at."""
-        assert self._window is not None
-        return self._window
-
-    @property
-    def _at_rest(self) -> Stillness:
-        """The judge of blocks, there as soon."""
-        assert self._stillness is not None
-        return self._stillness
 
     @property
     def _sensor(self) -> Sensor:
@@ -181,32 +184,27 @@ class Guide:
         assert self.sensor is not None
         return self.sensor
 
-    def _check_stream(self) -> bool:
-        pending = joined(self._pending)
-        if pending.duration_s < CHECK_S or len(pending) < FEWEST:
+    def _stream_is_good(self) -> bool:
+        problem = self.here.look(self._sensor, self.protocol, self.taken.own is None)
+        if problem is None:
             return False
-        problem = stream_problem(pending, self._sensor.odr_hz, self._sensor.accel_fs_g)
         if problem:
-            if problem != self._waits:
+            if problem != self.waits_for:
                 self._say(Kind.WARNING, problem)
-            self._waits, self._pending = problem, []
+            self.waits_for = problem
             return False
-        if self._window is None:
-            self._period_s, self._began_ns, self._now_ns = pending.period_s, int(pending.t_ns[0]), int(pending.t_ns[0])
-            self._pace = pace_of(pending.t_ns)
-            self._window = Window(self._sensor, self.protocol, self._period_s)
-            self._stillness = Stillness(self._period_s)
-        self._waits, self.stage = "", Stage.HOLD_STILL
-        self._say(Kind.STAGE, f"the stream is good: {1 / pending.period_s:.1f} Hz")
+        self.waits_for, self.stage = "", Stage.HOLD_STILL if self.closure is None else Stage.CLOSURE
+        self._say(Kind.STAGE, f"the stream is good: {1 / self.here.pending.period_s:.1f} Hz")
         return True
 
     def _block(self, samples: Samples) -> None:
-        self._now_ns = int(samples.t_ns[-1])
-        self._seen.feed(samples)
-        block = self._at_rest.feed(samples)
-        self._why = block.why
-        ended_s = self._turn.feed(block, self._at_rest.zero_rps)
-        if self.stage is Stage.TURN:
+        block, ended_s = self.here.take(samples, remember=self.closure is None)
+        if self.closure is not None:
+            self.closure.feed(samples, block.duration_s, self.turn)
+            said, self.closure.says = self.closure.says, []
+            for kind, text in said:
+                self._say(kind, text)
+        elif self.stage is Stage.TURN:
             self._turning()
         elif block.quiet:
             self._holding(block)
@@ -214,79 +212,88 @@ class Guide:
             self._let_go(ended_s)
 
     def _turning(self) -> None:
-        if self._turn.path_rad < STIR_DEG * DEG:
-            self._seen.rest(self._turn.still_s)
-        elif max(self._turn.still_s, self._turn.restless_s) >= SETTLING_S:
-            self.stage, self._objection = Stage.HOLD_STILL, ""
-            self._say(Kind.STAGE, f"turned {self._turn.path_rad / DEG:.0f}°: now hold still")
+        if self.turn.path_rad < STIR_DEG * DEG:
+            self.here.window.rest(self.turn.still_s)
+        elif max(self.turn.still_s, self.turn.restless_s) >= SETTLING_S:
+            self.stage, self.objection = Stage.HOLD_STILL, ""
+            self._say(Kind.STAGE, f"turned {self.turn.path_rad / DEG:.0f}°: now hold still")
 
     def _holding(self, block: Block) -> None:
         self._examined_s += block.duration_s
-        if self._turn.still_s < self.hold_s or self._examined_s < EXAMINE_EVERY_S:
+        if self.turn.still_s < self.hold_s or self._examined_s < EXAMINE_EVERY_S:
             return
         self._examined_s = 0.0
-        examined = self._seen.examine()
-        self._objection = examined.why
+        examined = self.here.window.examine()
+        self.objection = examined.why
         if examined.still is not None:
             self._judge(examined)
 
     def _let_go(self, held_s: float) -> None:
         """The still ended before the countdown: it may have been long enough all the same."""
         shortest = MIN_STILL_FRACTION * self.protocol.still_s
-        examined = self._seen.examine() if held_s >= shortest else None
+        examined = self.here.window.examine() if held_s >= shortest else None
         if examined is not None and examined.still is not None:
             self._judge(examined)
             return
-        self._objection = ""
+        self.objection = ""
         if held_s >= SETTLING_S:
             why = examined.why if examined is not None else f"too short a still, {held_s:.1f} < {shortest:.1f} s"
-            turns = ": this turn goes on to the next still" if self._seen.has_reference else ""
+            turns = ": this turn goes on to the next still" if self.here.window.has_reference else ""
             self._say(Kind.WARNING, f"{why}{turns}")
 
     def _judge(self, examined: Examined) -> None:
         """The present still is a reference; is the turn before it a segment?"""
         segment, still = examined.segment, examined.still
         assert still is not None
-        self._seen.accept(examined)
-        self._at_rest.zero_rps = still.gyro_mean
-        self._turn.accepted_still()
-        self.stage, self._objection = Stage.TURN, ""
+        self.here.accept(examined)
+        self.stage, self.objection = Stage.TURN, ""
+        if self.taken.add_still(still) and (own := self.taken.own) is not None:
+            self._say(Kind.WARNING if own.problem else Kind.STAGE, f"the accelerometer is known: {own.problem or own.words}")
         if segment is None:
-            self.coverage.first(still.accel_mean)
             self._say(Kind.READY, f"the first still holds ({still.duration_s:.1f} s): turn")
             return
-        number = self.accepted + self.rejected + 1
-        problem = segment.problem
-        if not problem and segment.turn_deg < LEAST_TURN_DEG:
-            problem = f"no turn: {segment.turn_deg:.0f}° < {LEAST_TURN_DEG:.0f}°; turn by 90° or more"
+        number = self.accepted + self.rejected + self.dropped + 1
+        problem = why_not(segment)
+        self.here.refused = True
+        if any(moved_at(segment, examined.samples, at_ns * NS) for at_ns in self.here.dropped_ns):
+            self.dropped += 1
+            self._say(Kind.STAGE, f"turn {number} dropped, as you said")
+            return
         if problem:
             self.rejected += 1
             self._say(Kind.REJECTED, f"turn {number} rejected: {problem}")
             return
-        self.accepted += 1
-        turn = self._accepted_turn(segment, examined)
-        self.coverage.add(turn)
+        self.here.refused = False
+        turn = accepted_turn(segment, examined, self.log, self._before_s, self.here.began_ns)
+        self.taken.add(turn)
         note = f"; {segment.note}" if segment.note else ""
         said = f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}"
-        self._asked_s = self._now_s if self.coached else None
+        self._asked_s = self.here.now_s if self.coached else None
         self._say(Kind.ACCEPTED, said, turn)
         if self.accepted >= self.segments:
-            self._finish(f"{self.accepted} segments")
+            self._segments_done(f"{self.accepted} segments")
 
-    def _accepted_turn(self, segment: Segment, examined: Examined) -> AcceptedTurn:
-        assert examined.noise is not None  # a still, which ends a segment, shows it
-        samples = examined.samples.between(segment.start, segment.stop)
-        middle_s = self._before_s + float((int(samples.t_ns[0]) + int(samples.t_ns[-1])) // 2 - self._began_ns) * NS
-        return AcceptedTurn(segment, samples, examined.noise, self.log, middle_s)
+    def _drop(self, at_ns: int) -> None:
+        """Of an accepted turn of this log, or of the one in progress."""
+        turn = self.taken.drop(self.log, at_ns)
+        if turn is None:
+            self.here.dropped_ns.append(at_ns)
+            self._say(Kind.STAGE, "this turn will not count; its data stay")
+            return
+        self.dropped, self.here.refused = self.dropped + 1, True
+        said = f"the last turn is dropped ({turn.segment.turn_deg:.0f}° in {turn.segment.turn_s:.1f} s): left out, its data stay"
+        self._say(Kind.STAGE, said, dropped=turn)
+
+    def _segments_done(self, why: str) -> None:
+        if not self.closure_s:
+            self._finish(why)
+            return
+        self.stage, self.closure = Stage.CLOSURE, ClosureGuide(self._sensor, self.protocol, self.hold_s, self.closure_s)
+        self._say(Kind.READY, f"{why}: now the closure run; {MARK_WORDS}")
 
     def _finish(self, why: str) -> None:
         self.stage = Stage.DONE
         self._say(Kind.DONE, f"done: {why}")
 
-    def _say(self, kind: Kind, text: str, accepted: AcceptedTurn | None = None) -> None:
-        self._changes.append(Change(kind, text, self.now_s, accepted))
-
-    @property
-    def _now_s(self) -> float:
-        """Since the present log began."""
-        return (self._now_ns - self._began_ns) * NS
+    def _say(self, kind: Kind, text: str, accepted: AcceptedTurn | None = None, dropped: AcceptedTurn | None = None) -> None:
+        self._changes.append(Change(kind, text, self.now_s, accepted, dropped))

@@ -1,5 +1,7 @@
 """A guided recording: what the port gives goes to the guide, what the guide accepts goes to the coach, what both say to the screen.
 
+What is decided at the table, by the guide or with a key, goes to the recorder, so that a recording that is resumed decides it again.
+
 The reader thread stores the bytes (``session.recording``); this loop only reads events, so nothing that it does can lose any.  The coach
 works in a thread of its own: a segment's advice may come while the next still is being held.
 """
@@ -7,19 +9,19 @@ works in a thread of its own: a segment's advice may come while the next still i
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import groupby
 from typing import Protocol as Interface
 
-import numpy as np
-
 from session.common.errors import CalibrationError, DataError, StorageError
-from session.dialects.units import WORDS
+from session.guide.at_the_table import AtTheTable, Notebook
+from session.guide.closure_guide import BEGIN
 from session.guide.guide import Guide
-from session.guide.messages import AcceptedTurn, Advice, Change, Kind, Stage
+from session.guide.incoming import joined_chunks, samples_of
+from session.guide.messages import Advice, Change, Kind, Progress, Stage
+from session.guide.own_accelerometer import OwnAccelerometer
 from session.log.config import Config
-from session.log.samples import Samples
+from session.recording.decisions import Decision
 from session.recording.logwriter import NEW_LOG
 from session.recording.recorder import Recorder
 from session.stream.events import Chunk, Event, Info, Trouble
@@ -33,7 +35,7 @@ CLOCK_RATIO = 0.005  #: by which the board's second may differ from the host's; 
 CLOCK_RATIO_MOST = 0.25  #: a board whose second is that much longer is no sensor's, but a virtual one that was told to hurry
 CLOCK_AFTER_S = 20.0  #: of comparison: arrivals are late by some 10 ms
 
-Coach = Callable[[list[AcceptedTurn]], Advice]
+Coach = Callable[[Progress], Advice]
 Configure = Callable[[Info | None, float], Config | None]
 
 
@@ -51,20 +53,32 @@ class GuidedRecording:
     """``lead`` until the guide is done.
 
     configure(info or None, seconds of samples without one) gives the session's configuration, or None while that is not enough; it raises
-    CalibrationError where the board contradicts what is known.
+    CalibrationError where the board contradicts what is known.  keys: gives what was typed since it was last asked; None: there are none.
     """
 
-    def __init__(self, guide: Guide, recorder: Recorder, configure: Configure, coach: Coach | None, view: View):
+    def __init__(
+        self,
+        guide: Guide,
+        recorder: Recorder,
+        configure: Configure,
+        coach: Coach | None,
+        view: View,
+        notebook: Notebook | None = None,
+        keys: Callable[[], str] | None = None,
+    ):
         self.guide, self.recorder, self._configure, self._coach, self._view = guide, recorder, configure, coach, view
+        self._table = AtTheTable(guide, recorder, self._tell, notebook, keys)
         self.config: Config | None = None
         guide.coached = coach is not None
         self._early: list[Chunk] = []  # samples whose ranges nobody has told yet
-        self._to_coach: list[AcceptedTurn] = []
+        self._to_be_coached = False
         self._coaching: Future | None = None
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="coach")
         self._heard_s = self._shown_s = time.monotonic()
         self._clock_said = False
         self._last_said: tuple | None = None
+        self._live = not recorder.resumed  # what an earlier recording left is not decided again
+        self._resuming = False  # until the port is open
         self._serial: str | None = None  # of the sensor in this recording
 
     def lead(self, interrupted: Callable[[], bool] = lambda: False) -> None:
@@ -76,12 +90,16 @@ class GuidedRecording:
         try:
             self._take(self.recorder.resumed)
             if self.recorder.resumed and self.guide.stage is not Stage.DONE:
+                self._resuming = True
                 self.guide.new_log()
                 self._say(Kind.STAGE, f"resumed: {self.guide.accepted} segments so far")
             while self.guide.stage is not Stage.DONE:
                 if interrupted():
                     raise KeyboardInterrupt
                 self._take(self.recorder.poll())
+                if (decision := self.guide.wants) is not None:
+                    self._table.decide(decision)
+                self._table.obey(self.config is not None)
                 self._look_at_port()
                 self._look_at_clock()
                 self._hear_coach()
@@ -93,17 +111,36 @@ class GuidedRecording:
             self._thread.shutdown(wait=False, cancel_futures=True)
             self._view.show(self.guide)
 
-    def _take(self, events: Iterable[Event]) -> None:
-        for event in _joined(events):
+    def _begin_behind(self) -> None:
+        """The port is open again, or the board was reset: a pause ends with the recording that it was in, and a closure run begins anew."""
+        if not (self._live or self._resuming):
+            return
+        if self._resuming and self.guide.stage is Stage.PAUSED:
+            self._table.decide(self._table.after_pause)
+        elif self.guide.closure is not None and self.guide.stage is not Stage.PAUSED:
+            self.recorder.decide(BEGIN)  # what comes now belongs to no log
+        self._live, self._resuming = True, False
+
+    def _tell(self, changes: list[Change]) -> None:
+        for change in changes:
+            self._view.change(change)
+            if change.accepted is not None or change.dropped is not None:
+                self._to_be_coached = self._coach is not None
+
+    def _take(self, events: Iterable[Event | Decision]) -> None:
+        for event in joined_chunks(events):
             if isinstance(event, Chunk):
                 self._heard_s = time.monotonic()
                 self._samples(event)
             elif isinstance(event, Info):
                 self._hear_board(event)
+            elif isinstance(event, Decision):
+                self._table.was_decided(event)
             elif isinstance(event, Trouble):
                 self.guide.health.troubles[event.kind] += event.count
                 if event.kind in NEW_LOG:
                     self._early = []
+                    self._begin_behind()
                     self.guide.new_log()
                     self._say(Kind.WARNING, f"{_NEW_LOG_SAYS[event.kind]}: a new log begins")
 
@@ -119,10 +156,7 @@ class GuidedRecording:
                 )
             self.guide.waits(Stage.CHECK_STREAM, "the board has not yet said its ranges (an info frame, or a # line)")
             return
-        for change in self.guide.feed(samples_of(chunk, self.config)):
-            self._view.change(change)
-            if change.accepted is not None and self._coach is not None:
-                self._to_coach.append(change.accepted)
+        self._tell(self.guide.feed(samples_of(chunk, self.config)))
 
     def _hear_board(self, info: Info) -> None:
         """What it says of itself.  A contradiction counts when it is said twice running: a line of text carries no check."""
@@ -154,7 +188,8 @@ class GuidedRecording:
         if config is None or self.config is not None:
             return False
         self.config = config
-        self.guide.begin(config.sensor)
+        uncalibrated = config.accelerometer.source == "none"
+        self.guide.begin(config.sensor, OwnAccelerometer(config.site.expected_gravity_mps2) if uncalibrated else None)
         early, self._early = self._early, []
         for chunk in early:
             self._samples(chunk)
@@ -191,46 +226,23 @@ class GuidedRecording:
             coaching, self._coaching = self._coaching, None
             if (error := coaching.exception()) is not None:  # whatever it is, it must not end a recording
                 self._say(Kind.WARNING, f"the coach has failed ({type(error).__name__}: {error}); any turn will do")
-                self._coach, self._to_coach, self.guide.coached = None, [], False
+                self._coach, self._to_be_coached, self.guide.coached = None, False, False
             else:
-                for change in self.guide.advise(coaching.result()):
-                    self._view.change(change)
-        if self._coaching is None and self._to_coach and self._coach is not None:
-            self._coaching = self._thread.submit(self._coach, self._to_coach)
-            self._to_coach = []
+                self._tell(self.guide.advise(coaching.result()))
+        if self._coaching is None and self._to_be_coached and self._coach is not None:
+            self._to_be_coached = False
+            progress = self.guide.taken.progress
+            if progress.turns:
+                self._coaching = self._thread.submit(self._coach, progress)
+            else:
+                self.guide.advise(None)
 
     def _last_word(self) -> None:
         """Of the coach, on all segments; it has had all but the last one before."""
         until_s = time.monotonic() + LAST_WORD_S
-        while (self._coaching is not None or self._to_coach) and time.monotonic() < until_s:
+        while (self._coaching is not None or self._to_be_coached) and time.monotonic() < until_s:
             self._hear_coach()
             time.sleep(0.01)
 
 
-def _joined(events: Iterable[Event]) -> Iterator[Event]:
-    """Neighbouring chunks as one: a busy machine reads many small portions at once."""
-    for are_chunks, group in groupby(events, lambda event: isinstance(event, Chunk)):
-        if are_chunks:
-            chunks = [event for event in group if isinstance(event, Chunk)]
-            t_us, registers = (np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("t_us", "registers"))
-            yield Chunk(t_us, registers, chunks[0].form)
-        else:
-            yield from group
-
-
 _NEW_LOG_SAYS = {"reset": "the board was reset", "reconnect": "the port was opened again"}
-
-
-def samples_of(chunk: Chunk, config: Config) -> Samples:
-    """Registers or physical units as SI, with the accelerometer's pre-calibration."""
-    registers, units = chunk.registers.astype(float), config.sensor.register_units
-    if chunk.form.physical:
-        gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
-        temp_c = registers[:, 6] if chunk.form.has_temperature else None
-        return Samples(chunk.t_us * 1000, registers[:, 0:3] * gyro, config.accelerometer.correct(registers[:, 3:6] * accel), temp_c)
-    return Samples(
-        chunk.t_us * 1000,
-        registers[:, 0:3] * units.gyro_rps,
-        config.accelerometer.correct(registers[:, 3:6] * units.accel_mps2),
-        units.temperature_c(registers[:, 6]),
-    )

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 from session.detect.segments import Segment
-from session.detect.stills import Noise
+from session.detect.stills import Noise, Still
+from session.log.config import Accelerometer
 from session.log.samples import Samples
 
 
@@ -17,6 +18,8 @@ class Stage(Enum):
     CHECK_STREAM = "check stream"
     HOLD_STILL = "hold still"
     TURN = "turn"
+    CLOSURE = "closure run"
+    PAUSED = "paused"
     DONE = "done"
 
 
@@ -60,12 +63,26 @@ class AcceptedTurn:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Something has changed, in words for the operator; accepted: the turn, where one was."""
+    """Something has changed, in words for the operator; accepted: the turn, where one was; dropped: one that does not count any more."""
 
     kind: Kind
     text: str
     at_s: float = 0.0
     accepted: AcceptedTurn | None = None
+    dropped: AcceptedTurn | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """What a session has so far, for the coach: the turns that count, and all stills, in order, their accelerometer as session.toml has it.
+
+    own: whether nobody has calibrated the accelerometer, so that the stills have to; accelerometer: what they give, None while they do not.
+    """
+
+    turns: tuple[AcceptedTurn, ...]
+    stills: tuple[Still, ...] = ()
+    own: bool = False
+    accelerometer: Accelerometer | None = None
 
 
 @dataclass(frozen=True)

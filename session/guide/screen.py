@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Collection
 from types import TracebackType
 
-from rich.console import Console, Group
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
@@ -21,6 +21,8 @@ from session.guide.messages import Change, Kind, Stage
 BELLS = {Kind.READY: 1, Kind.ACCEPTED: 1, Kind.REJECTED: 2, Kind.WARNING: 2, Kind.DONE: 3}
 STYLES = {Kind.READY: "green", Kind.ACCEPTED: "green", Kind.REJECTED: "red", Kind.WARNING: "yellow", Kind.DONE: "bold green"}
 FAULTS = (("lost", "lost"), ("crc", "CRC"), ("garbage", "garbage"), ("implausible", "implausible"), ("reset", "resets"))
+COLOURS = {Stage.HOLD_STILL: "cyan", Stage.TURN: "magenta", Stage.CLOSURE: "magenta", Stage.DONE: "green"}
+WIDTH = 80  #: of what is typed, the end is seen
 REMEMBERED = 4  #: changes that stay on the screen
 REMIND_S = 5.0  #: between two lines that say the same, where there is no terminal
 
@@ -76,7 +78,7 @@ class PlainLines:
         now, wall_s = guide.instruction, time.monotonic()
         if now.do == self._said and (now.good or wall_s - self._said_s < REMIND_S):
             return
-        why = now.why if not now.good or (now.stage is Stage.TURN and not guide.turning) else ""
+        why = now.why if not now.good or (now.stage in (Stage.TURN, Stage.CLOSURE) and not guide.turning) else ""
         self._said, self._said_s = now.do, wall_s
         self.console.print(f"{'':12}{now.do}{f' ({why})' if why else ''}", soft_wrap=True)
 
@@ -91,7 +93,10 @@ def view(guide: Guide, title: str, changes: Collection[Change]) -> Group:
         # The newest is said in full, the ones before it in a line each.
         text = Text(change.text, style=style, overflow="fold" if newest else "ellipsis", no_wrap=not newest)
         said.add_row(Text(f"{change.at_s:.1f} s", style="dim"), text)
-    return Group(_instruction(guide, title), _state(guide), said)
+    parts: list[RenderableType] = [_instruction(guide, title), _state(guide), said]
+    if guide.keys:
+        parts.append(Text(guide.keys[-WIDTH:], style="dim", no_wrap=True, overflow="ellipsis"))
+    return Group(*parts)
 
 
 def _instruction(guide: Guide, title: str) -> Panel:
@@ -103,7 +108,7 @@ def _instruction(guide: Guide, title: str) -> Panel:
         bar.add_row(ProgressBar(total=1.0, completed=now.part, complete_style="green"), Text(f"{now.remaining_s:.1f} s left"))
     else:
         bar.add_row(Text(""), Text(""))
-    colour = {Stage.HOLD_STILL: "cyan", Stage.TURN: "magenta", Stage.DONE: "green"}.get(now.stage, "yellow")
+    colour = COLOURS.get(now.stage, "yellow")
     why = Text(now.why, style="" if now.good else "bold yellow")
     return Panel(
         Group(Text(now.do, style=f"bold {colour}"), bar, why), title=Text(title), title_align="left", border_style=colour, height=7
@@ -116,12 +121,14 @@ def _state(guide: Guide) -> Table:
     table.add_column(overflow="fold")
     table.add_row("segments", _segments(guide))
     table.add_row("coach", _coach(guide))
+    if guide.taken.own is not None:
+        table.add_row("gravity", guide.taken.own.words)
     table.add_row("stream", _stream(health))
     table.add_row("faults", _faults(health))
     table.add_row("warmth", _warmth(health))
-    stills = guide.coverage.stills
+    stills = guide.taken.coverage.stills
     table.add_row("up in stills", Text.assemble(*(_count(f"{face} {count}", count) for face, count in stills.items())))
-    turned = guide.coverage.turned_deg.items()
+    turned = guide.taken.coverage.turned_deg.items()
     table.add_row("turned about", Text.assemble(*(_count(f"{axis} {degrees:.0f}°", degrees) for axis, degrees in turned)))
     return table
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import date, datetime, time
 from difflib import get_close_matches
 from math import isfinite, nan
 from pathlib import Path
@@ -20,6 +22,9 @@ from session.sensor.registers import RegisterUnits
 
 SCHEMA = "tinygc-session/1"
 REFERENCES = ("gravity", "table", "truth")
+LAST_MOMENT_S = 1e11  #: far beyond any clock
+#: what a note may hold
+Note = str | float | bool | date | time
 #: keys of a sensor whose registers are not this tool's to know
 OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
 #: of a mounting's rows from length 1 and a right angle: written to four digits
@@ -114,8 +119,17 @@ class Protocol:
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """A turn that does not count: the one that moved at ``at_s`` seconds of the clock of the log of this name."""
+
+    log: str
+    at_s: float
+
+
+@dataclass(frozen=True)
 class Config:
-    """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor."""
+    """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor;
+    notes: what a person wrote beside the data, by name; exclude: turns that do not count."""
 
     sensor: Sensor
     accelerometer: Accelerometer
@@ -124,6 +138,8 @@ class Config:
     unknown: tuple[tuple[str, str | None], ...] = ()
     model_given: bool = True
     truth: TruthGiven = field(default_factory=TruthGiven)
+    notes: Mapping[str, Note] = field(default_factory=dict)
+    exclude: tuple[LeftOut, ...] = ()
 
 
 def _table(table: dict, name: str) -> dict:
@@ -183,8 +199,8 @@ def read_config(path: Path) -> Config:
     if protocol.reference not in REFERENCES:
         expected = '"gravity", "table" or "truth"'
         raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected {expected}')
-    truth = _truth(reader)  # before what nobody has read
-    return Config(sensor, accelerometer, site, protocol, reader.unknown(), "model" in table["sensor"], truth)
+    truth, notes, exclude = _truth(reader), reader.notes(), reader.exclude()  # before what nobody has read
+    return Config(sensor, accelerometer, site, protocol, reader.unknown(), "model" in table["sensor"], truth, notes, exclude)
 
 
 def _truth(reader: _Reader) -> TruthGiven:
@@ -275,6 +291,33 @@ class _Reader:
         if array.shape != shape or not np.isfinite(array).all():
             raise FormatError(f"{self._path}: {section}.{key} is {_said(value)}, expected finite numbers of shape {shape}")
         return array
+
+    def notes(self) -> dict[str, Note]:
+        """``[notes]``: any name, with text, a number, a date or a time, or true or false."""
+        group = self._table.get("notes", {})
+        if not isinstance(group, dict):
+            raise FormatError(f"{self._path}: [notes] must be a table, not {_said(group)}")
+        for name, value in group.items():
+            self._read.append(f"notes.{name}")
+            if not isinstance(value, (str, int, float, date, datetime, time)):
+                raise FormatError(f"{self._path}: notes.{name} is {_said(value)}, expected text, a number or a date")
+        return dict(group)
+
+    def exclude(self) -> tuple[LeftOut, ...]:
+        """``[[exclude]]``: a log's name and a moment of its clock each."""
+        self._read.append("exclude")
+        rows = self._table.get("exclude", [])
+        expected = '[[exclude]] expects log = "log0001.csv" and at_s = seconds of its clock'
+        if not isinstance(rows, list):
+            raise FormatError(f"{self._path}: exclude is {_said(rows)}; {expected}")
+        found = []
+        for row in rows:
+            at_s = row.get("at_s") if isinstance(row, dict) else None
+            number = isinstance(at_s, (int, float)) and not isinstance(at_s, bool)
+            if at_s is None or not number or not abs(at_s) < LAST_MOMENT_S or not isinstance(row.get("log"), str):
+                raise FormatError(f"{self._path}: exclude holds {_said(row)}; {expected}")
+            found.append(LeftOut(row["log"], float(at_s)))
+        return tuple(found)
 
 
 def _said(value: object) -> str:

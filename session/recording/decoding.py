@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
 from session.common.errors import FormatError
+from session.recording.decisions import Decision, decision_of, name_kept
 from session.recording.logwriter import LogWriter
 from session.recording.rawfile import read_marks
 from session.stream.decoder import StreamDecoder
@@ -15,21 +17,28 @@ from session.stream.events import Event, Trouble
 BLOCK = 1 << 18
 
 
-def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter) -> Iterator[tuple[int | None, list[Event]]]:
-    """Decode a raw file into ``logs``, giving (host_ns or None, events) piece by piece.  The caller finishes decoder and logs."""
+def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter) -> Iterator[tuple[int | None, list[Event | Decision]]]:
+    """Decode a raw file into ``logs``, giving (host_ns or None, events) piece by piece, with what was decided between them.
+
+    The caller finishes decoder and logs.
+    """
     try:
         raw = raw_path.open("rb")
     except OSError as error:
         raise FormatError(f"{raw_path}: cannot be read ({error.strerror or error})") from None
     with raw:
-        for mark in [mark for mark in read_marks(raw_path) if mark.event]:
+        marks = [mark for mark in read_marks(raw_path) if mark.event]
+        for number, mark in enumerate(marks):
             yield from _until(raw, mark.offset, decoder, logs)
-            word, _, rest = mark.event.partition(" ")
-            if word == "open":
+            if mark.event.partition(" ")[0] == "open":
                 logs.write(events := new_connection(decoder))
-                yield mark.host_ns, events
-            elif word == "begin" and rest.isidentifier():
-                logs.begin(rest)
+                yield mark.host_ns, [*events]
+            elif (decision := decision_of(mark)) is not None:
+                if decision.word == "begin":  # a file that was kept bears its last name from the beginning
+                    logs.begin(name_kept(marks, number) or decision.rest)
+                elif decision.word in ("pause", "keep"):
+                    logs.pause()
+                yield mark.host_ns, [replace(decision, log=logs.paths[-1].name if logs.paths else "")]
         yield from _until(raw, None, decoder, logs)
 
 
@@ -39,8 +48,10 @@ def new_connection(decoder: StreamDecoder) -> list[Event]:
     return [*events, Trouble("reconnect")] if decoder.samples else events
 
 
-def _until(raw: BinaryIO, offset: int | None, decoder: StreamDecoder, logs: LogWriter) -> Iterator[tuple[int | None, list[Event]]]:
+def _until(
+    raw: BinaryIO, offset: int | None, decoder: StreamDecoder, logs: LogWriter
+) -> Iterator[tuple[int | None, list[Event | Decision]]]:
     while (size := BLOCK if offset is None else min(BLOCK, offset - raw.tell())) > 0 and (data := raw.read(size)):
         events = decoder.feed(data)
         logs.write(events)
-        yield None, events
+        yield None, [*events]

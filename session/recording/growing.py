@@ -46,9 +46,16 @@ class GrowingFile:
         self._file.seek(0)
         right, self._left = self._file.read(self._same), 0
         self._file.close()
-        number = 1
-        while (aside := self.path.with_name(f"{self.path.name}{ASIDE}{number}")).exists():
-            number += 1
-        self.path.rename(aside)
-        self.aside, self._file = aside, self.path.open("xb")
+        self.aside = put_aside(self.path)
+        self._file = self.path.open("xb")
         self._file.write(right)
+
+
+def put_aside(path: Path) -> Path | None:
+    """Give a file that is in the way another name, and return it; None where there is none.  Raises OSError."""
+    if not path.exists():
+        return None
+    number = 1
+    while (aside := path.with_name(f"{path.name}{ASIDE}{number}")).exists():
+        number += 1
+    return path.rename(aside)

@@ -8,12 +8,13 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from session.common.errors import FormatError, StorageError
-from session.recording.growing import GrowingFile
+from session.recording.growing import GrowingFile, put_aside
 from session.stream.events import Chunk, Comment, Event, Info
 from session.stream.form import Form
 from session.stream.text import parse_info
 
 NEW_LOG = ("reset", "reconnect")
+NOWHERE = ""
 
 
 class LogWriter:
@@ -36,6 +37,22 @@ class LogWriter:
         """The next sample begins a new file ``stem*.csv``."""
         self.close()
         self.stem = stem
+
+    def pause(self) -> None:
+        """Samples from here on go to no log, until the next ``begin``."""
+        self.begin(NOWHERE)
+
+    def keep(self, stem: str) -> None:
+        """The present file is whole: end it, and name it ``stem*.csv``; then ``pause``.  Nothing where there is no file."""
+        path = self.paths[-1] if self._file else None
+        self.pause()
+        if path is None:
+            return
+        with self._storage():
+            target = self._next(stem)
+            put_aside(target)
+            path.rename(target)
+            self.paths[-1] = target
 
     def write(self, events: Iterable[Event]) -> None:
         """Append; StorageError where that fails."""
@@ -87,6 +104,8 @@ class LogWriter:
 
     def _samples(self, chunk: Chunk) -> None:
         self.physical = chunk.form.physical
+        if self.stem == NOWHERE:
+            return
         file = self._file or self._open(chunk.form)
         columns = [chunk.t_us.tolist(), *chunk.registers.T.tolist()]
         row = ",".join(["%d"] + ["%r" if chunk.form.physical else "%d"] * (len(columns) - 1)) + "\n"
@@ -99,8 +118,7 @@ class LogWriter:
             self._file.write(f"# {text}\n")
 
     def _open(self, form: Form) -> GrowingFile:
-        number = 1 + sum(path.name.startswith(self.stem) for path in self.paths)
-        path = self.folder / f"{self.stem}{number:04d}.csv"
+        path = self._next(self.stem)
         if (packed := path.with_name(path.name + ".gz")).exists():
             raise FormatError(f"{packed}: a recording goes on in plain logs only; unpack it first (gunzip)")
         self._file = file = GrowingFile(path)
@@ -110,3 +128,7 @@ class LogWriter:
         file.write(form.log_header + "\n")
         self._waiting = []
         return file
+
+    def _next(self, stem: str) -> Path:
+        number = 1 + sum(path.name.startswith(stem) for path in self.paths)
+        return self.folder / f"{stem}{number:04d}.csv"

@@ -2,7 +2,7 @@
 
 ``raw.bin`` holds what the port gave and nothing else, so any capture of a port replays.  ``raw.times`` is text,
 ``host_ns,bytes,event``: at host_ns (monotonic clock) the file held that many bytes.  Events are ``open`` (the port was opened, with
-wall-clock time and port), ``close``, and ``begin STEM`` (from here on, logs are named so).  A write goes straight to the operating
+wall-clock time and port), ``close``, and what was decided at the table (``decisions``).  A write goes straight to the operating
 system, so a killed process loses nothing that it had; twice a second it is forced to the disk, against a power failure.
 """
 
@@ -27,7 +27,7 @@ TIME_STEP_NS = 10_000_000
 
 @dataclass(frozen=True)
 class Mark:
-    """At host_ns the raw file held ``offset`` bytes; event is empty, or ``open …``, ``close …``, ``begin STEM``."""
+    """At host_ns the raw file held ``offset`` bytes; event is empty, or ``open …``, ``close …``, or a decision (``decisions``)."""
 
     host_ns: int
     offset: int

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from session.common.errors import CalibrationError
 from session.recording.clock import ComparisonOfClocks
+from session.recording.decisions import Decision
 from session.recording.decoding import new_connection, stream
 from session.recording.logwriter import NEW_LOG, LogWriter
 from session.recording.port import Closed, Opened, Port, Received
@@ -29,7 +30,7 @@ class Recorder:
     def __init__(self, folder: Path, name: str, baudrate: int = 921600, header: str | None = None):
         self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
         self.clock = ComparisonOfClocks()
-        self.resumed: list[Event] = []
+        self.resumed: list[Event | Decision] = []
         if (folder / RAW).exists():
             for _, events in stream(folder / RAW, self.decoder, self.logs):
                 self.resumed += events
@@ -53,10 +54,15 @@ class Recorder:
         self.logs.flush()
         return events
 
-    def begin(self, stem: str) -> None:
-        """Samples from here on go to a new ``stem*.csv`` (``log`` or ``closure``), in a replay too.  Call it between two polls."""
-        self.raw.mark(time.monotonic_ns(), f"begin {stem}", self._decoded)
-        self.logs.begin(stem)
+    def decide(self, decision: Decision) -> None:
+        """Do what was decided at the table, behind all samples that were polled; a replay does it too.  Call it between two polls."""
+        self.raw.mark(time.monotonic_ns(), decision.text, self._decoded)
+        if decision.word == "begin":
+            self.logs.begin(decision.rest)
+        elif decision.word == "pause":
+            self.logs.pause()
+        elif decision.word == "keep":
+            self.logs.keep(decision.rest)
 
     def close(self) -> None:
         """Stop reading, write what is left, close the files; may be called twice."""

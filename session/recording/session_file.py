@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import itertools
 from collections.abc import Mapping
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
-import numpy as np
-
-from session.common.errors import CalibrationError, StorageError
-from session.log.config import OWN_UNITS, SCHEMA, Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.common.errors import CalibrationError, FormatError, StorageError
+from session.log.additions import add_exclude, add_notes, exclude_text, notes_text, quoted
+from session.log.config import OWN_UNITS, SCHEMA, Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
 from session.sensor.known import DEFAULT, profile_of
 from session.stream.events import Info
 
@@ -22,6 +22,8 @@ ASSUMED = f"nothing names the sensor: its registers are read as an {DEFAULT}'s; 
 NOMINAL_WITHIN = 0.2  #: INTERNAL_FREQ_FINE reaches so far
 DIVIDED_WITHIN = 0.05  #: where a divider makes many rates, the next one is hardly farther
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
+MOST_A_SECOND = 9  #: notes
+SAME_MOMENT_S = 1e-3
 OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", *OWN_UNITS)
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
@@ -30,8 +32,8 @@ class SessionFile:
     """What is known of the session before the board speaks, and the file once it has.
 
     like: another session.toml, whose accelerometer, site and protocol hold here as well, and its sensor where the board says nothing;
-    odr_hz, gyro_fs_dps, accel_fs_g, sensor (its model): what the user says of the board, or None.  assumed: whether nobody has named the
-    sensor of the file that was written.  Raises FormatError for a broken file.
+    odr_hz, gyro_fs_dps, accel_fs_g, sensor (its model): what the user says of the board, or None; notes: for ``[notes]``.  assumed: whether
+    nobody has named the sensor of the file that was written.  Raises FormatError for a broken file, and for a note that says otherwise.
     """
 
     def __init__(
@@ -42,8 +44,10 @@ class SessionFile:
         gyro_fs_dps: float | None,
         accel_fs_g: float | None,
         sensor: str | None = None,
+        notes: Mapping[str, Note] | None = None,
     ):
         self.path, self._model, self.assumed = folder / NAME, sensor, False
+        self._notes = dict(notes or {})  # to be written as soon as there is a file
         self._said = {"odr_hz": odr_hz, "gyro_fs_dps": gyro_fs_dps, "accel_fs_g": accel_fs_g}
         self._own = read_config(self.path) if self.path.exists() else None
         if like is not None and like.is_dir():
@@ -51,6 +55,9 @@ class SessionFile:
         self._like = read_config(like) if like is not None else None
         self._info: Info | None = None  # the last that the board has said
         if self._own is not None:
+            for name, value in self._notes.items():
+                if (there := self._own.notes.get(name, value)) != value:
+                    raise FormatError(f"{self.path}: notes.{name} is {there!r} already; correct it there, or give another name")
             self._require_agreement(self._own.sensor, self._said, "the command line")
             self._require_model(self._own.sensor.model, sensor, "--sensor")
 
@@ -80,9 +87,33 @@ class SessionFile:
             if sensor is None:
                 return None
             known = self._like or Config(sensor, Accelerometer(source="none"), Site(), Protocol())
-            self._own = replace(known, sensor=sensor, unknown=())
+            self._own = replace(known, sensor=sensor, unknown=(), notes={}, exclude=())  # notes are of one session alone
             self._write(self._own)
+        notes, self._notes = self._notes, {}
+        add_notes(self.path, notes)
         return self._own
+
+    def note(self, text: str, when: datetime) -> None:
+        """A note of this moment (UTC), in ``[notes]`` under its time; as soon as there is a file."""
+        name = f"{when:%Y-%m-%dT%H:%M:%SZ}"
+        if self._own is None:
+            self._notes[name] = text
+            return
+        for number in itertools.count(2):
+            try:
+                return add_notes(self.path, {name: text})
+            except FormatError:  # two within a second
+                if number > MOST_A_SECOND:
+                    raise
+                name = f"{when:%Y-%m-%dT%H:%M:%SZ} ({number})"
+
+    def exclude(self, log: str, at_s: float) -> None:
+        """The turn that moved at that moment of the log's clock does not count."""
+        add_exclude(self.path, LeftOut(log, at_s))
+
+    def excludes(self, log: str, at_s: float) -> bool:
+        """Whether the file says so: a person may have taken it back."""
+        return any(row.log == log and abs(row.at_s - at_s) < SAME_MOMENT_S for row in read_config(self.path).exclude)
 
     def _sensor(self, info: Info | None, waited_s: float, physical: bool) -> Sensor | None:
         said = dict(self._said)
@@ -137,39 +168,38 @@ def _same_model(one: str, other: str) -> bool:
 def toml_text(config: Config) -> str:
     """``session.toml`` of a configuration (docs/formats.md)."""
     sensor, site, protocol = config.sensor, config.site, config.protocol
-    matrix = ", ".join("[" + ", ".join(map(repr, map(float, row))) + "]" for row in config.accelerometer.matrix)
-    bias = ", ".join(map(repr, map(float, config.accelerometer.bias_mps2)))
-    identity = np.array_equal(config.accelerometer.matrix, np.eye(3)) and not config.accelerometer.bias_mps2.any()
-    remark = "  # none: give the accelerometer's pre-calibration here, or its errors become the gyroscope's" if identity else ""
     here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
     lines = [f"{name} = {value!r}" for name, value in here.items() if value is not None]
     known = {name: getattr(sensor, name) for name in OPTIONAL}
     noise = "".join(f"{name} = {value!r}\n" for name, value in known.items() if value is not None)
     lines = lines or ["# latitude_deg = …  # without it the Earth's rotation stays in the rates"]
+    sigma = f"truth_sigma_deg = {protocol.truth_sigma_deg!r}\n" if protocol.reference == "truth" else ""
+    notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
     return f"""\
 schema = "{SCHEMA}"
 
 [sensor]
-model = {_quoted(sensor.model)}
-serial = {_quoted(sensor.serial)}
+model = {quoted(sensor.model)}
+serial = {quoted(sensor.serial)}
 odr_hz = {sensor.odr_hz!r}
 gyro_fs_dps = {sensor.gyro_fs_dps:g}
 accel_fs_g = {sensor.accel_fs_g:g}
 {noise}
-[accelerometer]{remark}
-matrix = [{matrix}]
-bias_mps2 = [{bias}]
-
+{_accelerometer_text(config.accelerometer)}
 [site]
 {chr(10).join(lines)}
 
 [protocol]
 still_s = {protocol.still_s!r}
 segment_s = {protocol.segment_s!r}
-reference = {_quoted(protocol.reference)}
-"""
+reference = {quoted(protocol.reference)}
+{sigma}{notes}{exclude_text(config.exclude)}"""
 
 
-def _quoted(text: str) -> str:
-    """A TOML string: JSON's escapes are among TOML's, and no sign that a board sends is left bare."""
-    return json.dumps(text)
+def _accelerometer_text(accelerometer: Accelerometer) -> str:
+    """Its section; a comment where nobody has calibrated it, for a section that is there counts as a calibration."""
+    if accelerometer.source == "none":
+        return "# [accelerometer]  # nobody has calibrated it: the session's own stills do\n"
+    matrix = ", ".join("[" + ", ".join(map(repr, map(float, row))) + "]" for row in accelerometer.matrix)
+    bias = ", ".join(map(repr, map(float, accelerometer.bias_mps2)))
+    return f"[accelerometer]\nmatrix = [{matrix}]\nbias_mps2 = [{bias}]\n"

@@ -15,6 +15,7 @@ from tinygc.methods.registry import CHOSEN
 METHODS = ",".join(CHOSEN)
 
 LONGEST_S = 1e9
+SHORTEST_CLOSURE_S, LONGEST_CLOSURE_S = 5.0, 3600.0
 EFFECTS_HELP = "folder with further effects, a Python file each, which is run; may be given several times"
 
 
@@ -104,6 +105,25 @@ def seconds(text: str) -> float:
 
 
 seconds.__name__ = "number"
+
+
+def closure_seconds(text: str) -> float:
+    """How long a closure run turns, s."""
+    value = float(text)
+    if not SHORTEST_CLOSURE_S <= value <= LONGEST_CLOSURE_S:
+        raise argparse.ArgumentTypeError(f"{text} is no time from {SHORTEST_CLOSURE_S:g} to {LONGEST_CLOSURE_S:g} s")
+    return value
+
+
+closure_seconds.__name__ = "number"
+
+
+def note(text: str) -> tuple[str, str]:
+    """``KEY=TEXT``."""
+    key, sign, value = text.partition("=")
+    if not sign or not key.strip() or not value.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is no KEY=TEXT such as operator=Mara")
+    return " ".join(key.split()), " ".join(value.split())
 
 
 def stream_header(text: str) -> str:

@@ -103,16 +103,24 @@ def parameter_covariance(
     return inverse @ meat @ inverse
 
 
-def covariance_from_columns(design: np.ndarray, floor: Floor, wander: BiasWander) -> np.ndarray:
-    """(12, 12) from the segments' columns (S, d, 12) alone: ``parameter_covariance`` without still rates and heading."""
+def covariance_from_columns(
+    design: np.ndarray, floor: Floor, wander: BiasWander, more_prior: np.ndarray | None = None, information: np.ndarray | None = None
+) -> np.ndarray:
+    """(P, P) from the segments' columns (S, d, P) alone: ``parameter_covariance`` without still rates and heading.
+
+    Behind the 12 parameters there may be others, with prior sigmas ``more_prior`` (P - 12,); information (P, P): of other data.
+    """
+    prior = np.diag(1 / np.concatenate([PRIOR_SIGMA, [] if more_prior is None else more_prior]) ** 2)
     weight = 1 / floor.sigma[..., None] ** 2
-    hessian = np.einsum("sdp,sdq->pq", design * weight, design) + np.diag(1 / PRIOR_SIGMA**2)
+    hessian = np.einsum("sdp,sdq->pq", design * weight, design) + prior
     meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
     pull = np.einsum("sdp,sdi->spi", design * weight, design[..., linear.BIAS])
     meat += np.einsum("spi,st,tqi->pq", pull, wander.covariance(), pull, optimize=True)
+    if information is not None:
+        hessian, meat = hessian + information, meat + information
     inverse = np.linalg.inv(hessian)
     # The prior is no datum: what no segment has seen is as uncertain as it was.
-    return inverse @ (meat + np.diag(1 / PRIOR_SIGMA**2)) @ inverse
+    return inverse @ (meat + prior) @ inverse
 
 
 def _turn(sensitivity: np.ndarray, batch: closure.Batch) -> np.ndarray:

@@ -1,17 +1,19 @@
 """The coach: after each segment, what is still known worst, and the movement from here that would help most.
 
 It knows the segments only through the linear sensitivity (``closure.sensitivity``): each adds two angles, linear in the 12 parameters.
-A movement's worth is what its two angles would leave of the sigmas, beside their targets, if it were made from where the sensor lies
-now.
+An accelerometer that nobody has calibrated has nine more (``accelerometer``), of which the length of gravity in each still tells as well.
+A movement's worth is what its two angles, and the still that it ends in, would leave of the sigmas, beside their targets, if it were made
+from where the sensor lies now.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from session.common.units import DEG_PER_HOUR
-from session.detect.stills import Still
-from session.guide.messages import AcceptedTurn, Advice
+from session.common.units import DEG, DEG_PER_HOUR
+from session.guide.messages import AcceptedTurn, Advice, Progress
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.bias_wander import BiasWander
@@ -19,8 +21,10 @@ from tinygc.closure.floor import Floor, gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import covariance_from_columns
 from tinygc.models import linear
+from tinygc.plan import accelerometer as accel
+from tinygc.plan.accelerometer import OwnAccelerometer, as_known, length_information
 from tinygc.plan.proposals import TARGETS, parameter_words
-from tinygc.plan.turns import Turn, columns, turns_from
+from tinygc.plan.turns import HALVES, QUARTERS, Turn, columns, ends, turns_from
 
 UNKNOWN = 10.0  #: times its target: while something is as uncertain, the volume of all uncertainty is made small (D-optimality)
 UNSEEN = 100.0
@@ -28,76 +32,137 @@ UNSEEN = 100.0
 #: enters no uncertainty that is reported
 PLANNED_INSTABILITY_RPS = 3 * DEG_PER_HOUR
 SHARPNESS = 6  #: afterwards: power of the sigmas in what is made small: 2 would look at all alike, a large one at the worst alone
+MOVED = np.cos(0.5 * DEG)  #: attitudes that a better known accelerometer has moved by more are looked at again
+STILL_S = 2.0  #: of the still that a proposed turn ends in
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A segment: the force at its ends that its columns were made with, columns (2, 12 or 21), noise (2, 2), its middle."""
+
+    turn: AcceptedTurn
+    ends: np.ndarray
+    columns: np.ndarray
+    own: np.ndarray
 
 
 class Coach:
-    """Call it with accepted segments, in order; it answers with ``Advice``."""
+    """Call it with what the session has so far; it answers with ``Advice``.  targets (12,) of the gyroscope's parameters."""
 
     def __init__(self, targets: np.ndarray = TARGETS):
-        self._targets = targets
-        self._columns: list[np.ndarray] = []
-        self._own: list[np.ndarray] = []
-        self._middle_s: list[float] = []
+        self._gyro_targets = targets
+        self._seen: dict[int, _Seen] = {}
+        self._progress = Progress(())
+        self._own: OwnAccelerometer | None = None
 
-    def __call__(self, taken: list[AcceptedTurn]) -> Advice:
-        """Advice on all segments so far, after further ones (at least one)."""
-        for segment in taken:
-            self.add(segment)
+    def __call__(self, progress: Progress) -> Advice:
+        """Advice on all segments so far (at least one)."""
+        self.look(progress)
         sigma = self.sigma
         worst = np.argsort(-sigma)
         missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
         if not missing:
             return Advice("", f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it", reached=True)
-        turn = self.best_turn(_stills(taken[-1])[1].accel_mean)
+        turn = self.best_turn(progress.turns[-1].segment.stills[1].accel_mean)
         return Advice(turn.words, f"it helps the {_said(worst[0], sigma[worst[0]])}", missing=missing)
+
+    def look(self, progress: Progress) -> None:
+        """Take in what the session has so far."""
+        self._progress = progress
+        self._own = as_known(progress.accelerometer, progress.stills) if progress.own else None
+        before, self._seen = self._seen, {}
+        for turn in progress.turns:
+            found = before.get(id(turn))
+            if found is None or (found.ends * self._directions(turn)).sum(axis=1).min() < MOVED:
+                found = self._of(turn)
+            self._seen[id(turn)] = found
+
+    @property
+    def targets(self) -> np.ndarray:
+        """(12,), or (21,) where the session calibrates its accelerometer, too."""
+        return self._gyro_targets if self._own is None else np.concatenate([self._gyro_targets, accel.TARGETS])
 
     @property
     def covariance(self) -> np.ndarray:
-        """(12, 12) as ``uncertainty.parameter_covariance`` gives it, less what neighbours share and the Earth's heading."""
-        own = np.array(self._own)
+        """(P, P) as ``uncertainty.parameter_covariance`` gives it, less what neighbours share and the Earth's heading."""
+        seen = list(self._seen.values())
+        own = np.array([each.own for each in seen])
         floor = Floor(own, np.zeros((len(own) - 1, 2, 2)))
-        return covariance_from_columns(np.array(self._columns), floor, BiasWander(np.array(self._middle_s), PLANNED_INSTABILITY_RPS))
+        middle_s = np.array([each.turn.middle_s for each in seen])
+        design, wander = np.array([each.columns for each in seen]), BiasWander(middle_s, PLANNED_INSTABILITY_RPS)
+        if self._own is None:
+            return covariance_from_columns(design, floor, wander)
+        lengths = np.zeros((design.shape[-1],) * 2)
+        if self._progress.stills:
+            lengths[-accel.PARAMETERS :, -accel.PARAMETERS :] = length_information(self._own, self._progress.stills, seen[-1].turn.noise)
+        return covariance_from_columns(design, floor, wander, accel.PRIOR_SIGMA, lengths)
 
     @property
     def sigma(self) -> np.ndarray:
-        """(12,) one sigma of each parameter in units of its target."""
-        return np.sqrt(np.diag(self.covariance)) / self._targets
+        """(P,) one sigma of each parameter in units of its target."""
+        return np.sqrt(np.diag(self.covariance)) / self.targets
 
-    def best_turn(self, accel: np.ndarray) -> Turn:
-        """The turn to make where the accelerometer reads accel (3,)."""
-        information = np.linalg.inv(self.covariance / np.outer(self._targets, self._targets))
-        turns = turns_from(accel)
-        rows = columns(accel, turns) * (self._targets / np.sqrt(np.mean([np.trace(own) / 2 for own in self._own])))
+    def best_turn(self, measured: np.ndarray) -> Turn:
+        """The turn to make where the accelerometer reads ``measured`` (3,) m/s^2."""
+        force = measured if self._own is None else self._own.accelerometer.correct(measured)
+        covariance = self.covariance / np.outer(self.targets, self.targets)
+        information, sigma = np.linalg.inv(covariance), np.sqrt(np.diag(covariance))
+        turns = turns_from(force, QUARTERS if self._own is None else HALVES)
+        rows = self._rows(force, turns) * self.targets
         after = information + rows.swapaxes(-1, -2) @ rows
-        if self.sigma.max() > UNKNOWN:
+        if sigma.max() > UNKNOWN:
             return turns[int(np.argmax(np.linalg.slogdet(after)[1]))]
         left = np.diagonal(np.linalg.inv(after), axis1=-2, axis2=-1)
+        if sigma.argmax() >= linear.PARAMETERS:  # the accelerometer is known worst: the attitude that helps its worst number most
+            return turns[int(np.argmin(left[:, linear.PARAMETERS :].max(-1)))]
         return turns[int(np.argmin((left ** (SHARPNESS / 2)).sum(-1)))]
 
-    def add(self, taken: AcceptedTurn) -> None:
-        """Take a segment in: its two angles' columns and their noise."""
-        first, last = _stills(taken)
-        measured = taken.samples.gyro[None]
+    def _rows(self, force: np.ndarray, turns: list[Turn]) -> np.ndarray:
+        """(M, 2 or 3, P): what each turn would add, by its noise: its two angles, and the length of gravity in the still behind it."""
+        angle = float(np.sqrt(np.mean([np.trace(each.own) / 2 for each in self._seen.values()])))
+        gyro = columns(force, turns) / angle
+        if self._own is None:
+            return gyro
+        q_first, q_last = ends(force, turns)
+        last = np.array([turn.carries(force) for turn in turns])
+        tilt = self._own.tilt_columns(np.broadcast_to(force, last.shape), last, q_first, q_last) / angle
+        noise = next(reversed(self._seen.values())).turn.noise
+        white = float(np.mean(noise.velocity_random_walk**2)) / STILL_S
+        length = self._own.length_rows(last)[:, None] / np.sqrt(white + self._own.sigma_mps2**2)
+        nothing = np.zeros((len(turns), 1, linear.PARAMETERS))
+        return np.concatenate([np.concatenate([gyro, tilt], axis=-1), np.concatenate([nothing, length], axis=-1)], axis=1)
+
+    def _directions(self, turn: AcceptedTurn) -> np.ndarray:
+        """(2, 3): which way gravity pulls at both ends, by what is known of the accelerometer."""
+        force = np.array([still.accel_mean for still in turn.segment.stills])
+        force = force if self._own is None else self._own.accelerometer.correct(force)
+        return force / np.linalg.norm(force, axis=1, keepdims=True)
+
+    def _of(self, turn: AcceptedTurn) -> _Seen:
+        """A segment: its two angles' columns and their noise."""
+        first, last = turn.segment.stills
+        measured = turn.samples.gyro[None]
         bias = (first.gyro_mean + last.gyro_mean) / 2
-        start, end = (rotation.from_gravity(still.accel_mean)[None] for still in (first, last))
+        force = self._directions(turn)
+        start, end = (rotation.from_gravity(direction)[None] for direction in force)
         # The Earth's place is taken by the bias: what is left is the turn, as nearly as the sensor's own errors of 1 % matter here.
-        batch = Batch(measured, taken.samples.dt_s[None], np.broadcast_to(bias, measured.shape), start, end, yaw_known=False)
-        own = gyro_variance(batch, closure.attitudes(batch, measured), [taken.noise])[0, :2, :2]
-        tilt = sum(still_tilt_variance(still, taken.noise) for still in (first, last))
-        self._columns.append(linear.columns(closure.sensitivity(batch, measured), measured)[0, :2])
-        self._own.append(own + tilt * np.eye(2))
-        self._middle_s.append(taken.middle_s)
-
-
-def _stills(taken: AcceptedTurn) -> tuple[Still, Still]:
-    """Between which a segment lies; a recording has no others."""
-    first, last = taken.segment.first, taken.segment.last
-    assert first is not None
-    assert last is not None
-    return first, last
+        batch = Batch(measured, turn.samples.dt_s[None], np.broadcast_to(bias, measured.shape), start, end, yaw_known=False)
+        attitudes = closure.attitudes(batch, measured)
+        own = gyro_variance(batch, attitudes, [turn.noise])[0, :2, :2]
+        tilt = sum(still_tilt_variance(still, turn.noise) for still in (first, last))
+        design = linear.columns(closure.sensitivity(batch, measured), measured)[0, :2]
+        if self._own is not None:
+            lengths = np.array([still.gravity_mps2 for still in (first, last)])[:, None]
+            tilt += 2 * float(np.mean((self._own.sigma_mps2 / lengths) ** 2))
+            there = force * lengths
+            at_ends = self._own.tilt_columns(there[0], there[1], attitudes[0, 0], attitudes[0, -1])
+            design = np.concatenate([design, at_ends], axis=1)
+        return _Seen(turn, force, design, own + tilt * np.eye(2))
 
 
 def _said(parameter: int, sigma: float) -> str:
     """A parameter and how far it is from its target."""
     far = "not seen in any turn yet" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
-    return f"{parameter_words(linear.NAMES[parameter])} ({far})"
+    gyro = parameter < linear.PARAMETERS
+    name = parameter_words(linear.NAMES[parameter]) if gyro else accel.NAMES[parameter - linear.PARAMETERS]
+    return f"{name} ({far})"

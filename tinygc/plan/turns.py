@@ -18,6 +18,9 @@ from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
 from tinygc.models import linear
 
+QUARTERS = (90, 180, 270, 360)
+#: an accelerometer's axes are seen askew only between the faces
+HALVES = (45, 90, 135, 180, 225, 270, 315, 360)
 SINGLE_S, DOUBLE_S = 3.0, 2.0  #: of one turn alone; of each of two
 STILL_S, RATE_HZ = 1.0, 20.0
 VERTICAL = 0.90  #: cosine above which an axis is called vertical
@@ -57,9 +60,9 @@ class Turn:
         return accel
 
 
-def turns_from(accel: np.ndarray) -> list[Turn]:
-    """All turns from a still in which the accelerometer reads accel (3,)."""
-    singles = [Turn((part,)) for part in _parts(accel, (90, 180, 270, 360), SINGLE_S)]
+def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS) -> list[Turn]:
+    """All turns from a still in which the accelerometer reads accel (3,); singles_deg: angles of those that stand alone."""
+    singles = [Turn((part,)) for part in _parts(accel, singles_deg, SINGLE_S)]
     doubles = [
         Turn((first, second))
         for first in _parts(accel, (90, 180, 270), DOUBLE_S)
@@ -85,6 +88,16 @@ def columns(accel: np.ndarray, turns: list[Turn]) -> np.ndarray:
     start = np.broadcast_to(rotation.from_gravity(accel), (len(turns), 4))
     batch = Batch(rate, dt, np.zeros_like(rate), start, start, yaw_known=False)
     return linear.columns(closure.sensitivity(batch, rate), rate)[:, :2]
+
+
+def ends(accel: np.ndarray, turns: list[Turn]) -> tuple[np.ndarray, np.ndarray]:
+    """Attitudes (M, 4) before and after each turn, begun where the accelerometer reads accel (3,)."""
+    first = np.broadcast_to(rotation.from_gravity(accel), (len(turns), 4))
+    last = first
+    for number in range(max(len(turn.parts) for turn in turns)):
+        parts = [turn.parts[number] if number < len(turn.parts) else _NOTHING for turn in turns]
+        last = rotation.multiply(last, rotation.exp(np.array([part.axis * part.angle_rad for part in parts])))
+    return first, last
 
 
 _NOTHING = TurnPart(np.zeros(3), 0.0, 1.0, "")

@@ -9,6 +9,7 @@ import numpy as np
 
 from session.common.errors import DataError, SegmentError
 from session.common.units import DEG, NS
+from session.detect.excluded import without_excluded
 from session.detect.impacts import find_impacts
 from session.detect.known_turns import FoundTurn
 from session.detect.segments import Segment, cut_segments
@@ -125,7 +126,8 @@ def _stills_and_segments(
         stills = [replace(s, problem="turns about the vertical") if number + i in moving else s for i, s in enumerate(here.stills)]
         number += len(stills)
         sensor, protocol, numbered = session.config.sensor, session.config.protocol, len(segments)
-        segments += cut_segments(samples, stills, sensor, protocol, log=len(logs), number=numbered, put_in=log.put_in)
+        cut = cut_segments(samples, stills, sensor, protocol, log=len(logs), number=numbered, put_in=log.put_in)
+        segments += without_excluded(cut, samples, log.path, session.config.exclude)
         logs.append(StillSet(samples, stills, noise, np.zeros((0, 4)), np.zeros(0, dtype=int), log.bridges))
     segments = [replace(s, problem=CLIPPED, breaks_yaw=True) if s.number in clipped else s for s in segments]
     excluded = [replace(s, problem=LEFT_OUT) if s.number in exclude else s for s in segments]

@@ -8,7 +8,7 @@ import numpy as np
 
 from session.common.errors import DataError
 from session.common.units import DEG, NS
-from session.detect.segments import why_broken
+from session.detect.run_ends import RETURN_RAD, run_ends
 from session.detect.stills import Still
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -20,10 +20,8 @@ from tinygc.closure.floor import gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
 from tinygc.models.model import Model
 from tinygc.problem.problem import Problem
-from tinygc.problem.yaw import angle_between, goes_on
+from tinygc.problem.yaw import goes_on
 
-#: a table is set back by hand to a dial: closer than this is "the same attitude"
-RETURN_RAD = 0.5 * DEG
 #: stillness that is integrated at either end, for what the detector may be late
 MARGIN_S = 0.1
 
@@ -79,18 +77,18 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
     session, name = problem.session, log.path.name
     found = problem.found.of(log)
     samples, noise = found.samples, found.noise
-    stills = [still for still in found.stills if still.problem is None]
-    if noise is None or len(stills) < 2:
-        raise DataError(f"{name}: {len(stills)} still phases, expected one before and one after the turn; record still - long turn - still")
-    first, last = stills[0], stills[-1]
-    away = angle_between(first.accel_mean, last.accel_mean)
-    if away > RETURN_RAD:
+    ends = run_ends(samples, found.stills, session.config.sensor, log.put_in)
+    if noise is None or ends is None:
+        stills = sum(still.problem is None for still in found.stills)
+        raise DataError(f"{name}: {stills} still phases, expected one before and one after the turn; record still - long turn - still")
+    if not ends.returned:
         raise DataError(
-            f"{name}: does not return: gravity at its end is {away / DEG:.2f} deg from where it began, expected at most "
+            f"{name}: does not return: gravity at its end is {ends.away_rad / DEG:.2f} deg from where it began, expected at most "
             f"{RETURN_RAD / DEG:g}; set the table back to the same marks, or name the file log*.csv to fit it"
         )
-    if why := why_broken(samples, slice(first.stop, last.start + 1), session.config.sensor, log.put_in):
-        raise DataError(f"{name}: {why}; a closure run must be whole: record it again, or remove the file")
+    if ends.broken:
+        raise DataError(f"{name}: {ends.broken}; a closure run must be whole: record it again, or remove the file")
+    first, last = ends.first, ends.last
     margin = round(MARGIN_S / samples.period_s)
     rows = slice(max(first.stop - 1 - margin, first.start), min(last.start + margin, last.stop) + 1)
     part = samples.between(rows.start, rows.stop)

@@ -1,8 +1,9 @@
 """Turns with an impact: how much less certain they are, by the closure of these very turns.
 
 An impact of j g makes a turn's end uncertain by s j.  The calibration of the turns without one predicts the others; s is what these miss
-beyond what that prediction and the usual turn's misfit allow: the median of its likelihood over s (a flat prior).  One sensor filters an
-impact and loses nothing of it, another loses degrees (docs/real-recordings.md): a constant would be wrong for both.
+beyond what that prediction and the usual turn's misfit allow: the median of its likelihood over s (a flat prior), where the turns
+themselves bear it out, else 0.  One sensor filters an impact and loses nothing of it, another loses degrees (docs/real-recordings.md): a
+constant would be wrong for both.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ from tinygc.problem.widened import Widening
 
 #: turns without an impact that tell a calibration of 12 parameters, and how far it misses; with fewer, all turns tell it
 FEWEST_CALM = 9
+#: twice the logarithm of the likelihood by which s must be better than none: by chance once in 20 (Self & Liang 1987: s cannot be negative)
+BORNE_OUT = 2.71
 #: rad per g that are tried: from a thousandth of a degree to ten degrees
 GRID = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 120)]) * DEG
 
@@ -52,6 +55,8 @@ def widened_by_impacts(
     if not hit.any():
         return more, []
     per_g = _per_g(hits.jump_g, batch, floor, start)
+    if not per_g:
+        return more, []
     more[hit] = np.square(per_g * hits.jump_g[hit])[:, None, None] * np.eye(3)
     said = [
         Widening(segment.number, "impact", float(np.sqrt(2) * per_g * jump), says)
@@ -78,6 +83,8 @@ def _per_g(jump_g: np.ndarray, batch: closure.Batch, floor: Floor, start: Linear
     square = np.einsum("sd,sde->se", angles[hit], axes) ** 2
     total = size + np.square(GRID[:, None, None] * jump_g[hit][:, None])
     likelihood = -np.sum(np.log(total) + square / total, axis=(1, 2)) / 2
+    if 2 * (likelihood.max() - likelihood[0]) < BORNE_OUT:
+        return 0.0
     weight = np.exp(likelihood - likelihood.max()) * np.gradient(GRID)
     return float(np.interp(0.5, np.cumsum(weight) / weight.sum(), GRID))
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from session.common.errors import SegmentError
 from session.common.units import DEG
+from session.detect.excluded import without_excluded
 from session.detect.segments import Segment
 from session.detect.session_stills import LogStills, SessionStills
 from session.detect.stills import Noise
@@ -56,7 +57,8 @@ def build_truth_problem(
         progress(f"truth of {log.path.name}")
         here = found.of(log)
         part = cut_at_truth(here.samples, truth, sensor, protocol, log=number, number=len(cut), put_in=log.put_in)
-        cut += part
+        kept = without_excluded([segment for segment, _ in part], here.samples, log.path, session.config.exclude)
+        cut += [(segment, ends) for segment, (_, ends) in zip(kept, part, strict=True)]
         logs.append(replace(_still_set(here, part), bridges=log.bridges))
     unknown = sorted(set(exclude) - {segment.number for segment, _ in cut})
     if unknown:

@@ -101,11 +101,14 @@ def _serial(options: SimulationOptions) -> str:
     return f"SIM-{options.unit_drawn_from}"
 
 
-def config_text(simulation: Simulation, concealed: bool) -> str:
-    """session.toml of a simulated session."""
+def config_text(simulation: Simulation, concealed: bool, calibrated: bool = True) -> str:
+    """session.toml of a simulated session; calibrated: whether it tells the accelerometer's pre-calibration."""
     options, unit = simulation.options, simulation.unit
     matrix = ", ".join("[" + ", ".join(f"{x:.{MATRIX_DIGITS}f}" for x in row) + "]" for row in unit.accel_matrix)
     bias = ", ".join(f"{x:.{BIAS_DIGITS}f}" for x in unit.accel_bias)
+    given = (
+        f"[accelerometer]  # a = matrix @ (measured_mps2 - bias_mps2)\nmatrix = [{matrix}]\nbias_mps2 = [{bias}]\n\n" if calibrated else ""
+    )
     heading = f"heading_deg = {unit.heading_deg!r}\n" if options.with_heading else ""
     remark = f"# Physics is concealed in it besides: {TRUTH} tells which.\n" if concealed else ""
     return f"""\
@@ -119,11 +122,7 @@ odr_hz = {float(options.odr_hz)!r}
 gyro_fs_dps = {options.gyro_fs_dps:g}
 accel_fs_g = {options.accel_fs_g:g}
 
-[accelerometer]  # a = matrix @ (measured_mps2 - bias_mps2)
-matrix = [{matrix}]
-bias_mps2 = [{bias}]
-
-[site]
+{given}[site]
 latitude_deg = {float(options.latitude_deg)!r}
 gravity_mps2 = {float(options.gravity_mps2)!r}
 {heading}

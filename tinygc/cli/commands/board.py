@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from session.common.errors import CalibrationError
@@ -19,7 +20,17 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("folder", type=Path, nargs="?", help="session folder to stream (a simulated one)")
     command.add_argument("--rate", type=positive, default=416.0, metavar="HZ", help="data rate of the simulated sensor (%(default)g)")
     command.add_argument("--segments", type=count(1), default=40, help="turns of the simulated session (%(default)s)")
-    command.add_argument("--closure", type=seconds, default=0.0, metavar="S", help="closure run behind it, s (%(default)g: none)")
+    command.add_argument(
+        "--closure", type=seconds, default=0.0, metavar="S", help="closure run behind it, s, begun on the index mark (%(default)g: none)"
+    )
+    command.add_argument(
+        "--raw-accelerometer",
+        type=positive,
+        nargs="?",
+        const=30.0,
+        metavar="MG",
+        help="one that nobody has calibrated: bias of so many mg (30), scale 1 %%, axes 5 mrad; --config then says nothing of it",
+    )
     command.add_argument("--frames", action="store_true", help="send frames instead of text lines")
     command.add_argument("--physical", action="store_true", help="send text lines in dps, g and degC instead of registers")
     command.add_argument("--sensor", default="ASM330LHH", metavar="NAME", help="whose registers the simulated one has (%(default)s)")
@@ -63,7 +74,10 @@ def run(args: argparse.Namespace) -> int:
         say("simulating a session …")
         odr_hz = int(args.rate) if args.rate == int(args.rate) else args.rate
         ranges = {"sensor": args.sensor, "gyro_fs_dps": args.gyro_fs, "accel_fs_g": args.accel_fs}
-        source = simulated(SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges))
+        options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges)
+        if raw := args.raw_accelerometer:  # its scale and axes are off by as much as any unit's: only nobody says how
+            options = replace(options, accel_bias_mg=raw)
+        source = simulated(options, calibrated=not raw)
     if args.config and source.config:
         args.config.write_text(source.config, encoding="utf-8")
     # A faster board must hold back more, for a host that is as fast as ever.

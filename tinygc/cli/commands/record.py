@@ -9,28 +9,45 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import count, positive, stream_header
+from tinygc.cli.arguments import closure_seconds, count, note, positive, stream_header
 from tinygc.cli.commands._interruption import Interruption
 from tinygc.cli.commands._results import output, write_json
 
 if TYPE_CHECKING:
     from session.guide.guide import Guide
-    from session.guide.messages import AcceptedTurn, Advice
+    from session.guide.messages import Advice, Progress
     from session.guide.screen import LiveScreen, PlainLines
     from session.recording.recorder import Recorder
     from tinygc.plan.coach import Coach
 
 SUMMARY = "record a guided session from a serial port"
+USUAL_CLOSURE_S = 60.0
+EPILOG = """keys, where standard input is a terminal: p pauses (what comes is kept, and not judged) and goes on; d drops the last turn
+(its segment is left out, its data stay); n begins a note, Enter keeps it in session.toml; in the closure run d begins the run again,
+and Enter says that the table stands on its index mark.  Where standard input is no terminal there are no keys."""
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
+    command.epilog = EPILOG
     command.add_argument("--port", metavar="PORT", help="such as /dev/ttyACM0 (the only one there is, if it can be the board)")
     command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
     command.add_argument("--out", type=Path, metavar="DIR", help="session folder to write (the next free data/sessionN)")
     command.add_argument("--resume", action="store_true", help="go on with the recording in --out")
     command.add_argument("--segments", type=count(1), default=40, help="to be accepted (%(default)s)")
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
+    command.add_argument(
+        "--closure",
+        type=closure_seconds,
+        nargs="?",
+        const=USUAL_CLOSURE_S,
+        default=0.0,
+        metavar="S",
+        help="then lead through a closure run with S seconds of turning (60)",
+    )
+    command.add_argument(
+        "--note", type=note, action="append", default=[], metavar="KEY=TEXT", help="for [notes] of session.toml, such as operator=…"
+    )
     command.add_argument("--like", type=Path, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
     command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (calibrate.py sensors)")
     command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
@@ -46,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from session.common.errors import CalibrationError, StorageError
     from session.guide.guide import Guide
     from session.guide.guided_session import GuidedRecording
+    from session.guide.keys import Keys
     from session.recording.ports import only_candidate
     from session.recording.recorder import Recorder
     from session.recording.session_file import ASSUMED, SessionFile
@@ -53,16 +71,18 @@ def run(args: argparse.Namespace) -> int:
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
-    session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor)
+    session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note))
     _say_what_was_asked(args, folder)
     interrupted = False
     with Interruption() as wanted:
         recorder = Recorder(folder, port, args.baud, args.header)
-        guide = Guide(session_file.protocol, args.segments, args.stop_at_target)
+        guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)
+        coach = None if args.no_coach else _coach()
         try:
-            with _view(args, f"{folder} · {port}") as view:
+            with Keys() as keys, _view(args, f"{folder} · {port}") as view:
+                typed = keys if keys.there else None
                 configure = lambda info, waited_s: session_file.configure(info, waited_s, recorder.logs.physical)  # noqa: E731
-                GuidedRecording(guide, recorder, configure, None if args.no_coach else _coach(), view).lead(wanted)
+                GuidedRecording(guide, recorder, configure, coach, view, session_file, typed).lead(wanted)
         except KeyboardInterrupt:
             interrupted = True
         except CalibrationError as error:
@@ -75,11 +95,13 @@ def run(args: argparse.Namespace) -> int:
     console.print(f"{folder}: {_so_far(guide, recorder)}", soft_wrap=True)
     for path in recorder.logs.put_aside:
         console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again", soft_wrap=True)
+    if guide.taken.own is not None:
+        console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}", soft_wrap=True)
     if session_file.assumed:
         console.print(ASSUMED, soft_wrap=True)
     if missing := _missing(guide):
         console.print(missing, soft_wrap=True)
-    again = f"calibrate.py record --resume --out {folder} --port {port}"
+    again = f"calibrate.py record --resume --out {folder} --port {port}{f' --closure {args.closure:g}' if args.closure else ''}"
     if interrupted:
         print(f"calibrate: interrupted; everything received is kept. To go on: {again}", file=sys.stderr)
     else:
@@ -129,17 +151,17 @@ def _view(args: argparse.Namespace, title: str) -> LiveScreen | PlainLines:
     return LiveScreen(title, args.mute, console) if console.is_terminal and not args.quiet else PlainLines(console)
 
 
-def _coach() -> Callable[[list[AcceptedTurn]], Advice]:
+def _coach() -> Callable[[Progress], Advice]:
     """The coach; its modules are loaded in its own thread, not before the recording starts."""
     coach: Coach | None = None
 
-    def advise(taken: list[AcceptedTurn]) -> Advice:
+    def advise(progress: Progress) -> Advice:
         nonlocal coach
         if coach is None:
             from tinygc.plan.coach import Coach
 
             coach = Coach()
-        return coach(taken)
+        return coach(progress)
 
     return advise
 
@@ -165,7 +187,8 @@ def _table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
         "schema": "tinygc-record/1",
         "session": str(folder),
         "done": guide.stage.value == "done",
-        "segments": {"wanted": guide.segments, "accepted": guide.accepted, "rejected": guide.rejected},
+        "segments": {"wanted": guide.segments, "accepted": guide.accepted, "rejected": guide.rejected, "dropped": guide.dropped},
+        "accelerometer": _accelerometer(guide),
         "samples": recorder.decoder.samples,
         "lost": troubles["lost"],
         "crc_errors": troubles["crc"],
@@ -177,3 +200,12 @@ def _table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
         "logs": [path.name for path in recorder.logs.paths],
         "missing": list(guide.advice.missing) if guide.advice else None,
     }
+
+
+def _accelerometer(guide: Guide) -> dict | None:
+    """What the stills make of an accelerometer that nobody has calibrated."""
+    if guide.taken.own is None:
+        return None
+    before, after = guide.taken.own.spread_mg
+    stills = len(guide.taken.own.stills)
+    return {"stills": stills, "attitudes": guide.taken.own.attitudes, "spread_mg": {"before": before, "after": after}}

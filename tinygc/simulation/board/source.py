@@ -15,8 +15,9 @@ from session.log.samples import Samples
 from session.sensor.known import DEFAULT
 from session.sensor.registers import REGISTER_MAX, RegisterUnits
 from session.stream.events import Info
+from tinygc.simulation.board.mark import onto_the_mark
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulate import Recording, simulate_session
+from tinygc.simulation.simulate import Recording, plan_of, simulate_session
 
 #: the first and the last this much of a session is still
 STILL_S = 0.8
@@ -48,14 +49,17 @@ class Source:
         return self.rows[np.concatenate([before, np.arange(max(start, 0), min(max(stop, 0), len(self.rows))), behind]).astype(np.int64)]
 
 
-def simulated(options: SimulationOptions) -> Source:
-    """A simulated session; its closure run, if any, follows the log without a break."""
+def simulated(options: SimulationOptions, calibrated: bool = True) -> Source:
+    """A simulated session; before its closure run, if any, the table is set onto its index mark, and all follows without a break.
+
+    calibrated: whether session.toml holds the accelerometer's pre-calibration.
+    """
     from tinygc.simulation.write import config_text
 
-    simulation = simulate_session(options)
+    simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)))
     parts = [part for part in (simulation.log, simulation.closure) if part is not None]
     info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.seed), options.sensor)
-    return Source(np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False))
+    return Source(np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False, calibrated=calibrated))
 
 
 def recorded(folder: Path) -> Source:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from session.log.config import Config, Note
 from tinygc.report.fit_text import TITLES
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, escape, facts, paragraph, table
@@ -36,6 +37,7 @@ def section(evidence: Evidence) -> Section:
         f"Pre-calibration of the accelerometer, <i>f</i> = matrix (measured − bias): matrix {escape(matrix)}; bias {escape(bias)} m/s².",
         "soft",
     )
+    html += noted(config)
     html += "<h3>How it was made</h3>"
     html += facts((name, escape(value)) for name, value in [*_settings(evidence), *evidence.versions.items(), ("Made", evidence.made)])
     if evidence.reused:
@@ -49,6 +51,19 @@ def section(evidence: Evidence) -> Section:
     if options.exclude:
         html += paragraph(f"Left out by request: segments {', '.join(map(str, options.exclude))}.")
     return Section("provenance", "Provenance", html)
+
+
+def noted(config: Config) -> str:
+    """What a person wrote into session.toml beside the data: notes, and turns that do not count."""
+    html = "<h3>Notes</h3>" + facts((escape(name), escape(_noted(value))) for name, value in config.notes.items()) if config.notes else ""
+    for row in config.exclude:
+        html += paragraph(f"Left out in session.toml: the turn of {escape(row.log)} that moved at {row.at_s:g} s of its clock.")
+    return html
+
+
+def _noted(value: Note) -> str:
+    """A note as a person reads it."""
+    return "yes" if value is True else "no" if value is False else str(value)
 
 
 def _settings(evidence: Evidence) -> list[tuple[str, str]]:

@@ -1,0 +1,118 @@
+"""What is added to a ``session.toml`` that is there: notes, and turns that do not count.  Whatever else stands in it stays as it is.
+
+The text is added to, never written anew, so a person's comments and order stay.  The file is replaced whole or not at all.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from datetime import date, datetime, time
+from pathlib import Path
+
+from session.common.errors import FormatError, StorageError
+from session.log.config import LeftOut, Note
+
+BARE = re.compile(r"[A-Za-z0-9_-]+")
+HEADER = re.compile(r"^[ \t]*\[[ \t]*notes[ \t]*\][ \t]*(#.*)?$", re.MULTILINE)
+NEXT_HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
+
+
+def quoted(text: str) -> str:
+    """A TOML string: JSON's escapes are among TOML's, but for surrogates, which no TOML text may hold."""
+    text = text.encode("utf-8", errors="replace").decode("utf-8")
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def value_text(value: Note) -> str:
+    """A note as TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (date, datetime, time)):
+        return value.isoformat()
+    return quoted(value) if isinstance(value, str) else repr(value)
+
+
+def notes_text(notes: Mapping[str, Note]) -> str:
+    """Lines of ``[notes]``."""
+    return "".join(f"{name if BARE.fullmatch(name) else quoted(name)} = {value_text(value)}\n" for name, value in notes.items())
+
+
+def exclude_text(rows: tuple[LeftOut, ...]) -> str:
+    """``[[exclude]]`` of each turn."""
+    return "".join(f"\n[[exclude]]\nlog = {quoted(row.log)}\nat_s = {row.at_s!r}\n" for row in rows)
+
+
+def add_notes(path: Path, notes: Mapping[str, Note]) -> None:
+    """Add to ``[notes]``.  What is there already in the same words is left; FormatError where it says something else."""
+    text, table = _read(path)
+    there = table.get("notes", {})
+    there = there if isinstance(there, dict) else {}
+    for name, value in notes.items():
+        if name in there and there[name] != value:
+            raise FormatError(f"{path}: notes.{name} is {value_text(there[name])} already; correct it there, or give another name")
+    if not (fresh := {name: value for name, value in notes.items() if name not in there}):
+        return
+    lines = notes_text(fresh)
+    header = HEADER.search(text)
+    tried = []
+    if header is not None:
+        after = NEXT_HEADER.search(text, header.end())
+        end = len(text) if after is None else after.start()
+        kept = text[:end].rstrip()  # blank lines before the next section stay before it
+        tried.append(kept + "\n" + lines + (text[len(kept) :].removeprefix("\r").removeprefix("\n") if after else ""))
+        tried.append(_ended(text[: header.end()]) + lines + text[header.end() :].removeprefix("\r").removeprefix("\n"))
+    tried.append(_ended(text) + f"\n[notes]\n{lines}")
+    _replace(path, tried, table | {"notes": there | fresh})
+
+
+def add_exclude(path: Path, row: LeftOut) -> None:
+    """Add a turn that does not count."""
+    text, table = _read(path)
+    more = {"log": row.log, "at_s": row.at_s}
+    _replace(path, [_ended(text) + exclude_text((row,))], table | {"exclude": [*table.get("exclude", []), more]})
+
+
+def _ended(text: str) -> str:
+    return text if not text or text.endswith("\n") else text + "\n"
+
+
+def _read(path: Path) -> tuple[str, dict]:
+    try:
+        with path.open(encoding="utf-8", newline="") as file:  # line ends stay what they are
+            text = file.read()
+        return text, _parsed(text)
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except (ValueError, RecursionError) as error:
+        raise FormatError(f"{path}: broken TOML: {error}; correct that line") from None
+
+
+def _parsed(text: str) -> dict:
+    return tomllib.loads(text.removeprefix("\ufeff").replace("\r\n", "\n"))
+
+
+def _replace(path: Path, tried: list[str], wanted: dict) -> None:
+    """The first text that says what is wanted becomes the file, in one step: no reader sees half of it."""
+    for text in tried:
+        try:
+            right = _parsed(text) == wanted
+        except ValueError:
+            right = False
+        if right:
+            break
+    else:
+        raise FormatError(f"{path}: its form leaves no place to add to; put what you want to note below [notes] by hand")
+    fresh = path.with_name(f".{path.name}.new")
+    try:
+        with fresh.open("w", encoding="utf-8", newline="") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(fresh, path)
+    except OSError as error:
+        fresh.unlink(missing_ok=True)
+        raise StorageError(f"{path}: {error.strerror or error}; what was to be added is not in it") from None

@@ -1,0 +1,157 @@
+"""An accelerometer that nobody has calibrated, in a guided session: it is fitted as stills come in, and the coach reckons with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import GRAVITY, Table, config
+from guided_streams import guide_of, play, said, simulated
+
+from session.accelerometer.lengths import fit_lengths
+from session.common.units import MG, G
+from session.detect.stills import Noise, Still
+from session.guide.guide import Guide
+from session.guide.messages import Kind, Progress, Stage
+from session.guide.own_accelerometer import OwnAccelerometer
+from session.guide.stream_check import stream_problem
+from session.log.config import Accelerometer
+from tinygc.attitude import rotation
+from tinygc.plan import accelerometer as accel
+from tinygc.plan.coach import Coach
+
+RAW = Accelerometer(np.array([[1.011, 0.004, -0.003], [0, 0.992, 0.005], [0, 0, 1.006]]), np.array([0.2, -0.15, 0.1]))
+
+
+def read_by(accelerometer: Accelerometer, force: np.ndarray) -> np.ndarray:
+    """What an accelerometer reads that its calibration brings to force."""
+    return force @ np.linalg.inv(accelerometer.matrix).T + accelerometer.bias_mps2
+
+
+def raw_guide(segments=40) -> Guide:
+    guide = Guide(config().protocol, segments)
+    guide.begin(config().sensor, OwnAccelerometer(GRAVITY))
+    return guide
+
+
+@pytest.fixture(scope="module")
+def led():
+    """A raw accelerometer of 30 mg, 1 %, 5 mrad: the guide, its changes, and what the coach said after each segment."""
+    samples, guide, coach = simulated(24, seed=3, accel_bias_mg=30.0), raw_guide(24), Coach()
+    changes, said_by_coach = [], []
+    for first in range(0, len(samples), 50):
+        new = guide.feed(samples.between(first, first + 50))
+        changes += new
+        if any(change.accepted for change in new):
+            advice = coach(guide.taken.progress)
+            said_by_coach.append((advice, coach.sigma))
+    return guide, changes, said_by_coach
+
+
+def test_it_is_fitted_as_stills_come_in_and_said_once(led):
+    guide, changes, _ = led
+    assert guide.accepted == 24
+    (known,) = [text for text in said(changes, Kind.STAGE) if "the accelerometer is known" in text]
+    assert "attitudes; gravity's spread" in known
+    before, after = guide.taken.own.spread_mg
+    assert before > 20
+    assert after < 0.1
+
+
+def test_the_coach_asks_for_what_the_accelerometer_lacks_and_counts_its_sigmas(led):
+    _, _, advice = led
+    asked = [each.reason for each, _ in advice]
+    assert any("accelerometer" in reason for reason in asked)
+    sigmas = np.array([sigma for _, sigma in advice])
+    assert sigmas.shape == (24, 21)
+    assert np.all(np.diff(sigmas[12:].max(axis=1)) < 0.1)  # no parameter is forgotten
+    assert not advice[11][0].reached
+    assert all(each.reached == (sigma.max() <= 1) for each, sigma in advice)
+
+
+def test_a_known_accelerometer_lets_the_gyroscope_be_known_better(led):
+    """The same turns, the accelerometer calibrated or not: what is not known of it is missing in the gyroscope, too."""
+    guide, _, _ = led
+    own, given = Coach(), Coach()
+    own(guide.taken.progress)
+    given(Progress(tuple(guide.taken.turns)))
+    assert given.sigma.shape == (12,)
+    assert np.all(own.sigma[:12] > 0.99 * given.sigma)
+    assert own.sigma[:12].max() > 1.05 * given.sigma.max()
+
+
+def test_a_zero_of_half_a_g_gets_through():
+    """An MPU-9250's z: level it reads 0.5 or 1.5 g, which a calibrated accelerometer must not, and an uncalibrated one may."""
+    off = Accelerometer(np.eye(3), np.array([0.0, 0.0, 0.5 * G]), "none")
+    samples = Table().tumble(12, seed=3).samples(seed=3)
+    samples = samples.with_accel(read_by(off, samples.accel))
+    refused = guide_of(12)
+    play(refused, samples.between(0, 600))
+    assert refused.stage is Stage.CHECK_STREAM
+    guide = raw_guide(12)
+    changes = play(guide, samples)
+    assert guide.accepted == 12
+    assert not said(changes, Kind.WARNING)
+    found = guide.taken.own.accelerometer
+    np.testing.assert_allclose(found.bias_mps2, off.bias_mps2, atol=0.5 * MG)
+    # What lies up is told by the force as it is, not as it reads: known from the stills, all earlier ones are seen aright.
+    true = guide_of(12)
+    play(true, Table().tumble(12, seed=3).samples(seed=3))
+    assert guide.taken.coverage.stills == true.taken.coverage.stills
+
+
+def test_a_wrong_full_scale_is_still_said():
+    samples = Table().tumble(12, seed=3).samples(seed=3)
+    half = samples.with_accel(samples.accel / 2)
+    changes = play(raw_guide(12), half)
+    (warning,) = said(changes, Kind.WARNING)
+    assert "gravity reads 0.50 g in all attitudes: is the accelerometer's full scale right?" in warning
+    fifth = samples.with_accel(samples.accel / 5).between(0, 300)
+    assert "0.3 to 2.5 g expected" in stream_problem(fifth, 208, 4, calibrated=False)
+
+
+def forces(count, seed):
+    rng = np.random.default_rng(seed)
+    direction = rng.normal(size=(count, 3))
+    return GRAVITY * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+
+
+def test_its_columns_are_the_derivatives():
+    """Of the length, and of the end attitude that a turn predicts less the one that gravity shows: by differences."""
+    own, step = accel.OwnAccelerometer(RAW, 0.0), 1e-6
+    first, last = forces(2, 5)
+    q_first = rotation.from_gravity(first)
+    q_last = rotation.from_gravity(last)
+    turn = rotation.multiply(rotation.conjugate(q_first), q_last)
+    lengths = own.length_rows(first)
+    tilts = own.tilt_columns(first, last, q_first, q_last)
+    measured = read_by(RAW, np.array([first, last]))
+    for k in range(accel.PARAMETERS):
+        matrix, bias = RAW.matrix.copy(), RAW.bias_mps2.copy()
+        if k < 6:
+            matrix[accel.UPPER[0][k], accel.UPPER[1][k]] += step
+        else:
+            bias[k - 6] += step
+        moved = Accelerometer(matrix, bias).correct(measured)
+        assert (np.linalg.norm(moved[0]) - GRAVITY) / step == pytest.approx(lengths[k], abs=1e-5)
+        predicted = rotation.multiply(rotation.from_gravity(moved[0]), turn)
+        error = rotation.multiply(predicted, rotation.conjugate(rotation.from_gravity(moved[1])))
+        np.testing.assert_allclose(2 * error[1:3] / error[0] / step, tilts[:, k], atol=1e-4)
+
+
+def test_the_sigmas_of_the_nine_are_those_of_the_fit():
+    """200 sessions of 20 stills with white noise: what the fit of lengths is off by, beside the sigma that the coach counts with."""
+    noise, seconds = Noise(np.full(3, 1e-4), np.full(3, 0.2 * MG)), 2.0
+    sigma = float(np.sqrt(np.mean(noise.velocity_random_walk**2) / seconds))
+    force = forces(20, 1)
+    still = Still(0, 1, 0.0, seconds, *[np.zeros(3)] * 7, 25.0)
+    stills = tuple(replace(still, accel_mean=row) for row in read_by(RAW, force))
+    known = accel.OwnAccelerometer(RAW, 0.0)
+    covariance = np.linalg.inv(accel.length_information(known, stills, noise))
+    errors = []
+    for seed in range(200):
+        measured = read_by(RAW, force) + sigma * np.random.default_rng(seed).normal(size=(20, 3))
+        found = fit_lengths(measured, GRAVITY).accelerometer
+        errors.append(np.concatenate([(found.matrix - RAW.matrix)[accel.UPPER], found.bias_mps2 - RAW.bias_mps2]))
+    chi_square = np.mean([error @ np.linalg.inv(covariance) @ error for error in errors]) / accel.PARAMETERS
+    # Cauchy's weights, which the fit has against bad stills, cost some of the efficiency of least squares.
+    assert 0.9 < chi_square < 1.4

@@ -83,11 +83,9 @@ def test_the_sigma_is_what_the_impacts_did(missed_deg):
 
 
 def test_impacts_that_did_nothing_cost_nothing():
-    """The sensor filtered them: their turns close as the others do, and count nearly as much."""
-    for seed in range(4):
-        problem = problem_of(hit(seed, 0.0)[0])
-        assert len(problem.widened) == 5
-        assert all(each.sigma_rad < 2 * problem.floor.tilt_rms for each in problem.widened)
+    """The sensor filtered them: their turns close as the others do, and count as much; by chance one session in twenty says otherwise."""
+    widened = [problem_of(hit(seed, 0.0)[0]).widened for seed in range(8)]
+    assert sum(map(bool, widened)) <= 2
 
 
 @pytest.mark.slow
@@ -137,5 +135,5 @@ def test_a_hand_without_a_stop_makes_none(shared):
 def test_one_sensor_loses_degrees_of_it_and_another_nothing(shared):
     """Of five MPU-9150 on one body at 100 Hz, one reads a jump of 9.7 g in a turn, and closes as well as ever."""
     problem = prepare(shared / "mikov" / "imu4").problem
-    assert len(problem.widened) >= 5
-    assert all(each.sigma_rad < 0.15 * DEG for each in problem.widened)
+    assert problem.widened == ()
+    assert any(finding.what == WHAT for finding in prepare(shared / "mikov" / "imu4").warnings)

@@ -46,7 +46,7 @@ class Prepared:
 
     @property
     def warnings(self) -> list[Finding]:
-        """What costs accuracy, what was put in, an accelerometer that the session itself has calibrated, and a truth file that is not read as
+        """What costs accuracy, what was put in, an accelerometer that the session itself has calibrated, a truth file that is not read as
         it stands."""
         own = (WHAT, BRIDGED, IMPACTS)
         return [f for f in self.findings if f.level == "warning" or f.what in own or (f.what in SAID and f.level == "note")]

@@ -32,7 +32,8 @@ class Session:
 
     attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still.  truths: of each log, where
     the reference is a truth file, else None.  turns: those whose angle is known beforehand.  alignment: how the truths are read, where
-    that was found out (``session/alignment``).
+    that was found out (``session/alignment``).  rests: paths of its rest logs, which are long,
+    and read by who wants them (``session/log/rests.py``).
     """
 
     folder: Path
@@ -43,6 +44,7 @@ class Session:
     truths: tuple[Truth, ...] | None = None
     turns: tuple[KnownTurn, ...] = ()
     alignment: TruthAlignment | None = None
+    rests: tuple[Path, ...] = ()
 
     @classmethod
     def from_arrays(
@@ -132,6 +134,9 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
         raise FormatError(f"{folder}: {hint}; a session folder holds session.toml and log*.csv")
     config = read_config(folder / "session.toml")
     paths, closures = log_paths(folder, "log"), log_paths(folder, "closure")
+    rests = log_paths(folder, "rest")
+    if not paths and rests:
+        raise FormatError(f"{folder}: no log but rest logs, in which nothing is turned; `calibrate.py fit {folder}` fits their temperature")
     if not paths:
         raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz beside session.toml")
 
@@ -148,6 +153,7 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
         attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
         truths=_read_truths(config, paths) if config.protocol.reference == "truth" else None,
         turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
+        rests=tuple(rests),
     )
 
 

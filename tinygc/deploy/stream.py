@@ -11,6 +11,7 @@ from session.log.samples import Samples
 from tinygc.deploy.needs import Needs
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.model import Model
+from tinygc.models.thermal import ThermalModel, ThermalStream
 
 
 class Stream:
@@ -27,6 +28,11 @@ class Stream:
         if live and (ahead := needs.looks_ahead):
             raise CalibrationError(f"{', '.join(ahead)} is undone from what comes after a sample: no live use; give whole arrays")
         self._behind, self._ahead = needs.around(rate_hz, live)
+        self._thermal: ThermalStream | None = None  # it remembers by itself, and looks at nothing ahead
+        if isinstance(model, ThermalModel):
+            if model.lag_s.any() and rate_hz is None:
+                raise CalibrationError("the model follows temperature with a lag: time matters to it; load it with rate_hz=")
+            self._thermal, self._behind, self._ahead = model.follower(1 / (rate_hz or 1.0)), 0, 0
         if "rate_hz" in needs.told and rate_hz is None:
             raise CalibrationError(f"{', '.join(needs.effects)}: time matters to this model; load it with rate_hz=")
         if (bygone := needs.of_one_session) and began_s is None:
@@ -47,6 +53,9 @@ class Stream:
             return self._denoised(raw, self._denoiser)
         if not self._whole:
             return self._model(raw)
+        if self._thermal is not None:
+            rows = _Rows.of(raw, acc, temp, self._needs.told)
+            return self._thermal(rows.raw, rows.temp)
         self._held = self._held.plus(_Rows.of(raw, acc, temp, self._needs.told))
         ready = len(self._held.raw) - self._ahead
         # A piece at least as long as its margins, or the margins would be computed again and again; live each sample is wanted at once.

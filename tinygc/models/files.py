@@ -25,6 +25,7 @@ KINDS = {
     "tinygc_denoised": "denoised",
     "physics": "physics",
     "tinygc_physics": "physics",
+    "thermal": "thermal",
 }
 
 

@@ -11,6 +11,7 @@ from session.common.errors import CalibrationError
 from tinygc.cli.arguments import positive, three
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
 from tinygc.cli.commands._results import output, try_destinations, write_json
+from tinygc.cli.commands._temperature import add_temperature_arguments, fit_temperature, has_only_rests
 from tinygc.methods.registry import METHODS
 
 #: what a bias of the day heeds of a fit's arguments
@@ -25,6 +26,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
     command.add_argument("folder", type=Path, help="session folder")
+    add_temperature_arguments(command)
     add_fit_arguments(command, OF_DAY)
     command.add_argument("--resume", action="store_true", help="go on with an adamw training that was interrupted")
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
@@ -36,6 +38,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """From a session to models and closure figures."""
+    if args.temperature or has_only_rests(args.folder):
+        return fit_temperature(args)
     if args.bias in OF_DAY or args.model or args.bias_dps:
         return _rebias(args)
     if args.resume and not _resumable(args):

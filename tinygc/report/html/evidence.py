@@ -24,7 +24,7 @@ from tinygc.models.field_parameters import COVERAGE_FACTOR, Quantity
 from tinygc.problem.build import build_problem
 from tinygc.problem.prepared import prepare
 from tinygc.problem.problem import Problem
-from tinygc.report.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
+from tinygc.closure.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
 from tinygc.report.beyond_linear import beyond_linear
 from tinygc.report.html.adopted import Adopted, adopt
 from tinygc.report.html.decision import Decision, decide

@@ -1,7 +1,8 @@
 """Overlapping Allan deviation of whatever stillness there is (IEEE 952, annex C).
 
 A session's stillness comes in pieces, a still each, in different attitudes.  The Allan variance is built of second differences of the
-angle, which know nothing of a piece's mean; so the pieces are pooled, and no difference reaches over a turn.
+angle, which know nothing of a piece's mean; so the pieces are pooled, and no difference reaches over a turn.  Sums of pieces may be kept
+(``AllanSums``) where there are too many to hold, and curves at short and at long times put together.
 """
 
 from __future__ import annotations
@@ -54,28 +55,54 @@ def allan_curve(pieces: list[np.ndarray], period_s: float, per_octave: int = 4) 
 
     Raises ValueError where no piece has four samples.
     """
-    angles = [np.vstack([np.zeros(3), np.cumsum(piece, axis=0)]) * period_s for piece in pieces if len(piece) >= 4]
-    if not angles:
+    pieces = [piece for piece in pieces if len(piece) >= 4]
+    if not pieces:
         raise ValueError("no piece of four samples or more")
-    longest = max(map(len, angles)) - 1
-    factors = np.unique(np.round(2 ** np.arange(0, np.log2(longest / 2) + 1e-9, 1 / per_octave)).astype(int))
-    rows = [_pooled(angles, int(m), period_s) for m in factors]
-    rows = [row for row in rows if row[2] >= LEAST_FREEDOM] or rows[:1]
-    tau, variance, freedom = (np.array(column) for column in zip(*rows, strict=True))
-    return AllanCurve(tau, np.sqrt(variance), freedom, longest * period_s)
+    longest = max(map(len, pieces))
+    return curve_of([AllanSums.of(piece, averaging_factors(longest, per_octave)) for piece in pieces], period_s, longest * period_s)
 
 
-def _pooled(angles: list[np.ndarray], m: int, period_s: float) -> tuple[float, np.ndarray, float]:
-    """tau, variance (3,) and degrees of freedom at averaging factor m."""
-    tau, total, count, freedom = m * period_s, np.zeros(3), 0, 0.0
-    for theta in angles:
-        if len(theta) <= 2 * m:
-            continue
-        second = theta[2 * m :] - 2 * theta[m:-m] + theta[: -2 * m]
-        total += np.sum(second**2, axis=0)
-        count += len(second)
-        freedom += _freedom(len(theta), m)
-    return tau, total / (2 * tau**2 * max(count, 1)), freedom
+def averaging_factors(samples: int, per_octave: int) -> tuple[int, ...]:
+    """Numbers of samples to average, up to half of so many."""
+    return tuple(np.unique(np.round(2 ** np.arange(0, np.log2(samples / 2) + 1e-9, 1 / per_octave)).astype(int)).tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class AllanSums:
+    """What a piece adds: factors (K,); total (K, 3) of squared second differences of the summed rate; count, freedom (K,)."""
+
+    factors: tuple[int, ...]
+    total: np.ndarray
+    count: np.ndarray
+    freedom: np.ndarray
+
+    @classmethod
+    def of(cls, piece: np.ndarray, factors: tuple[int, ...]) -> AllanSums:
+        """Of rates (N, 3)."""
+        theta = np.vstack([np.zeros(3), np.cumsum(piece - piece.mean(axis=0), axis=0)])
+        total, count, freedom = np.zeros((len(factors), 3)), np.zeros(len(factors)), np.zeros(len(factors))
+        for k, m in enumerate(factors):
+            if len(theta) <= 2 * m:
+                continue
+            second = theta[2 * m :] - 2 * theta[m:-m] + theta[: -2 * m]
+            total[k], count[k], freedom[k] = np.einsum("ij,ij->j", second, second), len(second), _freedom(len(theta), m)
+        return cls(factors, total, count, freedom)
+
+
+def curve_of(pieces: list[AllanSums], period_s: float, longest_s: float) -> AllanCurve:
+    """Pieces' sums, of the same factors, pooled; times that are hardly known are left out."""
+    total, count, freedom = (sum(getattr(piece, name) for piece in pieces) for name in ("total", "count", "freedom"))
+    variance = total / (2 * np.square(pieces[0].factors) * np.maximum(count, 1))[:, None]
+    known = freedom >= LEAST_FREEDOM
+    known[0] |= not known.any()
+    return AllanCurve(np.multiply(pieces[0].factors, period_s)[known], np.sqrt(variance[known]), freedom[known], longest_s)
+
+
+def joined_curves(short: AllanCurve, long: AllanCurve) -> AllanCurve:
+    """One curve: the short times of the one, then what the other has beyond them."""
+    later = long.tau_s > short.tau_s[-1]
+    parts = [np.concatenate([getattr(short, name), getattr(long, name)[later]]) for name in ("tau_s", "deviation", "freedom")]
+    return AllanCurve(*parts, longest_s=max(short.longest_s, long.longest_s))
 
 
 def _freedom(points: int, m: int) -> float:

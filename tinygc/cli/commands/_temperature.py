@@ -1,0 +1,39 @@
+"""``fit`` over temperature: folders of rest logs, and sessions at several temperatures."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from tinygc.cli.arguments import count
+from tinygc.cli.commands._results import output, try_destinations, write_json
+
+
+def add_temperature_arguments(command: argparse.ArgumentParser) -> None:
+    """What asks for it, and how far it goes."""
+    command.add_argument("--temperature", action="store_true", help="one model over temperature, of all folders and their rest logs")
+    command.add_argument("--temperature-order", type=count(0), metavar="N", help="highest power of the temperature that is tried (5)")
+
+
+def has_only_rests(folder: Path) -> bool:
+    """Whether a folder holds rest logs and no log in which anything was turned."""
+    return folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*"))
+
+
+def fit_temperature(args: argparse.Namespace) -> int:
+    """The model, the tables, the files."""
+    from tinygc.cli.console import progress_bar
+    from tinygc.library.temperature import fit_temperature
+    from tinygc.report.temperature_text import temperature_report
+    from tinygc.temperature.save import MODEL, save_thermal
+    from tinygc.temperature.thermal_json import to_json
+
+    try_destinations(args, "fit")
+    most = {} if args.temperature_order is None else {"most_order": args.temperature_order}
+    with progress_bar(args.quiet) as progress:
+        result = fit_temperature(args.folder, progress=progress, **most)
+    folder = save_thermal(result, args.out or args.folder / "fit")
+    output(args).print(temperature_report(result))
+    output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
+    write_json(args.json, to_json(result))
+    return 0

@@ -1,0 +1,109 @@
+"""A gyroscope's noise from rest logs: Allan deviation over all times, and whether it follows temperature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from session.log.rests import RestLog
+from session.log.samples import Samples
+from tinygc.closure.allan import AllanCurve, AllanSums, averaging_factors, curve_of, joined_curves
+
+#: samples of a chunk whose short times are summed: a knock spoils one of them
+CHUNK = 2048
+#: averaging times to an octave
+PER_OCTAVE = 2
+#: of the temperature's range
+BINS = 8
+
+
+class ShortTimes:
+    """Sums for the Allan deviation up to a block's length, chunk by chunk, while a log is read (``read_rest``'s watch)."""
+
+    def __init__(self) -> None:
+        self._factors: tuple[int, ...] | None = None
+        self._period_s = np.nan
+        self._first_ns = 0
+        self._chunks: list[tuple[float, float, AllanSums]] = []
+
+    def __call__(self, samples: Samples) -> None:
+        """The next piece of the log."""
+        if len(samples) < 8:
+            return
+        if self._factors is None:
+            self._period_s, self._first_ns = samples.period_s, int(samples.t_ns[0])
+            self._factors = averaging_factors(max(round(4.0 / self._period_s), 16), PER_OCTAVE)
+        t_s = (samples.t_ns - self._first_ns) * 1e-9
+        longest = 2 * self._factors[-1]
+        size = max(CHUNK, 2 * longest)
+        # A gap ends a chunk: no second difference reaches over it.
+        gaps = np.flatnonzero(np.diff(t_s) > 1.5 * self._period_s) + 1
+        for start, stop in zip(np.append(0, gaps), np.append(gaps, len(t_s)), strict=True):
+            for begin in range(int(start), int(stop), size):
+                end = min(begin + size, int(stop))
+                if end - begin >= 8:
+                    self._chunks.append((t_s[begin], t_s[end - 1], AllanSums.of(samples.gyro[begin:end], self._factors)))
+
+    def curve(self, log: RestLog, left_out: np.ndarray) -> AllanCurve | None:
+        """Without the chunks that hold a block of ``left_out`` (B,); None where none is left."""
+        bad_s = log.t_s[left_out]
+        first, last = (np.array([chunk[k] for chunk in self._chunks]) for k in (0, 1))
+        hit = np.searchsorted(bad_s, first - log.block_s / 2) != np.searchsorted(bad_s, last + log.block_s / 2)
+        kept = [chunk[2] for chunk, out in zip(self._chunks, hit, strict=True) if not out]
+        return curve_of(kept, self._period_s, log.duration_s) if kept else None
+
+
+def long_times(logs: list[RestLog], residual: np.ndarray) -> AllanCurve | None:
+    """From block means less what temperature explains, residual (B, 3) rad/s of all logs' kept blocks; None where all pieces are short."""
+    pieces, at = [], 0
+    for log in logs:
+        edges = np.flatnonzero(np.diff(log.number) > 1) + 1
+        pieces += [part for part in np.split(residual[at : at + len(log)], edges) if len(part) >= 4]
+        at += len(log)
+    if not pieces:
+        return None
+    longest = max(map(len, pieces))
+    factors = averaging_factors(longest, PER_OCTAVE)
+    return curve_of([AllanSums.of(piece, factors) for piece in pieces], logs[0].block_s, longest * logs[0].block_s)
+
+
+def whole_curve(short: list[AllanCurve], long: AllanCurve | None) -> AllanCurve | None:
+    """Short times of the first log that has them (all logs are of one sensor, at one rate), then the long ones."""
+    if not short or long is None:
+        return short[0] if short else long
+    return joined_curves(short[0], long)
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseOverTemperature:
+    """at_c (n,) degC; rms (n, 3) rad/s of single readings there; per_c, sigma (3,): how the rms changes, share per degC."""
+
+    at_c: np.ndarray
+    rms: np.ndarray
+    per_c: np.ndarray
+    sigma: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+
+
+def noise_over_temperature(logs: list[RestLog]) -> NoiseOverTemperature | None:
+    """Scatter within the blocks against temperature; None without a range of it."""
+    if not all(log.has_temperature for log in logs):
+        return None
+    temp, sd = (np.concatenate([getattr(log, name) for log in logs]) for name in ("temp_c", "gyro_sd"))
+    low, high = float(temp.min()), float(temp.max())
+    if high - low < 1.0 or not (sd > 0).all():
+        return None
+    edges = np.linspace(low, high, BINS + 1)
+    where = np.clip(np.digitize(temp, edges) - 1, 0, BINS - 1)
+    here = [where == k for k in range(BINS) if (where == k).sum() >= 10]
+    centred = temp - temp.mean()
+    level = np.log(sd)
+    spread = float(centred @ centred)
+    per_c = centred @ (level - level.mean(axis=0)) / spread
+    left = level - level.mean(axis=0) - centred[:, None] * per_c
+    # The scatter of a variance is white; what is not (a person in the room) makes neighbours alike, and widens the sigma.
+    alike = 1 + 2 * np.clip((left[1:] * left[:-1]).mean(axis=0) / (left**2).mean(axis=0), 0, 0.95)
+    sigma = np.sqrt((left**2).mean(axis=0) / spread * alike)
+    at_c = np.array([temp[mask].mean() for mask in here])
+    rms = np.array([np.sqrt((sd[mask] ** 2).mean(axis=0)) for mask in here])
+    return NoiseOverTemperature(at_c, rms, per_c, sigma)

@@ -1,0 +1,42 @@
+"""A fit over temperature as files: the model, the figures, the picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from session.common.version import VERSION
+from session.files.results import write_whole
+from session.files.writing import result_folder
+from tinygc import models
+from tinygc.temperature.thermal_fit import ThermalFit, zero_terms
+from tinygc.temperature.thermal_json import to_json
+
+#: beside the models of the other methods
+MODEL, FIGURES, PICTURE = "model_thermal.json", "temperature.json", "temperature.png"
+UNITS = "E: 1/degC^n, zero: rad/s/degC^n, lag: s; product of the two parameters' units"
+
+
+def save_thermal(fit: ThermalFit, folder: Path) -> Path:
+    """Write the model and the figures into a folder; returns it.  StorageError for what cannot be written."""
+    with result_folder(folder):
+        write_whole(folder / MODEL, model_table(fit))
+        write_whole(folder / FIGURES, to_json(fit))
+    return folder
+
+
+def model_table(fit: ThermalFit) -> dict:
+    """``tinygc-model/1`` with the covariance; and of the accelerometer what exports have a place for."""
+    more = {
+        "method": "thermal",
+        "session": fit.name,
+        "sha256": fit.sha256,
+        "version": VERSION,
+        "covariance": fit.covariance.tolist(),
+        "covariance_of": list(fit.names),
+        "covariance_units": UNITS,
+        "remaining_rps": [None if value != value else value for value in fit.remaining_rps.tolist()],
+    }
+    if fit.rests is not None and fit.rests.accel:
+        # The attitude was one: a change of scale and of zero are one there, and the constant is gravity's.
+        more["accel_change_mps2"] = zero_terms(fit.rests.accel)[1:].tolist()
+    return models.to_dict(fit.model, **more)

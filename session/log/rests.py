@@ -20,7 +20,7 @@ from session.log.config import Sensor
 from session.log.samples import Samples
 
 #: a block is a second, or so many samples where a second holds fewer: the scatter within it must mean something
-BLOCK_S, BLOCK_SAMPLES = 1.0, 16
+BLOCK_S, BLOCK_SAMPLES = 1.0, 8
 #: told of each piece of samples as it is read
 Watch = Callable[[Samples], None]
 

@@ -101,8 +101,10 @@ def curve_of(pieces: list[AllanSums], period_s: float, longest_s: float) -> Alla
 def joined_curves(short: AllanCurve, long: AllanCurve) -> AllanCurve:
     """One curve: the short times of the one, then what the other has beyond them."""
     later = long.tau_s > short.tau_s[-1]
-    parts = [np.concatenate([getattr(short, name), getattr(long, name)[later]]) for name in ("tau_s", "deviation", "freedom")]
-    return AllanCurve(*parts, longest_s=max(short.longest_s, long.longest_s))
+    tau_s, deviation, freedom = (
+        np.concatenate([getattr(short, name), getattr(long, name)[later]]) for name in ("tau_s", "deviation", "freedom")
+    )
+    return AllanCurve(tau_s, deviation, freedom, max(short.longest_s, long.longest_s))
 
 
 def _freedom(points: int, m: int) -> float:

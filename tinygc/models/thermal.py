@@ -23,7 +23,7 @@ from tinygc.models.model import BaseModel
 
 @dataclass(frozen=True, eq=False)
 class ThermalModel(BaseModel):
-    """E_terms (R + 1, 3, 3) per degC^n; zero_terms (Q + 1, 3) rad/s per degC^n; lag_s (3,); reference_c: T0; range_c: (coldest, warmest)."""
+    """E_terms (R + 1, 3, 3) per degC^n; zero_terms (Q + 1, 3) rad/s per degC^n; lag_s (3,); reference_c: T0; range_c."""
 
     kind: ClassVar[str] = "thermal"
     pointwise: ClassVar[bool] = False
@@ -62,6 +62,10 @@ class ThermalModel(BaseModel):
         E, zero = self.E(np.array([temp_c]))[0], self.zero(np.full((1, 3), temp_c))[0]
         return LinearModel(E, -E @ zero)
 
+    def elements(self, step_s: float) -> list[ElementTemperature]:
+        """A filter for each axis' element."""
+        return [ElementTemperature(float(tau), step_s) for tau in self.lag_s]
+
     def follower(self, step_s: float) -> ThermalStream:
         """A log by itself, piece by piece; step_s between two samples."""
         return ThermalStream(self, step_s)
@@ -84,7 +88,7 @@ class ThermalStream:
 
     def __init__(self, model: ThermalModel, step_s: float):
         self._model = model
-        self._elements = [ElementTemperature(float(tau), step_s) for tau in model.lag_s]
+        self._elements = model.elements(step_s)
 
     def __call__(self, rate: np.ndarray, temp_c: np.ndarray) -> np.ndarray:
         """Calibrated rates (N, 3) rad/s of the next samples: rate (N, 3) rad/s, temp_c (N,) degC."""

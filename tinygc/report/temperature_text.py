@@ -11,6 +11,7 @@ from tinygc.closure.allan import angle_random_walk, bias_instability
 from tinygc.report.fit_text import _table, findings_table
 from tinygc.temperature.axis_fit import AxisFit
 from tinygc.temperature.hysteresis import Hysteresis
+from tinygc.temperature.joint_fit import APART_C, JointFit
 from tinygc.temperature.rest_fit import RestFit
 from tinygc.temperature.thermal_fit import ThermalFit
 
@@ -27,7 +28,9 @@ def temperature_report(fit: ThermalFit) -> Group:
         parts += [findings_table(told)] if told else []
         parts += [_axes(fit.rests, "gyro"), _noise(fit.rests)]
         parts += [_axes(fit.rests, "accel")] if fit.rests.accel else []
-        parts += [Text(line) for line in remarks(fit)]
+    if fit.joint is not None:
+        parts += [_sessions(fit.joint), _over_temperature(fit)]
+    parts += [Text(line) for line in remarks(fit)]
     return Group(*parts)
 
 
@@ -38,18 +41,43 @@ def _headline(fit: ThermalFit) -> Text:
         hours = sum(log.duration_s for log in fit.rests.logs) / 3600
         up, down = (sum(sweep.direction == way for sweep in fit.rests.sweeps) for way in (1, -1))
         text.append(f"{len(fit.rests.logs)} rest log{'s' * (len(fit.rests.logs) != 1)}, {hours:.2f} h, ")
-        text.append(f"{low:.1f} to {high:.1f} °C, {up} times up and {down} times down")
+        coldest, warmest = fit.rests.range_c
+        text.append(f"{coldest:.1f} to {warmest:.1f} °C, {up} times up and {down} times down" if np.isfinite(coldest) else "no temperature")
+    if fit.joint is not None:
+        count = len(fit.joint.points)
+        text.append(
+            f"{'; ' if fit.rests is not None else ''}{count} session{'s' * (count != 1)} with turns; model from {low:.1f} to {high:.1f} °C"
+        )
     return text
+
+
+def _sessions(joint: JointFit) -> RenderableType:
+    table = _table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
+    for point in joint.points:
+        zero, there = point.values[9:], joint.model.zero(np.full((1, 3), point.temp_c))[0]
+        said = ", ".join(f"{value / DEG:+.4f}" for value in zero)
+        off = ", ".join(f"{value / MDPS:+.2f}" for value in zero - there)
+        table.add_row(point.name, str(point.segments), f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})", said, off)
+    return table
+
+
+def _over_temperature(fit: ThermalFit) -> RenderableType:
+    """Scale factors and zeros at five temperatures, with their sigmas."""
+    table = _table("Over temperature", "°C", "scale factor errors of E, ppm (x, y, z)", "zero, dps (x, y, z)")
+    for temp_c in np.linspace(*fit.model.range_c, 5):
+        sigma_E, sigma_zero = fit.sigma_at(float(temp_c))
+        E, zero = fit.model.E(np.array([temp_c]))[0], fit.model.zero(np.full((1, 3), temp_c))[0]
+        scale = "  ".join(pm(1e6 * (E[i, i] - 1), 1e6 * sigma_E[i, i]) for i in range(3))
+        table.add_row(f"{temp_c:.1f}", scale, "  ".join(pm(zero[i] / DEG, sigma_zero[i] / DEG) for i in range(3)))
+    table.caption = "± one sigma of the fit; the remaining uncertainty of the rest logs comes on top of the zero"
+    table.caption_justify = "left"
+    return table
 
 
 def _axes(rests: RestFit, kind: str) -> RenderableType:
     fits: tuple[AxisFit, ...] = getattr(rests, kind)
     unit, word = (DEG, "dps") if kind == "gyro" else (MG, "mg")
-    title = (
-        "Zero over temperature"
-        if kind == "gyro"
-        else "Accelerometer at rest over temperature (zero and scale in one: the attitude was one)"
-    )
+    title = "Zero over temperature" if kind == "gyro" else "Accelerometer at rest over temperature, zero and scale in one"
     reference = rests.knots.reference_c
     table = _table(
         title,
@@ -68,7 +96,8 @@ def _axes(rests: RestFit, kind: str) -> RenderableType:
         held = [f"{value / unit:.2g}" if np.isfinite(value) else "–" for value in (fit.held_out_of(0, False), fit.held_out)]
         zero = pm(fit.terms[0] / unit, fit.sigma[0] / unit)
         table.add_row(axis, ORDERS[fit.order], zero, slope, lag, f"{_extent(rests, fit) / unit:.3g} {word}", *held)
-    table.caption = f"the last two: rms of what {'sweeps' if fits[0].examined.by == 'sweeps' else 'stretches of time'} that were left out differ from the prediction, {word}"
+    by = "sweeps" if fits[0].examined.by == "sweeps" else "stretches of time"
+    table.caption = f"the last two: rms of what {by} that were left out differ from the prediction, {word}"
     table.caption_justify = "left"
     return table
 
@@ -98,8 +127,15 @@ def _noise(rests: RestFit) -> RenderableType:
 
 def remarks(fit: ThermalFit) -> list[str]:
     """What to know of the model, in sentences."""
-    rests = fit.rests
-    assert rests is not None
+    said = _of_rests(fit.rests) if fit.rests is not None else []
+    if fit.joint is None:
+        said.append("Nothing was turned: E is the identity, and the zero holds what the Earth's rotation adds (up to 4 mdps).")
+    else:
+        said += _of_sessions(fit.joint, fit.rests is not None)
+    return [line for line in said if line]
+
+
+def _of_rests(rests: RestFit) -> list[str]:
     said = [_hysteresis(axis, axis_fit) for axis, axis_fit in zip("xyz", rests.gyro, strict=True)]
     ways = {sweep.direction for sweep in rests.sweeps}
     if rests.sweeps and len(ways) == 1:
@@ -107,12 +143,31 @@ def remarks(fit: ThermalFit) -> list[str]:
             "The temperature went one way only: neither a lag nor a hysteresis can be told, and what time does is not told from what "
             "temperature does. Let it go back as well."
         )
-    if fit.joint is None:
-        said.append("Nothing was turned: E is the identity, and the zero holds what the Earth's rotation adds (up to 4 mdps).")
     spread = [axis_fit.turn_on for axis_fit in rests.gyro]
     if np.isfinite(spread).all():
         said.append(f"From log to log the zero changes by {_three(spread, MDPS)} mdps rms (x, y, z) at the same temperature.")
-    return [line for line in said if line]
+    return said
+
+
+def _of_sessions(joint: JointFit, with_rests: bool) -> list[str]:
+    said = []
+    order = len(joint.model.E_terms) - 1
+    cold, warm = (way(point.temp_c for point in joint.points) for way in (min, max))
+    if warm - cold <= APART_C:
+        said.append(f"E is that of {cold:.0f} °C, and is taken to be the same elsewhere: sessions at other temperatures would tell.")
+    elif order == 0:
+        said.append(f"E does not follow temperature as far as these sessions show (p = {joint.p_constant:.2g}).")
+    else:
+        said.append(
+            f"E follows temperature ({ORDERS[order]}); by chance with p = {joint.p_constant:.1g}. Beyond the sessions it is extrapolated."
+        )
+    if joint.widened > 1:
+        said.append(f"E scatters more than its sigmas say (p = {joint.p_value:.2g}): they are widened by {np.sqrt(joint.widened):.2f}.")
+    if np.isfinite(joint.turn_on_rps):
+        said.append(f"From session to session the zero changes by {joint.turn_on_rps / MDPS:.2g} mdps beyond noise and temperature.")
+    elif not with_rests:
+        said.append("What the zero changes from one switch-on to the next is not known here, and may stand in its slope: add rest logs.")
+    return said
 
 
 def _hysteresis(axis: str, fit: AxisFit) -> str:

@@ -80,7 +80,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
         if not _lag_shows(knots, y, L, tau, chosen.order):
             chosen = Candidate(chosen.order, False)
     tau = tau if chosen.lagged else 0.0
-    coefficients, covariance = _solve(knots, y, L, tau, chosen)
+    coefficients, covariance = _solve(knots, y, noise, tau, chosen)
     p_value, needed = _none_by_chance(knots, y, V, white, chosen, tau), chosen.order
     if p_value >= BY_CHANCE:
         needed = 0
@@ -92,10 +92,9 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
         tau = tau if chosen.lagged else 0.0
     if not needed:
         noise = estimate_noise(y, columns(knots, 0.0, 0), V, white)
-        L = noise.factor()
-    coefficients, covariance = _solve(knots, y, L, tau, chosen)
+    coefficients, covariance = _solve(knots, y, noise, tau, chosen)
     residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
-    plain = y - columns(knots, 0.0, chosen.order) @ _solve(knots, y, L, 0.0, Candidate(chosen.order, False))[0]
+    plain = y - columns(knots, 0.0, chosen.order) @ _solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
     terms, of_terms = _in_degrees(knots, coefficients, covariance, chosen)
     zeros = coefficients[: len(knots.logs)]
     scale = np.append(np.full(len(terms), unit), 1.0)
@@ -127,19 +126,23 @@ def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: in
     return bool(chi2.sf(without - lagged, 2) < BY_CHANCE)
 
 
-def _solve(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+def _solve(knots: Knots, y: np.ndarray, noise: Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
     """Zeros of the logs and coefficients of x, x^2, …, then tau's change where there is a lag, and their covariance.
 
-    The polynomial moves with the lag: the lag is a column of its own in the covariance, linearised where it stands.
+    Every estimate is linear in the knots, so its covariance follows from theirs: coefficients with equal weights, the lag with those of
+    the noise; and the coefficients move with the lag.
     """
     A = columns(knots, tau, chosen.order)
-    W, z = whiten(L, A), whiten(L, y)
-    coefficients = np.linalg.lstsq(W, z, rcond=None)[0]
+    G = np.linalg.pinv(A)
+    coefficients = G @ y
     if chosen.lagged:
         step = 0.02 * abs(tau)
-        ahead, behind = (columns(knots, tau + sign * step, chosen.order) @ coefficients for sign in (1, -1))
-        W = np.column_stack([W, whiten(L, (ahead - behind) / (2 * step))])
-    return coefficients, np.linalg.pinv(W.T @ W, hermitian=True)
+        slope = (columns(knots, tau + step, chosen.order) - columns(knots, tau - step, chosen.order)) @ coefficients / (2 * step)
+        L = noise.factor()
+        W = whiten(L, np.column_stack([A, slope]))
+        of_lag = (np.linalg.pinv(W)[-1:] @ whiten(L, np.eye(len(y)))).ravel()
+        G = np.vstack([G - np.outer(G @ slope, of_lag), of_lag])
+    return coefficients, G @ noise.C @ G.T
 
 
 def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, chosen: Candidate, tau: float) -> float:

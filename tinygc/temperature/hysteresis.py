@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -41,12 +42,11 @@ def hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hysteres
     high = min(knots.temp_c[up].max(), knots.temp_c[down].max())
     edges = np.linspace(low, high, BINS + 1)
     rows, at = [], []
-    for lower, upper in zip(edges[:-1], edges[1:], strict=True):
+    for lower, upper in pairwise(edges):
         here = (knots.temp_c >= lower) & (knots.temp_c < upper)
         if (here & up).any() and (here & down).any():
-            rows.append(
-                (here & up) * knots.span_s / knots.span_s[here & up].sum() - (here & down) * knots.span_s / knots.span_s[here & down].sum()
-            )
+            rising, falling = ((here & way) * knots.span_s for way in (up, down))
+            rows.append(rising / rising.sum() - falling / falling.sum())
             at.append((lower + upper) / 2)
     if not rows:
         return None

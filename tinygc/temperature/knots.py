@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -79,7 +80,7 @@ class Knots:
 
 
 def _powers_of(x: np.ndarray, order: int) -> Iterator[np.ndarray]:
-    """x, x^2, …"""
+    """x, x^2 and so on."""
     power = np.ones_like(x)
     for _ in range(order):
         power = power * x
@@ -98,8 +99,6 @@ def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
     """Of the kept blocks of each log and their sweeps (``sweeps_of``); a log without sweeps is one."""
     has_temperature = all(log.has_temperature for log in logs)
     temp = np.concatenate([log.temp_c for log in logs]) if has_temperature else np.zeros(sum(map(len, logs)))
-    if not has_temperature:
-        logs = [log.pick(slice(None)) for log in logs]
     total = sum(map(len, logs))
     rows: list[tuple] = []
     before = number = 0
@@ -108,13 +107,13 @@ def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
         for sweep in own:
             count = max(round(MOST_KNOTS * (sweep.stop - sweep.start) / total), 1)
             edges = np.unique(np.linspace(sweep.start, sweep.stop, min(count, sweep.stop - sweep.start) + 1).astype(int))
-            for start, stop in zip(edges[:-1], edges[1:], strict=True):
-                t_s = float(log.t_s[start:stop].mean())
+            for start, stop in pairwise(edges.tolist()):
+                middle_s = float(log.t_s[start:stop].mean())
                 mean_c = float(temp[before + start : before + stop].mean())
-                rows.append((index, before + start, t_s, (stop - start) * log.block_s, number, sweep.direction, mean_c))
+                rows.append((index, before + start, middle_s, (stop - start) * log.block_s, number, sweep.direction, mean_c))
             number += 1
         before += len(log)
-    of, starts, t_s, span_s, sweep_number, direction, temp_c = map(np.array, zip(*rows, strict=True))
+    of, starts, t_s, span_s, sweep_number, direction, temp_c = (np.array(column) for column in zip(*rows, strict=True))
     low, high = float(temp.min()), float(temp.max())
     reference_c = float(np.round((low + high) / 2)) if has_temperature else 25.0
     half_c = max((high - low) / 2, 1.0)

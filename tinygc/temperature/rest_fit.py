@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +56,7 @@ def read_rests(paths: list[Path], sensor: Sensor, progress: Progress = lambda wh
 
 
 def fit_rests(
-    read: list[tuple[RestLog, ShortTimes | None]],
+    read: Sequence[tuple[RestLog, ShortTimes | None]],
     orders: tuple[int, ...] = ORDERS,
     with_accel: bool = True,
     progress: Progress = lambda what, done, of: None,
@@ -74,7 +74,6 @@ def fit_rests(
     sweeps = [sweep for index, log in enumerate(kept) for sweep in sweeps_of(log.temp_c, index)]
     if told == {False}:
         orders = (0,)
-        kept = [replace(log, temp_c=np.full(len(log), np.nan)) for log in kept]
     knots = make_knots(kept, sweeps)
     axes: dict[str, list[AxisFit]] = {"gyro": [], "accel": []}
     for kind in ("gyro", *(["accel"] if with_accel else [])):

@@ -8,19 +8,28 @@ from session.common.version import VERSION
 from session.files.results import write_whole
 from session.files.writing import result_folder
 from tinygc import models
-from tinygc.temperature.thermal_fit import ThermalFit, zero_terms
+from tinygc.explanation.pictures.canvas import can_draw
+from tinygc.temperature.thermal_fit import ThermalFit
 from tinygc.temperature.thermal_json import to_json
+from tinygc.temperature.thermal_terms import zero_terms
 
 #: beside the models of the other methods
 MODEL, FIGURES, PICTURE = "model_thermal.json", "temperature.json", "temperature.png"
 UNITS = "E: 1/degC^n, zero: rad/s/degC^n, lag: s; product of the two parameters' units"
 
 
-def save_thermal(fit: ThermalFit, folder: Path) -> Path:
-    """Write the model and the figures into a folder; returns it.  StorageError for what cannot be written."""
+def save_thermal(fit: ThermalFit, folder: Path, pictures: bool = True) -> Path:
+    """Write the model, the figures and, where matplotlib is installed, the picture into a folder; returns it.
+
+    StorageError for what cannot be written.
+    """
     with result_folder(folder):
         write_whole(folder / MODEL, model_table(fit))
         write_whole(folder / FIGURES, to_json(fit))
+        if pictures and can_draw():
+            from tinygc.temperature.picture import draw
+
+            draw(fit, folder / PICTURE)
     return folder
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tinygc.models.thermal import ThermalModel
-from tinygc.temperature.axis_fit import AxisFit
 from tinygc.temperature.joint_fit import JointFit
 from tinygc.temperature.rest_fit import RestFit
+from tinygc.temperature.thermal_terms import parameter_names, usable_range, zero_covariance, zero_terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,33 +28,24 @@ class ThermalFit:
     sha256: dict[str, str]
 
     @property
+    def values(self) -> np.ndarray:
+        """(n,) as ``names`` calls them."""
+        return np.concatenate([self.model.E_terms.ravel(), self.model.zero_terms.ravel(), self.model.lag_s])
+
+    def sigma_at(self, temp_c: float) -> tuple[np.ndarray, np.ndarray]:
+        """One sigma of E (3, 3) and of the zero (3,) rad/s at a temperature that stands, by the covariance alone."""
+        away = float(self.model.within(np.array([temp_c]))[0]) - self.model.reference_c
+        n_E = self.model.E_terms.size
+        powers = away ** np.arange(len(self.model.E_terms)), away ** np.arange(len(self.model.zero_terms))
+        slopes = np.kron(powers[0], np.eye(9)), np.kron(powers[1], np.eye(3))
+        parts = self.covariance[:n_E, :n_E], self.covariance[n_E:-3, n_E:-3]
+        E, zero = (np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", S, C, S), 0)) for S, C in zip(slopes, parts, strict=True))
+        return E.reshape(3, 3), zero
+
+    @property
     def sigma(self) -> np.ndarray:
         """(n,) of each number."""
         return np.sqrt(np.diag(self.covariance))
-
-
-def parameter_names(E_order: int, zero_order: int) -> tuple[str, ...]:
-    """Of E's terms row by row, then the zero's, then the lags."""
-    E = [f"E{n}_{i}{j}" for n in range(E_order + 1) for i in "xyz" for j in "xyz"]
-    return (*E, *(f"zero{n}_{i}" for n in range(zero_order + 1) for i in "xyz"), *(f"lag_{i}" for i in "xyz"))
-
-
-def zero_terms(fits: tuple[AxisFit, ...]) -> np.ndarray:
-    """(Q + 1, 3) per degC^n, zeros beyond an axis' own order."""
-    terms = np.zeros((max(fit.order for fit in fits) + 1, 3))
-    for axis, fit in enumerate(fits):
-        terms[: fit.order + 1, axis] = fit.terms
-    return terms
-
-
-def zero_covariance(fits: tuple[AxisFit, ...], order: int) -> np.ndarray:
-    """(3 (order + 1) + 3, …): of ``zero_terms`` order by order, then of the lags; axes know nothing of one another."""
-    size = 3 * (order + 1) + 3
-    whole = np.zeros((size, size))
-    for axis, fit in enumerate(fits):
-        rows = [3 * n + axis for n in range(fit.order + 1)] + [size - 3 + axis]
-        whole[np.ix_(rows, rows)] = fit.covariance
-    return whole
 
 
 def of_rests_alone(name: str, rests: RestFit, sha256: dict[str, str]) -> ThermalFit:
@@ -68,7 +59,8 @@ def of_rests_alone(name: str, rests: RestFit, sha256: dict[str, str]) -> Thermal
     return ThermalFit(name, model, covariance, parameter_names(0, order), held_out, rests, None, sha256)
 
 
-def usable_range(rests: RestFit) -> tuple[float, float]:
-    """Temperatures that the model is made for; where none was logged, the chip's own 25 degC."""
-    low, high = rests.range_c
-    return (low, high) if np.isfinite(low) else (25.0, 25.0)
+def joined(name: str, joint: JointFit, rests: RestFit | None, sha256: dict[str, str]) -> ThermalFit:
+    """Of sessions, with rest logs or without."""
+    names = parameter_names(len(joint.model.E_terms) - 1, len(joint.model.zero_terms) - 1)
+    held_out = np.full(3, np.nan) if rests is None else np.array([fit.held_out for fit in rests.gyro])
+    return ThermalFit(name, joint.model, joint.covariance, names, held_out, rests, joint, sha256)

@@ -11,6 +11,7 @@ from session.common.version import VERSION
 from tinygc.closure.allan import angle_random_walk, bias_instability
 from tinygc.temperature.axis_fit import AxisFit
 from tinygc.temperature.hysteresis import Hysteresis
+from tinygc.temperature.joint_fit import JointFit
 from tinygc.temperature.rest_fit import RestFit
 from tinygc.temperature.thermal_fit import ThermalFit
 
@@ -28,9 +29,45 @@ def to_json(fit: ThermalFit) -> dict:
         "range_c": list(model.range_c),
         "remaining_dps": _numbers(fit.remaining_rps / DEG),
     }
+    table["model"] = {
+        "E_per_c": model.E_terms.tolist(),
+        "zero_dps_per_c": (model.zero_terms / DEG).tolist(),
+        "lag_s": model.lag_s.tolist(),
+        "parameters": [
+            {"name": name, "value": float(value), "std": float(sigma)}
+            for name, value, sigma in zip(fit.names, fit.values, fit.sigma, strict=True)
+        ],
+    }
     if fit.rests is not None:
         table |= of_rests(fit.rests)
+    if fit.joint is not None:
+        table |= of_sessions(fit.joint)
     return table
+
+
+def of_sessions(joint: JointFit) -> dict:
+    """What sessions with turns tell."""
+    return {
+        "sessions": [
+            {
+                "name": point.name,
+                "temperature_c": _numbers([point.low_c, point.temp_c, point.high_c]),
+                "segments": point.segments,
+                "E": point.values[:9].reshape(3, 3).tolist(),
+                "zero_dps": _numbers(point.values[9:] / DEG),
+                "zero_std_dps": _numbers(np.sqrt(np.diag(point.covariance))[9:] / DEG),
+            }
+            for point in joint.points
+        ],
+        "E_goodness": {
+            "chi_square": joint.chi_square,
+            "freedom": joint.freedom,
+            "p_value": _number(joint.p_value),
+            "widened": joint.widened,
+        },
+        "E_constant_p_value": joint.p_constant,
+        "turn_on_dps": _number(joint.turn_on_rps / DEG),
+    }
 
 
 def of_rests(rests: RestFit) -> dict:

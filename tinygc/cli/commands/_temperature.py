@@ -11,6 +11,7 @@ from tinygc.cli.commands._results import output, try_destinations, write_json
 
 def add_temperature_arguments(command: argparse.ArgumentParser) -> None:
     """What asks for it, and how far it goes."""
+    command.add_argument("more", type=Path, nargs="*", help="with --temperature: further folders of the same sensor")
     command.add_argument("--temperature", action="store_true", help="one model over temperature, of all folders and their rest logs")
     command.add_argument("--temperature-order", type=count(0), metavar="N", help="highest power of the temperature that is tried (5)")
 
@@ -31,7 +32,7 @@ def fit_temperature(args: argparse.Namespace) -> int:
     try_destinations(args, "fit")
     most = {} if args.temperature_order is None else {"most_order": args.temperature_order}
     with progress_bar(args.quiet) as progress:
-        result = fit_temperature(args.folder, progress=progress, **most)
+        result = fit_temperature([args.folder, *args.more], progress=progress, **most)
     folder = save_thermal(result, args.out or args.folder / "fit")
     output(args).print(temperature_report(result))
     output(args).print(f"model: {folder / MODEL}", soft_wrap=True)

@@ -40,6 +40,10 @@ def run(args: argparse.Namespace) -> int:
     """From a session to models and closure figures."""
     if args.temperature or has_only_rests(args.folder):
         return fit_temperature(args)
+    if args.more:
+        raise CalibrationError(
+            f"{args.more[0]}: one session is fitted at a time; add --temperature to join sessions of several temperatures"
+        )
     if args.bias in OF_DAY or args.model or args.bias_dps:
         return _rebias(args)
     if args.resume and not _resumable(args):

@@ -11,6 +11,7 @@ from typing import Any
 
 from session.common.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from session.log.hashes import input_hashes
+from tinygc.closure.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
 from tinygc.explanation.noise.session_noise import known_whitener
 from tinygc.explanation.truth.explain import explain_truth
 from tinygc.explanation.truth.truth_explanation import TruthExplanation
@@ -24,7 +25,6 @@ from tinygc.models.field_parameters import COVERAGE_FACTOR, Quantity
 from tinygc.problem.build import build_problem
 from tinygc.problem.prepared import prepare
 from tinygc.problem.problem import Problem
-from tinygc.closure.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
 from tinygc.report.beyond_linear import beyond_linear
 from tinygc.report.html.adopted import Adopted, adopt
 from tinygc.report.html.decision import Decision, decide

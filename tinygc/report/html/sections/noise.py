@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import DEG, DEG_PER_HOUR
+from tinygc.closure.allan import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.residual import RateMap
 from tinygc.problem.problem import Problem
-from tinygc.closure.allan import AllanCurve, Reading, angle_random_walk
 from tinygc.report.html.chart import Axis, Chart, log_axis
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, figure, key, paragraph

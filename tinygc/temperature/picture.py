@@ -79,7 +79,9 @@ def _left(rests: RestFit, axis: int, axes: Axes) -> None:
     for number in range(len(knots.logs)):
         left[knots.of == number] -= left[knots.of == number].mean()
     for _, colour, which in _ways(rests):
-        axes.plot(element[which], left[which], "o-", ms=3, lw=0.5, mfc="none", color=colour)
+        for sweep in np.unique(knots.sweep[which]):
+            here = knots.sweep == sweep
+            axes.plot(element[here], left[here], "o-", ms=3, lw=0.5, mfc="none", color=colour)
     band = fit.held_out / DEG
     axes.axhspan(-band, band, color=PALE, alpha=0.3, label=f"held out, {band:.2g} dps rms")
     axes.set(xlabel="temperature of the element (°C)", ylabel="left (dps)", title=f"{'xyz'[axis]}: what the model leaves")

@@ -14,6 +14,7 @@ from tinygc.deploy.embedded.convolutions import Denoise
 from tinygc.deploy.embedded.effects import effect_stage
 from tinygc.deploy.embedded.nets import CalibrationNetStage, Conditioned, Published
 from tinygc.deploy.embedded.stage import Cost, Inputs, ProgramStage
+from tinygc.deploy.embedded.thermal import Thermal
 from tinygc.deploy.errors import ExportError
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import ConditionsModel
@@ -22,6 +23,7 @@ from tinygc.models.linear import LinearModel
 from tinygc.models.model import Model
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.models.published_net import PublishedNet
+from tinygc.models.thermal import ThermalModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +56,12 @@ class Program:
         return zlib.crc32(b"".join(array.astype("<f4").tobytes() for array in self.constants.values()))
 
 
-def program(model: Model) -> Program:
-    """Of any model that ``tinygc.models`` reads.  ExportError says what cannot be carried."""
-    stages = tuple(_stages(model))
+def program(model: Model, rate_hz: float | None = None) -> Program:
+    """Of any model that ``tinygc.models`` reads; rate_hz: samples a second, which a lag of the temperature asks for.
+
+    ExportError says what cannot be carried.
+    """
+    stages: tuple[ProgramStage, ...] = (Thermal(model, rate_hz),) if isinstance(model, ThermalModel) else tuple(_stages(model))
     names = [name for stage in stages for name in stage.constants]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ExportError(f"two parts of the model call a constant {twice[0]} in C; json carries it, or give one of them another name")

@@ -25,6 +25,8 @@ from tinygc.models.model import Model
 
 #: the method that is taken unless another is asked for
 PREFERRED = "least_squares"
+#: what a folder of rest logs has instead
+ONLY = "thermal"
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +124,7 @@ def _model_path(folder: Path, method: str | None) -> Path:
     there = {path.stem.removeprefix("model_"): path for path in sorted((folder / "fit").glob("model_*.json"))}
     if not there:
         raise ExportError(f"{folder / 'fit'}: no model; run `calibrate.py fit {folder}` first, or give --model FILE")
-    wanted = method or PREFERRED
+    wanted = method or (ONLY if set(there) == {ONLY} else PREFERRED)
     if wanted not in there:
         raise ExportError(f"{folder / 'fit'}: no model_{wanted}.json; there are {', '.join(there)}")
     return there[wanted]

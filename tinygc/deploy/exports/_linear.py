@@ -16,6 +16,7 @@ from tinygc.models.linear import LinearModel
 from tinygc.models.model import Model
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.models.published_net import PublishedNet
+from tinygc.models.thermal import ThermalModel
 
 #: slopes this near to 1 are 1 but for the rounding of a fit
 UNBENT = 1e-9
@@ -64,6 +65,8 @@ def linear_part(model: Model, name: str, carries: tuple[str, ...] = ()) -> Linea
     K, k, first_c = np.zeros((3, 3)), np.zeros(3), 25.0
     if model.kind in NETS_BESIDE:
         raise ExportError(f"{name} cannot carry {NETS_BESIDE[model.kind]}; {ELSEWHERE}")
+    if isinstance(model, ThermalModel):
+        raise ExportError(f"{name} cannot carry a calibration over temperature; px4 and ardupilot carry its zero, c and json all of it")
     if isinstance(model, PhysicsModel):
         unable = [claim.effect.id for claim in model.claims if claim.effect.linear_in not in carries]
         if unable:

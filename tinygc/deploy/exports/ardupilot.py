@@ -11,16 +11,22 @@ import numpy as np
 from tinygc.deploy.exports._autopilot import cannot_scale, offsets
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._remarks import remarks
+from tinygc.deploy.exports._thermal import accel_change, cubic_about, part_at_reference, say_lost
 from tinygc.models.model import Model
+from tinygc.models.thermal import ThermalModel
 
 NAME = "ardupilot"
 SUMMARY = "ArduPilot parameters: gyroscope offsets and temperature terms (no scale)"
+FILE = "ardupilot.param"
+ABOUT_C = 35.0  #: of its polynomial
 SCALE = 1e6  #: of the polynomial's coefficients
 LEAST_C = 10.0  #: INS_TCAL1_TMAX must be so far above INS_TCAL1_TMIN
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """The zero of linear models, with thermal bias."""
+    """The zero of linear models, with thermal bias or over temperature."""
+    if isinstance(model, ThermalModel):
+        return {FILE: _over_temperature(model, context)}
     part, celsius = offsets(model, context, NAME)
     values = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", part.bias, strict=True)}
     if celsius is not None:
@@ -35,4 +41,35 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.  It calibrates the offset anew at each boot unless",
         "INS_GYR_CAL is 0.",
     )
-    return {"ardupilot.param": head + "".join(f"{name},{np.float32(value):.9g}\n" for name, value in values.items())}
+    return {FILE: head + _table(values)}
+
+
+def _over_temperature(model: ThermalModel, context: Context) -> str:
+    """The zero as a cubic about 35 degC, its constant in the offsets, which hold at INS_GYR1_CALTEMP."""
+    part, reference = part_at_reference(model), model.reference_c
+    terms, lost = cubic_about(model.zero_terms, reference, model.range_c, ABOUT_C)
+    say_lost(model, context, NAME, lost)
+    values: dict[str, float] = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", part.bias, strict=True)}
+    values |= {"INS_TCAL1_ENABLE": 1, "INS_TCAL1_TMIN": model.range_c[0]}
+    values |= {"INS_TCAL1_TMAX": max(model.range_c[1], model.range_c[0] + LEAST_C), "INS_GYR1_CALTEMP": reference}
+    values |= _terms("GYR", terms)
+    accel = accel_change(context)
+    if accel is not None:
+        values |= _terms("ACC", cubic_about(accel, reference, model.range_c, ABOUT_C)[0])
+    head = remarks(
+        context,
+        *cannot_scale(part),
+        "corrected = measured - INS_GYROFFS_* - p(T - 35) + p(INS_GYR1_CALTEMP - 35),  p(d) = 1e-6 (GYR1 d + GYR2 d^2 + GYR3 d^3),",
+        "T and CALTEMP held within INS_TCAL1_TMIN to TMAX; rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.",
+        "INS_TCAL1_ACC* likewise, m/s^2; INS_ACC1_CALTEMP is set by ArduPilot's own accelerometer calibration, which comes first.",
+        "It calibrates the gyro's offset anew at each boot unless INS_GYR_CAL is 0.",
+    )
+    return head + _table(values)
+
+
+def _terms(sensor: str, terms: np.ndarray) -> dict[str, float]:
+    return {f"INS_TCAL1_{sensor}{power}_{axis}": terms[power, i] * SCALE for power in (1, 2, 3) for i, axis in enumerate("XYZ")}
+
+
+def _table(values: dict[str, float]) -> str:
+    return "".join(f"{name},{np.float32(value):.9g}\n" for name, value in values.items())

@@ -16,7 +16,7 @@ SUMMARY = "C99 source for a microcontroller: no library, no allocation, single p
 def export(model: Model, context: Context) -> dict[str, str]:
     """Raises ExportError for physics that no device can undo sample by sample."""
     sensor = context.config.sensor
-    chosen = program(model)
+    chosen = program(model, sensor.odr_hz)
     facts = {
         "session": context.session,
         "method": f"{context.method}, {chosen.parameters} parameters",

@@ -12,6 +12,7 @@ from tinygc.models import linear
 from tinygc.models.model import Model
 
 NAME = "json"
+UNITS = "E: 1, B: rad/s, of an effect as theta_si; product of the two parameters' units"
 SUMMARY = "documented JSON with covariance, units, hashes and a self-test"
 
 
@@ -24,9 +25,10 @@ def export(model: Model, context: Context) -> dict[str, str]:
         table |= {
             "covariance": context.covariance.tolist(),
             "covariance_of": context.table.get("covariance_of", list(linear.NAMES)),
-            "covariance_units": "E: 1, B: rad/s, of an effect as theta_si; product of the two parameters' units",
+            "covariance_units": context.table.get("covariance_units", UNITS),
             "unobserved": context.table.get("unobserved", []),
         }
+    table |= {key: context.table[key] for key in ("remaining_rps", "accel_change_mps2") if key in context.table}
     table |= {
         "frame": "the sensor's own axes, right-handed, as in the log that was fitted; specific force is -g on the axis that points down",
         "sensor": {

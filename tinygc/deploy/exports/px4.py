@@ -7,15 +7,20 @@ import numpy as np
 from tinygc.deploy.exports._autopilot import cannot_scale, offsets
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._remarks import remarks
+from tinygc.deploy.exports._thermal import accel_change, cubic_about, part_at_reference, say_lost
 from tinygc.models.model import Model
+from tinygc.models.thermal import ThermalModel
 
 NAME = "px4"
 SUMMARY = "PX4 parameters: gyroscope offsets and temperature terms (no scale)"
+FILE = "px4.params"
 INT32, FLOAT = 6, 9  #: MAVLink's parameter types
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
-    """The zero of linear models, with thermal bias."""
+    """The zero of linear models, with thermal bias or over temperature."""
+    if isinstance(model, ThermalModel):
+        return {FILE: _over_temperature(model, context)}
     part, celsius = offsets(model, context, NAME)
     rates = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", part.bias, strict=True)}
     if celsius is not None:
@@ -29,6 +34,38 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "rad/s, degC, in the sensor's axes before PX4 rotates the board.  CAL_GYRO0_ID (and TC_G0_ID) must hold this sensor's device id:",
         "they are not known here, and PX4 takes no offset without them.  Change the 0 if it is another instance.",
     )
-    lines = [f"1\t1\t{name}\t{np.float32(value):.9g}\t{FLOAT}\n" for name, value in rates.items()]
-    switch = [f"1\t1\tTC_G_ENABLE\t1\t{INT32}\n"] if celsius is not None else []
-    return {"px4.params": head + "# Vehicle-Id\tComponent-Id\tName\tValue\tType\n" + "".join(switch + lines)}
+    return {FILE: head + _table(rates, ("G",) if celsius is not None else ())}
+
+
+def _over_temperature(model: ThermalModel, context: Context) -> str:
+    """The zero as a cubic about the model's own reference, and the accelerometer's change where it is known."""
+    part, reference = part_at_reference(model), model.reference_c
+    terms, lost = cubic_about(model.zero_terms, reference, model.range_c, reference)
+    say_lost(model, context, NAME, lost)
+    values = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", terms[0], strict=True)}
+    values |= _terms("G", terms, model)
+    accel = accel_change(context)
+    switches: tuple[str, ...] = ("G",)
+    if accel is not None:
+        values |= _terms("A", cubic_about(accel, reference, model.range_c, reference)[0], model)
+        switches = ("G", "A")
+    head = remarks(
+        context,
+        *cannot_scale(part),
+        "corrected = measured - CAL_GYRO0_*OFF - (TC_G0_X1_* dT + TC_G0_X2_* dT^2 + TC_G0_X3_* dT^3),  dT = T - TC_G0_TREF, T held",
+        "within TC_G0_TMIN to TC_G0_TMAX; rad/s, degC, in the sensor's axes before PX4 rotates the board.  TC_A0 likewise, m/s^2: what",
+        "the accelerometer reads otherwise than at TC_A0_TREF in the one attitude in which it lay.  CAL_GYRO0_ID, TC_G0_ID and TC_A0_ID",
+        "must hold this sensor's device ids: they are not known here.  Change the 0 if it is another instance.",
+    )
+    return head + _table(values, switches)
+
+
+def _terms(sensor: str, terms: np.ndarray, model: ThermalModel) -> dict[str, float]:
+    values = {f"TC_{sensor}0_TMIN": model.range_c[0], f"TC_{sensor}0_TMAX": model.range_c[1], f"TC_{sensor}0_TREF": model.reference_c}
+    return values | {f"TC_{sensor}0_X{power}_{axis}": terms[power, axis] if power else 0.0 for power in range(4) for axis in range(3)}
+
+
+def _table(values: dict[str, float], switches: tuple[str, ...]) -> str:
+    lines = [f"1\t1\tTC_{sensor}_ENABLE\t1\t{INT32}\n" for sensor in switches]
+    lines += [f"1\t1\t{name}\t{np.float32(value):.9g}\t{FLOAT}\n" for name, value in values.items()]
+    return "# Vehicle-Id\tComponent-Id\tName\tValue\tType\n" + "".join(lines)

@@ -25,7 +25,7 @@ MOST_SEGMENTS = 2000
 MOST_SAMPLES = 20_000_000
 
 
-def _choice(default: Any, meaning: str) -> Any:
+def choice(default: Any, meaning: str) -> Any:
     """A field whose meaning, with its unit, the command line shows."""
     return field(default=default, metadata={"help": meaning})
 
@@ -37,42 +37,42 @@ class SimulationOptions:
     Every purpose (unit, motion, noise, …) has its own random stream: a change of noise leaves the motion as it was.
     """
 
-    segments: int = _choice(40, "turns in the log; the stills are one more")
-    closure_s: float = _choice(58.0, "s, whole length of the closure run with its two stills; 0: none")
-    seed: int = _choice(0, "of every random draw")
+    segments: int = choice(40, "turns in the log; the stills are one more")
+    closure_s: float = choice(58.0, "s, whole length of the closure run with its two stills; 0: none")
+    seed: int = choice(0, "of every random draw")
 
     # Sensor
-    odr_hz: float = _choice(208.0, "Hz, nominal: 62.5, 104, 208, 416, 833, 1667, 3333 or 6667")
-    odr_error: float | None = _choice(None, "fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %")
-    sensor: str = _choice(DEFAULT, "whose registers it has (calibrate.py sensors); its noise stays what the other options say")
-    gyro_fs_dps: float = _choice(500.0, "dps, full scale")
-    accel_fs_g: float = _choice(4.0, "g, full scale")
-    gyro_noise_dps_rthz: float = _choice(0.005, "dps/sqrt(Hz), white, one-sided density")
-    accel_noise_ug_rthz: float = _choice(60.0, "ug/sqrt(Hz), white, one-sided density")
-    bias_instability_dph: float = _choice(3.0, "deg/h, flicker; the floor of the Allan deviation is 0.664 of it; 0: none")
-    temperature_start_c: float = _choice(25.0, "degC at the first sample")
-    warm_up_c: float = _choice(1.5, "degC, how far self-heating goes in the end")
+    odr_hz: float = choice(208.0, "Hz, nominal: 62.5, 104, 208, 416, 833, 1667, 3333 or 6667")
+    odr_error: float | None = choice(None, "fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %")
+    sensor: str = choice(DEFAULT, "whose registers it has (calibrate.py sensors); its noise stays what the other options say")
+    gyro_fs_dps: float = choice(500.0, "dps, full scale")
+    accel_fs_g: float = choice(4.0, "g, full scale")
+    gyro_noise_dps_rthz: float = choice(0.005, "dps/sqrt(Hz), white, one-sided density")
+    accel_noise_ug_rthz: float = choice(60.0, "ug/sqrt(Hz), white, one-sided density")
+    bias_instability_dph: float = choice(3.0, "deg/h, flicker; the floor of the Allan deviation is 0.664 of it; 0: none")
+    temperature_start_c: float = choice(25.0, "degC at the first sample")
+    warm_up_c: float = choice(1.5, "degC, how far self-heating goes in the end")
 
     # Linear errors of the unit, 1 sigma
-    gyro_scale_error: float = _choice(0.01, "fraction")
-    gyro_misalignment: float = _choice(0.005, "rad, cross-axis terms")
-    gyro_bias_dps: float = _choice(1.0, "dps; draws beyond 2 dps are cut to 2")
-    accel_scale_error: float = _choice(0.01, "fraction; session.toml's pre-calibration undoes it")
-    accel_misalignment: float = _choice(0.005, "rad; session.toml's pre-calibration undoes it")
-    accel_bias_mg: float = _choice(15.0, "mg; session.toml's pre-calibration undoes it")
-    accel_calibration_error_mg: float = _choice(0.0, "mg, bias that has crept in since the pre-calibration")
+    gyro_scale_error: float = choice(0.01, "fraction")
+    gyro_misalignment: float = choice(0.005, "rad, cross-axis terms")
+    gyro_bias_dps: float = choice(1.0, "dps; draws beyond 2 dps are cut to 2")
+    accel_scale_error: float = choice(0.01, "fraction; session.toml's pre-calibration undoes it")
+    accel_misalignment: float = choice(0.005, "rad; session.toml's pre-calibration undoes it")
+    accel_bias_mg: float = choice(15.0, "mg; session.toml's pre-calibration undoes it")
+    accel_calibration_error_mg: float = choice(0.0, "mg, bias that has crept in since the pre-calibration")
 
     # Bench
-    latitude_deg: float = _choice(31.03, "deg, north positive")
-    gravity_mps2: float = _choice(9.7946, "m/s^2")
-    heading_deg: float | None = _choice(None, "deg from true north to the table's index direction; None: drawn")
-    with_heading: bool = _choice(False, "whether session.toml tells the heading")
-    lever_m: tuple[float, float, float] = _choice((0.02, -0.015, 0.01), "m, from the crossing of the gimbals to the sensor, in b")
-    vigour: float = _choice(1.0, "scales angles and rates of the turns; never beyond 0.85 of full scale")
-    still_s: float = _choice(1.0, "s, still that the protocol asks for on each side of a turn")
-    turn_s: float = _choice(3.0, "s, usual length of a turn")
-    stop_sigma_deg: float = _choice(0.0, "deg, a stop's repeatability: turns about one gimbal go into turns.csv; 0: none")
-    unit_seed: int = _choice(-1, "seed of the unit's errors, for several sessions of one unit; -1: that of the rest")
+    latitude_deg: float = choice(31.03, "deg, north positive")
+    gravity_mps2: float = choice(9.7946, "m/s^2")
+    heading_deg: float | None = choice(None, "deg from true north to the table's index direction; None: drawn")
+    with_heading: bool = choice(False, "whether session.toml tells the heading")
+    lever_m: tuple[float, float, float] = choice((0.02, -0.015, 0.01), "m, from the crossing of the gimbals to the sensor, in b")
+    vigour: float = choice(1.0, "scales angles and rates of the turns; never beyond 0.85 of full scale")
+    still_s: float = choice(1.0, "s, still that the protocol asks for on each side of a turn")
+    turn_s: float = choice(3.0, "s, usual length of a turn")
+    stop_sigma_deg: float = choice(0.0, "deg, a stop's repeatability: turns about one gimbal go into turns.csv; 0: none")
+    unit_seed: int = choice(-1, "seed of the unit's errors, for several sessions of one unit; -1: that of the rest")
 
     @property
     def unit_drawn_from(self) -> int:

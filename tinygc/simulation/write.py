@@ -24,6 +24,7 @@ HEADER = "t_us,gx,gy,gz,ax,ay,az,temp"
 TRUTH_SCHEMA = "tinygc-truth/1"
 GZIP_LEVEL = 6  #: level 9 takes three times as long for a few percent
 LOG, CLOSURE, CONFIG, TRUTH = "log0001.csv.gz", "closure0001.csv.gz", "session.toml", "truth.json"
+REST = "rest0001.csv.gz"
 
 
 def write_session(
@@ -65,6 +66,7 @@ def write_files(simulation: Simulation, folder: Path, config: str) -> None:
         (folder / KNOWN_TURNS).unlink(missing_ok=True)
         if turns := stopped_turns(simulation.plan, simulation.options):
             (folder / KNOWN_TURNS).write_text(turns_text(turns), encoding="utf-8")
+        (folder / REST).unlink(missing_ok=True)
         if simulation.closure is None:
             (folder / CLOSURE).unlink(missing_ok=True)
         else:
@@ -82,7 +84,7 @@ def check_folder(folder: Path, force: bool) -> None:
         raise FormatError(f"{folder}: not empty; give a new folder, or --force to replace an earlier simulation")
     if TRUTH not in present:
         raise FormatError(f"{folder}: holds no simulation ({TRUTH} is missing) and is not replaced; give a new folder")
-    strangers = {name for name in present if name.startswith(("log", "closure"))} - {LOG, CLOSURE}
+    strangers = {name for name in present if name.startswith(("log", "closure", "rest"))} - {LOG, CLOSURE, REST}
     if strangers:
         raise FormatError(f"{folder}: holds {min(strangers)} beside a simulation and is not replaced; give a new folder")
 
@@ -92,9 +94,14 @@ def _write_log(path: Path, simulation: Simulation, recording: Recording) -> None
     ranges = f"gyro_fs_dps={options.gyro_fs_dps:g} accel_fs_g={options.accel_fs_g:g}"
     comment = f"# {ranges} odr_hz={odr_hz:.4f} serial={_serial(options)}"
     table = np.column_stack([recording.t_us, recording.gyro, recording.accel, recording.temp])
+    path.write_bytes(packed_log(comment, table))
+
+
+def packed_log(comment: str, table: np.ndarray) -> bytes:
+    """A log of registers (N, 8), whole numbers, as its packed bytes."""
     row = ",".join(["%d"] * table.shape[1]) + "\n"
     text = f"{comment}\n{HEADER}\n" + row * len(table) % tuple(table.ravel().tolist())
-    path.write_bytes(gzip.compress(text.encode("ascii"), GZIP_LEVEL, mtime=0))  # mtime 0: the same seed gives the same bytes
+    return gzip.compress(text.encode("ascii"), GZIP_LEVEL, mtime=0)  # mtime 0: the same seed gives the same bytes
 
 
 def _serial(options: SimulationOptions) -> str:

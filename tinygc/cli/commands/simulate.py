@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import Field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tinygc.cli.commands._results import output, write_json
+
+if TYPE_CHECKING:
+    from tinygc.simulation.options import SimulationOptions
+    from tinygc.simulation.rest import RestOptions
 
 SUMMARY = "write a simulated session"
 
@@ -21,30 +27,55 @@ def run(args: argparse.Namespace) -> int:
     """A session that the rest of the tool cannot tell from a recorded one."""
     from tinygc.library.simulate import simulate
     from tinygc.simulation.options import SimulationOptions
+    from tinygc.simulation.rest import RestOptions
     from tinygc.simulation.write import check_folder
 
     chosen = {name: value for name, value in vars(args).items() if name in SimulationOptions.__dataclass_fields__ and value is not None}
     options = SimulationOptions(**chosen)
     check_folder(args.out, args.force)  # before the work
+    rest = RestOptions(**_rest_options(args))
+    if rest.cycles:
+        return _rest(args, rest, options)
     folder = simulate(options).save(args.out, force=args.force)
     output(args).print(f"{folder}: simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
     write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen})
     return 0
 
 
+def _rest(args: argparse.Namespace, rest: RestOptions, options: SimulationOptions) -> int:
+    """A rest log, in which nothing is turned."""
+    from tinygc.simulation.write_rest import write_rest
+
+    folder = write_rest(rest, options, args.out, args.force)
+    output(args).print(f"{folder}: a rest log is simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
+    chosen = {f"rest_{name}": value for name, value in _rest_options(args).items()}
+    write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen})
+    return 0
+
+
+def _rest_options(args: argparse.Namespace) -> dict:
+    given = {name.removeprefix("rest_"): value for name, value in vars(args).items() if name.startswith("rest_") and value is not None}
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
+
+
 def _add_simulation_options(command: argparse.ArgumentParser) -> None:
     """One flag for each field of ``SimulationOptions``; its comments say what they mean."""
     from tinygc.simulation.options import SimulationOptions, flag
+    from tinygc.simulation.rest import RestOptions, rest_flag
 
-    for name, field in SimulationOptions.__dataclass_fields__.items():
-        if name == "seed":
-            continue
+    _add(command, {flag(name): (name, field) for name, field in SimulationOptions.__dataclass_fields__.items() if name != "seed"})
+    rest = {rest_flag(name): (f"rest_{name}", field) for name, field in RestOptions.__dataclass_fields__.items()}
+    _add(command.add_argument_group("a rest log, with --rest-cycles"), rest)
+
+
+def _add(command: argparse._ActionsContainer, flags: dict[str, tuple[str, Field]]) -> None:
+    for word, (name, field) in flags.items():
         help_text = field.metadata["help"].replace("%", "%%") + ("" if field.default in (None, False) else f" ({field.default})")
         if isinstance(field.default, bool):
-            command.add_argument(flag(name), dest=name, action="store_true", default=None, help=help_text)
+            command.add_argument(word, dest=name, action="store_true", default=None, help=help_text)
         elif isinstance(field.default, tuple):
-            command.add_argument(flag(name), dest=name, type=float, nargs=len(field.default), default=None, help=help_text)
+            command.add_argument(word, dest=name, type=float, nargs=len(field.default), default=None, help=help_text)
         else:
             kind = type(field.default) if isinstance(field.default, (int, str)) else float
             metavar = "NAME" if kind is str else kind.__name__.upper()
-            command.add_argument(flag(name), dest=name, type=kind, default=None, metavar=metavar, help=help_text)
+            command.add_argument(word, dest=name, type=kind, default=None, metavar=metavar, help=help_text)

@@ -11,7 +11,8 @@ import numpy as np
 from session.files.writing import naming, result_folder
 from session.log.config import SCHEMA
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.rest import Chip, RestOptions, rest_flag, simulate_rest
+from tinygc.simulation.rest import Chip, simulate_rest
+from tinygc.simulation.rest_options import RestOptions, rest_flag
 from tinygc.simulation.write import CLOSURE, CONFIG, LOG, REST, TRUTH, TRUTH_SCHEMA, check_folder, packed_log
 
 
@@ -28,9 +29,8 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
     )
     made = simulate_rest(options, chip, session.seed)
     table = np.column_stack([made.t_us, made.gyro, made.accel, made.temp])
-    comment = (
-        f"# gyro_fs_dps={chip.gyro_fs_dps:g} accel_fs_g={chip.accel_fs_g:g} odr_hz={chip.odr_hz:.4f} serial=SIM-{session.unit_drawn_from}"
-    )
+    ranges = f"gyro_fs_dps={chip.gyro_fs_dps:g} accel_fs_g={chip.accel_fs_g:g}"
+    comment = f"# {ranges} odr_hz={chip.odr_hz:.4f} serial=SIM-{session.unit_drawn_from}"
     truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": made.knock_s.tolist()}}
     with result_folder(folder), naming(folder):
         for stale in (LOG, CLOSURE):

@@ -11,7 +11,7 @@ from tinygc.cli.commands._results import output, write_json
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
-    from tinygc.simulation.rest import RestOptions
+    from tinygc.simulation.rest_options import RestOptions
 
 SUMMARY = "write a simulated session"
 
@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     """A session that the rest of the tool cannot tell from a recorded one."""
     from tinygc.library.simulate import simulate
     from tinygc.simulation.options import SimulationOptions
-    from tinygc.simulation.rest import RestOptions
+    from tinygc.simulation.rest_options import RestOptions
     from tinygc.simulation.write import check_folder
 
     chosen = {name: value for name, value in vars(args).items() if name in SimulationOptions.__dataclass_fields__ and value is not None}
@@ -61,7 +61,7 @@ def _rest_options(args: argparse.Namespace) -> dict:
 def _add_simulation_options(command: argparse.ArgumentParser) -> None:
     """One flag for each field of ``SimulationOptions``; its comments say what they mean."""
     from tinygc.simulation.options import SimulationOptions, flag
-    from tinygc.simulation.rest import RestOptions, rest_flag
+    from tinygc.simulation.rest_options import RestOptions, rest_flag
 
     _add(command, {flag(name): (name, field) for name, field in SimulationOptions.__dataclass_fields__.items() if name != "seed"})
     rest = {rest_flag(name): (f"rest_{name}", field) for name, field in RestOptions.__dataclass_fields__.items()}

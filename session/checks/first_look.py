@@ -20,6 +20,7 @@ from session.checks.findings import Finding, worst
 from session.checks.impacts import check_impacts
 from session.checks.known_turns import check_known_turns
 from session.checks.rate import check_length, check_rate, check_warming
+from session.checks.rests import check_rests
 from session.checks.samples import check_comments, check_reading, check_registers, check_stamps, check_temperature
 from session.checks.stills import (
     accel_unit_factor,
@@ -98,6 +99,8 @@ def _axes_below(ceiling: Ceiling | None, log: Log, samples: Samples, stills: lis
 def check_folder(folder: Path) -> list[Finding]:
     """The first look at every log and closure run of a folder; a log that cannot be read becomes an error among the findings."""
     findings: list[Finding] = []
+    if (rests := _rests_alone(folder)) is not None:
+        return rests
     try:
         session: Session | None = read_session(folder)
     except CalibrationError as error:
@@ -106,7 +109,18 @@ def check_folder(folder: Path) -> list[Finding]:
         return findings
     session, own = with_own_accelerometer(session)
     session, aligned = with_aligned_truth(session)
-    return findings + own + aligned + check_session(session)
+    return findings + own + aligned + check_session(session) + check_rests(session.rests, session.config.sensor)
+
+
+def _rests_alone(folder: Path) -> list[Finding] | None:
+    """All findings of a folder that holds rest logs and nothing that was turned; None of any other."""
+    try:
+        if log_paths(folder, "log") or not (paths := log_paths(folder, "rest")):
+            return None
+        config = read_config(folder / "session.toml")
+    except CalibrationError:
+        return None  # the reading of the session says it
+    return check_keys(config) + check_rests(tuple(paths), config.sensor)
 
 
 def check_session(session: Session, found: SessionStills | None = None) -> list[Finding]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from session.checks.findings import Finding
+from session.common.errors import CalibrationError
 from session.common.units import DEG, G
 from session.detect.knocks import knocked
-from session.log.rests import RestLog
+from session.log.config import Sensor
+from session.log.rests import RestLog, read_rest
 
 #: of one g: what an accelerometer that nobody has calibrated may read at rest
 GRAVITY_WITHIN = 0.3
@@ -19,6 +23,17 @@ KNOCKED_SHARE = 0.2
 LEAST_RANGE_C = 5.0
 #: degC that a chip survives
 CHIP_C = (-60.0, 150.0)
+
+
+def check_rests(paths: tuple[Path, ...], sensor: Sensor) -> list[Finding]:
+    """Of rest logs as files; one that cannot be read is an error among the findings."""
+    findings: list[Finding] = []
+    for path in paths:
+        try:
+            findings += check_rest(read_rest(path, sensor))
+        except CalibrationError as error:
+            findings.append(Finding("error", path.name, "reading", str(error)))
+    return findings
 
 
 def check_rest(log: RestLog) -> list[Finding]:

@@ -7,13 +7,14 @@ a knock is taken from the log itself.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import percentile_filter
 from scipy.stats import norm
 
-from session.common.robust import sigma_of
 from session.log.rests import RestLog
 
-#: blocks around one whose median is its yardstick: a knock is shorter, a change of temperature slower
+#: percentiles by which quiet blocks are known: a quarter of all is taken to be quiet, and how these scatter is their sigma
+LOWEST, QUIET = 5, 25
+#: blocks around one whose quarter is its yardstick: a knock is shorter, a change of temperature slower
 AROUND = 121
 #: knocks that are found in a whole log where there is none, on average
 FALSE = 0.01
@@ -31,8 +32,11 @@ def knocked(log: RestLog) -> np.ndarray:
         if not np.isfinite(least):
             continue
         level = np.log(np.maximum(values, least / 2))
-        off = level - median_filter(level, size=min(AROUND, len(level)), mode="nearest")
-        found |= off > sigmas * max(float(sigma_of(off)), 1e-9)
+        off = level - percentile_filter(level, QUIET, size=min(AROUND, len(level)), mode="nearest")
+        # By the quieter blocks: they are still even where half of a log is not.
+        low, quiet = np.percentile(off, [LOWEST, QUIET])
+        sigma = max((quiet - low) / (norm.ppf(QUIET / 100) - norm.ppf(LOWEST / 100)), 1e-9)
+        found |= off - quiet + norm.ppf(QUIET / 100) * sigma > sigmas * sigma
     return _widened(found, BESIDE)
 
 

@@ -2,9 +2,9 @@
 
     y' = (T - y) / a,     T_e = y + r (T - y),     lag tau = a (1 - r)
 
-r = 0: the element follows the reading, tau = a later (the temperature sensor sits nearer to the heat).  r = 5: it runs ahead of the
-reading by 4 a = -tau.  A lead is not known exactly from readings that have noise; r = 5 lets it be five times as large, and is off by
-a quarter of tau after a step.  T is taken to be straight between two readings, so that steps of a second and of a millisecond agree.
+r = 0: the element follows the reading, tau = a later (the temperature sensor sits nearer to the heat).  r = 20: it runs ahead of the
+reading by 19 a = -tau.  A lead is not known exactly from readings that have noise; r = 20 lets that be twenty times as large, and is
+late by a nineteenth of tau.  T is taken to be straight between two readings, so that steps of a second and of a millisecond agree.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 #: r of a lead
-LEAD = 5.0
+LEAD = 20.0
 
 
 def time_and_share(tau_s: float) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from tinygc.temperature.hysteresis import Hysteresis, hysteresis_of
 from tinygc.temperature.knots import Knots
 
 #: the probability by chance below which a dependence on temperature, or a lag, is claimed
-BY_CHANCE = 0.01
+BY_CHANCE = 0.001
 #: orders that are tried
 ORDERS = (0, 1, 2, 3, 4, 5)
 

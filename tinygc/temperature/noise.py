@@ -43,7 +43,7 @@ class ShortTimes:
             for begin in range(int(start), int(stop), size):
                 end = min(begin + size, int(stop))
                 if end - begin >= 8:
-                    self._chunks.append((t_s[begin], t_s[end - 1], AllanSums.of(samples.gyro[begin:end], self._factors)))
+                    self._chunks.append((t_s[begin], t_s[end - 1], AllanSums.of(_less_parabola(samples.gyro[begin:end]), self._factors)))
 
     def curve(self, log: RestLog, left_out: np.ndarray) -> AllanCurve | None:
         """Without the chunks that hold a block of ``left_out`` (B,); None where none is left."""
@@ -52,6 +52,13 @@ class ShortTimes:
         hit = np.searchsorted(bad_s, first - log.block_s / 2) != np.searchsorted(bad_s, last + log.block_s / 2)
         kept = [chunk[2] for chunk, out in zip(self._chunks, hit, strict=True) if not out]
         return curve_of(kept, self._period_s, log.duration_s) if kept else None
+
+
+def _less_parabola(rates: np.ndarray) -> np.ndarray:
+    """(N, 3) less what temperature does within a chunk, which is far longer than the times that are asked for."""
+    x = np.linspace(-1, 1, len(rates))
+    Q = np.linalg.qr(np.column_stack([np.ones_like(x), x, x**2]))[0]
+    return rates - Q @ (Q.T @ rates)
 
 
 def long_times(logs: list[RestLog], residual: np.ndarray) -> AllanCurve | None:
@@ -91,15 +98,17 @@ def noise_over_temperature(logs: list[RestLog]) -> NoiseOverTemperature | None:
         return None
     temp, sd = (np.concatenate([getattr(log, name) for log in logs]) for name in ("temp_c", "gyro_sd"))
     low, high = float(temp.min()), float(temp.max())
-    if high - low < 1.0 or not (sd > 0).all():
+    mean = (sd**2).mean(axis=0)
+    if high - low < 1.0 or not (mean > 0).all():
         return None
     edges = np.linspace(low, high, BINS + 1)
     where = np.clip(np.digitize(temp, edges) - 1, 0, BINS - 1)
     here = [where == k for k in range(BINS) if (where == k).sum() >= 10]
     centred = temp - temp.mean()
-    level = np.log(sd)
+    # Variances, whose mean is right however few samples a block holds; half of their share is the rms'.
+    level = sd**2 / mean / 2
     spread = float(centred @ centred)
-    per_c = centred @ (level - level.mean(axis=0)) / spread
+    per_c = centred @ level / spread
     left = level - level.mean(axis=0) - centred[:, None] * per_c
     # The scatter of a variance is white; what is not (a person in the room) makes neighbours alike, and widens the sigma.
     alike = 1 + 2 * np.clip((left[1:] * left[:-1]).mean(axis=0) / (left**2).mean(axis=0), 0, 0.95)

@@ -12,7 +12,7 @@ from tinygc.models.thermal import ThermalModel
 
 EQUATION = (
     "omega = E(T) @ (m - zero(T_e)), E(T) = sum_n E[n] (T - reference_c)^n, zero_i = sum_n zero_rps[n][i] (T_e,i - reference_c)^n, "
-    "T and T_e held within range_c; a y' = T - y, T_e = y + r (T - y), lag = a (1 - r), r = 0 for a lag, 5 for a lead"
+    "T and T_e held within range_c; a y' = T - y, T_e = y + r (T - y), lag = a (1 - r), r = 0 for a lag, 20 for a lead"
 )
 
 

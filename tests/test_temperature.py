@@ -1,0 +1,252 @@
+"""The zero over temperature from rest logs: lag, sweeps, orders, hysteresis, noise, and how true the sigmas are."""
+
+import numpy as np
+import pytest
+from conftest import DEG
+from rest_logs import CHIP, rest_log, rest_samples, without_temperature
+
+from session.common.errors import DataError
+from session.common.units import DEG_PER_SQRT_HOUR
+from session.log.rests import rest_from_samples
+from tinygc.closure.allan import angle_random_walk
+from tinygc.models.element_temperature import LEAD, ElementTemperature, element_temperature
+from tinygc.temperature.axis_fit import fit_axis
+from tinygc.temperature.knots import make_knots
+from tinygc.temperature.noise import ShortTimes
+from tinygc.temperature.rest_fit import fit_rests
+from tinygc.temperature.sweeps import sweeps_of
+
+SIGN = np.array([1.0, -1.0, 1.0])
+
+
+def fit_one(log, axis=0):
+    knots = make_knots([log], sweeps_of(log.temp_c))
+    return fit_axis(knots, log.gyro[:, axis]), knots.reference_c
+
+
+# The element's temperature
+
+
+@pytest.mark.parametrize("tau", [25.0, -25.0])
+def test_a_lag_is_exact_on_a_ramp_whatever_the_step(tau):
+    """T = v t: the element is v tau behind once the start is forgotten."""
+    for step_s in (0.01, 1.0, 7.0):
+        t_s = np.arange(0, 600, step_s)
+        element = element_temperature(20 + 0.05 * t_s, tau, step_s)
+        assert element[-1] == pytest.approx(20 + 0.05 * t_s[-1] - 0.05 * tau, abs=1e-6)
+
+
+def test_a_lag_is_the_exponential_after_a_jump():
+    t_s = np.arange(0, 100, 0.1)
+    reading = np.where(t_s > 0, 30.0, 20.0)
+    element = element_temperature(reading, 10.0, 0.1)
+    np.testing.assert_allclose(element[5:], 30 - 10 * np.exp(-(t_s[5:] - 0.05) / 10), atol=3e-3)
+
+
+def test_a_lead_undoes_a_lag_up_to_its_own_time():
+    """What is left of a lag of tau behind a lead of tau is one of tau / (LEAD - 1)."""
+    t_s = np.arange(0, 4000.0)
+    heat = 30 - 20 * np.cos(2 * np.pi * t_s / 2000)
+    back = element_temperature(element_temperature(heat, 40.0, 1.0), -40.0, 1.0)
+    late = element_temperature(heat, 40.0, 1.0)
+    # H(s) = (1 + r a s) / ((1 + a s)(1 + tau s)), tau = a (r - 1): 1 up to tau a s^2.
+    left = 20 * 40.0 * 40.0 / (LEAD - 1) * (2 * np.pi / 2000) ** 2
+    assert np.abs(back - heat)[500:].max() < 1.1 * left < 0.02 * np.abs(late - heat)[500:].max() + 0.04
+
+
+@pytest.mark.parametrize("tau", [0.0, 33.0, -33.0])
+def test_pieces_of_a_log_go_on_where_the_last_ended(tau):
+    reading = np.cumsum(np.random.default_rng(0).normal(size=1000)) * 0.1 + 25
+    follow = ElementTemperature(tau, 0.5)
+    parts = np.concatenate([follow(part) for part in np.split(reading, [1, 2, 17, 400])])
+    np.testing.assert_allclose(parts, element_temperature(reading, tau, 0.5), atol=1e-10)
+
+
+def test_no_lag_is_the_reading_itself():
+    reading = np.linspace(0, 50, 20)
+    np.testing.assert_array_equal(element_temperature(reading, 0.0, 1.0), reading)
+
+
+# Sweeps
+
+
+@pytest.mark.parametrize(("cycles", "ways"), [(0.5, [1]), (1.0, [1, -1]), (2.5, [1, -1, 1, -1, 1])])
+def test_sweeps_are_the_half_cycles(cycles, ways):
+    t = np.arange(0, cycles, 0.001)
+    temp = 30 - 40 * np.cos(2 * np.pi * t) + np.random.default_rng(0).normal(size=len(t)) * 0.05
+    found = sweeps_of(temp)
+    assert [sweep.direction for sweep in found] == ways
+    assert found[0].start == 0
+    assert found[-1].stop == len(temp)
+    for number, sweep in enumerate(found[1:], start=1):
+        assert sweep.start == pytest.approx(number * 500, abs=25)
+
+
+def test_a_temperature_that_stands_has_no_sweep():
+    assert sweeps_of(25 + 0.1 * np.random.default_rng(0).normal(size=500)) == []
+
+
+def test_a_log_that_begins_warm_goes_down_first():
+    t = np.arange(0, 1, 0.001)
+    assert [s.direction for s in sweeps_of(30 + 40 * np.cos(2 * np.pi * t))] == [-1, 1]
+
+
+# Inject and recover
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 40.0, -40.0])
+def test_slope_bend_and_lag_come_back_within_their_sigmas(lag_s):
+    log = rest_log(3, lag_s=lag_s, slope_dps_per_c=0.034, bend_dps_per_c2=2e-4)
+    for axis in range(3):
+        fit, about_c = fit_one(log, axis)
+        assert about_c == pytest.approx(30, abs=2)
+        truth = SIGN[axis] * np.array([0.034 + 4e-4 * (about_c - 30), 2e-4])
+        assert fit.order >= 2
+        # What a lead leaves of a lag, tau a w^2 of the swing at w, is no noise (test_a_lead_undoes_a_lag_up_to_its_own_time).
+        left = abs(truth) * 40.0**2 / (LEAD - 1) * (2 * np.pi / 1800) ** 2 * 2 * (lag_s < 0)
+        assert (np.abs(fit.terms[1:3] / DEG - truth) < 4 * fit.sigma[1:3] / DEG + left).all()
+        assert fit.sigma[1] / DEG < 1e-4
+        if lag_s:
+            assert fit.tau_s == pytest.approx(lag_s, abs=max(4 * fit.sigma[-1], 0.5))
+        else:
+            assert fit.tau_s == 0
+
+
+def test_a_lag_takes_the_hysteresis_that_it_makes_with_it():
+    fit, _ = fit_one(rest_log(1, lag_s=60.0))
+    before, after = fit.hysteresis_before.largest, fit.hysteresis_after.largest
+    assert abs(before[0]) > 20 * before[1]
+    assert abs(after[0]) < 4 * after[1] + 0.003 * DEG
+    assert fit.held_out < 0.1 * fit.held_out_of(fit.order, False) < fit.held_out_of(0, False)
+
+
+def test_a_hysteresis_that_no_lag_removes_remains_as_the_uncertainty():
+    """The measured case: 0.65 dps between the branches of an axis that hardly follows temperature otherwise."""
+    fit, _ = fit_one(rest_log(2, hysteresis_dps=0.65, slope_dps_per_c=0.002, bend_dps_per_c2=0.0))
+    assert abs(fit.hysteresis_before.largest[0]) / DEG == pytest.approx(0.65, abs=0.1)
+    assert 0.1 < fit.held_out / DEG < 0.5
+
+
+def test_one_sweep_tells_no_lag_and_no_hysteresis():
+    fit, _ = fit_one(rest_log(4, cycles=0.5, lag_s=40.0))
+    assert fit.tau_s == 0
+    assert fit.hysteresis_before is None
+    assert fit.examined.by == "stretches"
+
+
+def test_the_order_that_held_out_sweeps_ask_for_is_that_of_the_truth():
+    for bend, order in ((0.0, 1), (2e-4, 2)):
+        orders = [fit_one(rest_log(seed, bend_dps_per_c2=bend))[0].order for seed in range(6)]
+        assert sorted(orders)[len(orders) // 2] == order
+
+
+def test_several_logs_have_a_zero_each_and_one_slope():
+    logs = [rest_log(seed, name=f"rest{seed}.csv", cycles=1.0, zero_dps=(0.5 + 0.02 * seed, -0.3, 0.6)) for seed in (1, 2, 3)]
+    found = fit_rests([(log, None) for log in logs], with_accel=False)
+    assert found.gyro[0].turn_on / DEG == pytest.approx(0.02, abs=0.004)
+    assert found.gyro[0].terms[1] / DEG == pytest.approx(0.03, abs=4 * found.gyro[0].sigma[1] / DEG + 1e-4)
+    assert found.gyro[0].held_out / DEG < 0.01
+
+
+# Nothing there, nothing said
+
+
+def nothing(seed, **options):
+    return fit_one(rest_log(seed, slope_dps_per_c=0.0, bend_dps_per_c2=0.0, **options))[0]
+
+
+def test_where_temperature_does_nothing_nothing_is_claimed():
+    fits = [nothing(seed, cycles=2.0, random_walk_dps_rts=2e-5) for seed in range(15)]
+    assert sum(fit.order > 0 for fit in fits) <= 2
+    assert sum(fit.tau_s != 0 for fit in fits) <= 1
+
+
+def test_a_temperature_that_hardly_moves_is_a_constant():
+    fit, _ = fit_one(rest_log(0, cold_c=25.0, warm_c=25.4))
+    assert fit.order == 0
+    assert fit.terms[0] / DEG == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.slow
+def test_sigmas_are_true_over_many_seeds():
+    """Slope and lag of 60 logs with wander: two thirds within a sigma, nearly all within two (benchmarks/temperature.py: 100 seeds)."""
+    z = []
+    for seed in range(60):
+        fit, about_c = fit_one(rest_log(100 + seed, lag_s=40.0, random_walk_dps_rts=2e-5))
+        z.append([(fit.terms[1] / DEG - 0.03 - 4e-4 * (about_c - 30)) / (fit.sigma[1] / DEG), (fit.tau_s - 40.0) / fit.sigma[-1]])
+    within = np.abs(np.array(z))
+    assert (np.mean(within < 1, axis=0) > 0.5).all()
+    assert (np.mean(within < 2, axis=0) > 0.85).all()
+    assert (np.mean(within < 1, axis=0) < 0.85).all()
+
+
+# The same whatever the signs, the units of time and the order of axes
+
+
+def test_signs_follow_the_sensor():
+    log = rest_log(6)
+    plus, _ = fit_one(log, 0)
+    knots = make_knots([log], sweeps_of(log.temp_c))
+    minus = fit_axis(knots, -log.gyro[:, 0])
+    np.testing.assert_allclose(minus.terms, -plus.terms, rtol=1e-6)
+    np.testing.assert_allclose(minus.sigma, plus.sigma, rtol=1e-4)
+
+
+def test_the_same_log_gives_the_same_answer():
+    one, two = (fit_one(rest_log(7, lag_s=30.0))[0] for _ in range(2))
+    np.testing.assert_array_equal(one.terms, two.terms)
+    assert one.tau_s == two.tau_s
+
+
+# Noise
+
+
+def whole_fit(samples):
+    short = ShortTimes()
+    for start in range(0, len(samples), 5000):
+        short(samples.between(start, min(start + 5000, len(samples))))
+    return fit_rests([(rest_from_samples(samples), short)], with_accel=False)
+
+
+def test_the_random_walk_is_the_datasheets_whatever_temperature_does():
+    """A density of 5 mdps/√Hz, one-sided, is an angle random walk of 5e-3 / √2 dps √s, and the register's steps of 17.5 mdps add theirs;
+    a slope of 0.034 dps/°C must not get into it."""
+    density = np.hypot(0.005, 17.5e-3 / np.sqrt(12) / np.sqrt(CHIP.odr_hz / 2))
+    found = whole_fit(rest_samples(8, slope_dps_per_c=0.034))
+    for axis in range(3):
+        walk = angle_random_walk(found.allan, axis)
+        assert walk.value / DEG_PER_SQRT_HOUR == pytest.approx(density / np.sqrt(2) * 60, rel=0.06)
+        assert walk.observed
+    assert (np.diff(found.allan.tau_s) > 0).all()
+
+
+def test_knocks_do_not_get_into_the_noise():
+    calm, knocked = (whole_fit(rest_samples(9, knocks=knocks)) for knocks in (0, 5))
+    for axis in range(3):
+        one, two = (angle_random_walk(found.allan, axis).value for found in (calm, knocked))
+        assert two == pytest.approx(one, rel=0.06)
+
+
+@pytest.mark.parametrize("grows", [0.0, 0.004])
+def test_noise_over_temperature(grows):
+    found = fit_rests([(rest_log(10, noise_per_c=grows), None)], with_accel=False).noise
+    # The registers' own steps, 17.5 mdps / √12, do not grow.
+    rms = np.hypot(CHIP.gyro_noise_dps_rthz * np.sqrt(CHIP.odr_hz / 2), 17.5e-3 / np.sqrt(12))
+    share = (CHIP.gyro_noise_dps_rthz**2 * CHIP.odr_hz / 2) / rms**2
+    assert (np.abs(found.per_c - grows * share) < np.maximum(4 * found.sigma, 1.5e-4)).all()
+    assert found.rms.mean() / DEG == pytest.approx(rms, rel=0.08)
+
+
+# What cannot be
+
+
+def test_without_temperature_the_noise_is_told_and_no_dependence():
+    found = fit_rests([(without_temperature(rest_log(cycles=1.0)), None)], with_accel=False)
+    assert [fit.order for fit in found.gyro] == [0, 0, 0]
+    assert found.noise is None
+    assert found.allan is not None
+
+
+def test_logs_with_and_without_temperature_are_not_mixed():
+    with pytest.raises(DataError, match=r"b.csv has no temperature, and other rest logs have"):
+        fit_rests([(rest_log(cycles=1.0), None), (without_temperature(rest_log(cycles=1.0, name="b.csv")), None)])

@@ -92,7 +92,9 @@ def test_no_key_of_the_page_is_unknown_to_the_code():
 
 def _made_of(name: str, words: set[str]) -> bool:
     """Some names are put together: ``slope_rms_sigmas`` of ``slope``."""
-    return any(name.endswith(end) and name.removesuffix(end) in words for end in ("_rms_sigmas", "_is_upper_bound"))
+    ends = any(name.endswith(end) and name.removesuffix(end) in words for end in ("_rms_sigmas", "_is_upper_bound"))
+    # f"terms_{word}": the gyroscope's in dps, the accelerometer's in mg.
+    return ends or any(name.endswith(unit) and name.removesuffix(unit) in words for unit in ("dps", "mg"))
 
 
 def test_the_effects_of_the_page_are_those_of_the_catalogue():
@@ -287,3 +289,22 @@ def test_a_key_that_is_not_on_the_page_is_found():
     assert strangers({"schema": "tinygc-explain/1", "effects": [claim]}) == ["gyro.bias_drift: dps_per_c"]
     net = {"schema": "tinygc-model/1", "kind": "tinygc", "colour": "red"}
     assert strangers({"schema": "tinygc-model/1", "net": net}) == ["net: colour"]
+
+
+def test_rest_logs_and_what_is_made_of_them(folder, tmp_path):
+    """A rest log alone; joined to a session; the model's file; the truth of the simulation."""
+    from tinygc.simulation.options import SimulationOptions
+    from tinygc.simulation.rest_options import RestOptions
+    from tinygc.simulation.write_rest import write_rest
+
+    rest = RestOptions(cycles=1.0, cycle_s=600.0, cold_c=10.0, warm_c=45.0, lag_s=20.0, knocks=1)
+    made = write_rest(rest, SimulationOptions(odr_hz=62.5, seed=3), tmp_path / "rest")
+    assert_on_page(json.loads((made / "truth.json").read_text(encoding="utf-8")), "tinygc-truth/1")
+    alone = told("fit", made, tmp_path / "alone.json")
+    assert_on_page(alone, "tinygc-temperature/1")
+    assert {"rests", "gyro", "accel", "noise"} <= set(alone)
+    assert_on_page(json.loads((made / "fit" / "model_thermal.json").read_text(encoding="utf-8")), "tinygc-model/1")
+    joint = told("fit", folder, made, "--temperature", "--out", tmp_path / "fit", tmp_path / "joint.json")
+    assert_on_page(joint, "tinygc-temperature/1")
+    assert {"sessions", "E_goodness", "turn_on_dps"} <= set(joint)
+    assert_on_page(json.loads((tmp_path / "fit" / "temperature.json").read_text(encoding="utf-8")), "tinygc-temperature/1")

@@ -1,0 +1,241 @@
+"""The model over temperature: its formula, its file, its streams, its C, and what other programs make of its exports."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import DEG
+from exports_read_back import LINEAR, context
+from test_export_c import SENSOR, Compiled, needs_compiler
+
+from session.common.errors import CalibrationError, FormatError
+from session.log.samples import Samples
+from tinygc import models
+from tinygc.deploy.calibration import Calibration
+from tinygc.deploy.embedded.program import program
+from tinygc.deploy.embedded.source import source_files
+from tinygc.deploy.embedded.stage import Inputs
+from tinygc.deploy.exports import ExportError, exporter
+from tinygc.models.element_temperature import element_temperature
+from tinygc.models.thermal import ThermalModel
+
+RNG = np.random.default_rng(5)
+RATE_HZ = 104.0
+ZERO = np.array([[0.5, -0.3, 0.6], [0.034, 0.01, -0.02], [2e-4, 0.0, -1e-4], [1e-6, 2e-6, 0.0]]) * DEG
+MODEL = ThermalModel(
+    E_terms=np.stack([np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), 1e-4 * RNG.normal(size=(3, 3)), 1e-6 * RNG.normal(size=(3, 3))]),
+    zero_terms=ZERO,
+    lag_s=np.array([20.0, 0.0, -15.0]),
+    reference_c=28.0,
+    range_c=(-10.0, 70.0),
+)
+PROMPT = replace(MODEL, lag_s=np.zeros(3))
+ZERO_ONLY = replace(PROMPT, E_terms=np.eye(3)[None])
+
+
+def log(count=3000, seed=0):
+    rng = np.random.default_rng(seed)
+    t_ns = np.rint(np.arange(count) / RATE_HZ * 1e9).astype(np.int64)
+    temp = 30 + 55 * np.sin(np.arange(count) / count * 7) + rng.normal(size=count) * 0.01
+    return Samples(t_ns, rng.uniform(-5, 5, (count, 3)), rng.normal(size=(count, 3)), temp)
+
+
+def by_hand(model, samples):
+    """The formula of docs/model-json.md, a sample at a time."""
+    element = np.column_stack([element_temperature(samples.temp_c, tau, samples.period_s) for tau in model.lag_s])
+    out = []
+    for m, temp, own in zip(samples.gyro, samples.temp_c, element, strict=True):
+        held = lambda celsius: np.clip(celsius, *model.range_c) - model.reference_c  # noqa: E731
+        E = sum(term * held(temp) ** n for n, term in enumerate(model.E_terms))
+        zero = sum(term * held(own) ** n for n, term in enumerate(model.zero_terms))
+        out.append(E @ (m - zero))
+    return np.array(out)
+
+
+@pytest.mark.parametrize("model", [MODEL, PROMPT, ZERO_ONLY])
+def test_its_formula(model):
+    samples = log(300)
+    np.testing.assert_allclose(model.calibrate(samples), by_hand(model, samples), atol=1e-12)
+
+
+def test_at_a_temperature_that_stands_it_is_the_linear_model():
+    samples = replace(log(50), temp_c=np.full(50, 41.5))
+    np.testing.assert_allclose(MODEL.calibrate(samples), MODEL.at(41.5)(samples.gyro), atol=1e-12)
+
+
+def test_beyond_the_range_the_ends_hold():
+    far, end = (MODEL.at(celsius) for celsius in (300.0, 70.0))
+    np.testing.assert_array_equal(far.E, end.E)
+    np.testing.assert_array_equal(far.B, end.B)
+
+
+def test_it_goes_through_its_file(tmp_path):
+    path = Calibration(MODEL).save(tmp_path / "model.json")
+    back = models.load(path)
+    assert json.loads(path.read_text())["kind"] == "thermal"
+    np.testing.assert_array_equal(back.calibrate(log()), MODEL.calibrate(log()))
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        {"thermal": None},
+        {"thermal": {"E": [[1.0]], "zero_rps": [[0, 0, 0]], "lag_s": [0, 0, 0], "reference_c": 20, "range_c": [0, 50]}},
+        {"thermal": {"E": [np.eye(3).tolist()], "zero_rps": [], "lag_s": [0, 0, 0], "reference_c": 20, "range_c": [0, 50]}},
+        {"thermal": {"E": [np.eye(3).tolist()], "zero_rps": [[0, 0, 0]], "lag_s": [0, 0, 0], "reference_c": 20, "range_c": [50, 0]}},
+        {"thermal": {"E": [np.eye(3).tolist()], "zero_rps": [[0, None, 0]], "lag_s": [0, 0, 0], "reference_c": 20, "range_c": [0, 50]}},
+    ],
+)
+def test_a_spoilt_file_is_refused_in_one_line(spoil):
+    with pytest.raises(FormatError, match="model: "):
+        models.from_dict(models.to_dict(MODEL) | spoil)
+
+
+# In use
+
+
+def test_pieces_and_single_samples_give_what_the_whole_gives():
+    samples = log(800)
+    whole = Calibration(MODEL, RATE_HZ)(samples.gyro, temp=samples.temp_c)
+    stream = Calibration(MODEL, RATE_HZ).stream()
+    parts = [stream.push(samples.gyro[a:b], None, samples.temp_c[a:b]) for a, b in ((0, 1), (1, 300), (300, 800))]
+    np.testing.assert_allclose(np.concatenate([*parts, stream.flush()]), whole, atol=1e-10)
+    live = Calibration(MODEL, RATE_HZ).live()
+    each = [live(m, temp=t) for m, t in zip(samples.gyro[:200], samples.temp_c[:200], strict=True)]
+    np.testing.assert_allclose(each, whole[:200], atol=1e-10)
+
+
+def test_it_asks_for_what_it_needs():
+    assert Calibration(MODEL, RATE_HZ).needs == ("temp",)
+    with pytest.raises(CalibrationError, match="needs temp"):
+        Calibration(MODEL, RATE_HZ)(np.zeros((5, 3)))
+    with pytest.raises(CalibrationError, match="lag: time matters"):
+        Calibration(MODEL)(np.zeros((5, 3)), temp=np.zeros(5))
+    assert np.isfinite(Calibration(PROMPT)(np.zeros((5, 3)), temp=np.zeros(5))).all()
+    with pytest.raises(CalibrationError, match="no temperature"):
+        MODEL.calibrate(replace(log(), temp_c=None))
+
+
+def test_a_moved_bias_is_a_changed_zero():
+    change = np.array([0.01, -0.02, 0.03])
+    samples = replace(log(20), temp_c=np.full(20, MODEL.reference_c))
+    np.testing.assert_allclose(
+        MODEL.with_bias_moved(change).calibrate(samples) - MODEL.calibrate(samples), np.tile(change, (20, 1)), atol=1e-12
+    )
+
+
+# C
+
+
+@needs_compiler
+@pytest.mark.parametrize("model", [MODEL, PROMPT, ZERO_ONLY])
+def test_c_is_bit_for_bit_numpy_and_close_to_the_model(model, tmp_path):
+    made = program(model, RATE_HZ)
+    device = Compiled(tmp_path, source_files(made, SENSOR, "A test.", {}))
+    assert device.self_test() == (0, 0.0)
+    samples = log(4000, seed=3)
+    inputs = Inputs.of(samples.gyro, samples.accel, samples.temp_c)
+    table = np.column_stack([inputs.rate, inputs.force, inputs.temp_c]).astype(np.float32)
+    there = device.run(table)
+    np.testing.assert_array_equal(there, made.run(inputs))
+    expected = Calibration(model, RATE_HZ)(samples.gyro, temp=samples.temp_c)
+    assert np.abs(there - expected).max() < 5e-6
+
+
+def test_c_holds_a_lag_that_single_precision_alone_would_lose():
+    """Ten minutes of lag at 416 Hz: a step of the state is 4e-6 of what is left, below a float's resolution at 60 °C for the last tenth."""
+    slow = replace(ZERO_ONLY, lag_s=np.full(3, 600.0))
+    made, temp = program(slow, 416.0), np.full(600_000, 60.0)
+    temp[0] = 20.0
+    expected = element_temperature(temp, 600.0, 1 / 416.0)
+    stage = made.stages[0]
+    found = stage._elements(temp.astype(np.float32)[:200_000])
+    assert np.abs(found[:, 0] - expected[:200_000]).max() < 2e-3
+
+
+def test_c_without_a_rate_refuses_a_lag():
+    with pytest.raises(ExportError, match="needs the data rate"):
+        program(MODEL)
+    assert program(PROMPT).parameters == PROMPT.parameters
+
+
+# Autopilots: read back by their own formulas, as their sources have them
+
+
+def read_px4(text):
+    return {row.split("\t")[2]: np.float64(np.float32(row.split("\t")[3])) for row in text.splitlines() if not row.startswith("#")}
+
+
+def read_ardupilot(text):
+    return {row.split(",")[0]: np.float64(np.float32(row.split(",")[1])) for row in text.splitlines() if not row.startswith("#")}
+
+
+def px4_zero(p, celsius, sensor="G"):
+    """TemperatureCompensation::calc_thermal_offsets_3D: clipped, about TREF; then the calibration's own offset."""
+    away = np.clip(celsius, p[f"TC_{sensor}0_TMIN"], p[f"TC_{sensor}0_TMAX"]) - p[f"TC_{sensor}0_TREF"]
+    rows = [sum(p[f"TC_{sensor}0_X{n}_{i}"] * away**n for n in range(4)) for i in range(3)]
+    own = [p[f"CAL_GYRO0_{a}OFF"] for a in "XYZ"] if sensor == "G" else [0, 0, 0]
+    return np.stack(rows, axis=-1) + own
+
+
+def ardupilot_zero(p, celsius, sensor="GYR"):
+    """AP_InertialSensor_TCal::correct_sensor: clipped, about 35 degC, 1e-6; taken off at T, added at CALTEMP; then the offsets."""
+
+    def poly(at):
+        away = np.clip(at, p["INS_TCAL1_TMIN"], p["INS_TCAL1_TMAX"]) - 35
+        return np.stack([1e-6 * sum(p[f"INS_TCAL1_{sensor}{n}_{a}"] * away**n for n in (1, 2, 3)) for a in "XYZ"], axis=-1)
+
+    own = [p[f"INS_GYROFFS_{a}"] for a in "XYZ"] if sensor == "GYR" else [0, 0, 0]
+    return poly(celsius) - poly(p["INS_GYR1_CALTEMP"]) + own
+
+
+@pytest.mark.parametrize(("name", "read", "zero"), [("px4", read_px4, px4_zero), ("ardupilot", read_ardupilot, ardupilot_zero)])
+def test_autopilots_have_the_models_zero(name, read, zero):
+    said = []
+    made = context(said, table={"accel_change_mps2": [[1e-3, 0, -2e-3], [1e-5, 0, 0]]})
+    (text,) = exporter(name).export(PROMPT, made).values()
+    p, celsius = read(text), np.linspace(-30, 90, 200)
+    expected = PROMPT.zero(np.column_stack([celsius] * 3))
+    # Their parameters are single precision.
+    assert np.abs(zero(p, celsius) - expected).max() < 2e-6 * np.abs(expected).max() + 1e-8
+    change = np.clip(celsius, -10, 70) - 28
+    accel = zero(p, celsius, {"px4": "A", "ardupilot": "ACC"}[name])
+    np.testing.assert_allclose(accel, np.stack([1e-3 * change + 1e-5 * change**2, 0 * change, -2e-3 * change], axis=-1), atol=1e-6)
+    assert "no scale and no misalignment" in said[0]
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize(("name", "read", "zero"), [("px4", read_px4, px4_zero), ("ardupilot", read_ardupilot, ardupilot_zero)])
+def test_what_a_cubic_cannot_carry_is_said_with_its_size(name, read, zero):
+    said, fifth = [], np.zeros((6, 3))
+    fifth[:4], fifth[5, 0] = ZERO, 1e-9 * DEG
+    model = replace(ZERO_ONLY, zero_terms=fifth, lag_s=np.array([100.0, 0, 0]))
+    (text,) = exporter(name).export(model, context(said, table={})).values()
+    celsius = np.linspace(-10, 70, 200)
+    off = np.abs(zero(read(text), celsius) - model.zero(np.column_stack([celsius] * 3))).max() / DEG
+    stated = float(next(line for line in said if "nearest cubic" in line).split("by up to ")[1].split()[0])
+    assert off == pytest.approx(stated, rel=0.1)
+    assert any("has no lag (100, 0, 0 s)" in line and "0.057 dps" in line for line in said)
+
+
+@pytest.mark.parametrize("name", ["kalibr", "ros", "xio"])
+def test_formats_of_one_matrix_refuse_it(name):
+    with pytest.raises(ExportError, match="cannot carry a calibration over temperature"):
+        exporter(name).export(MODEL, context())
+
+
+def test_json_carries_it_with_its_own_test():
+    covariance = {"covariance": np.eye(24).tolist(), "covariance_of": ["a"], "covariance_units": "u", "remaining_rps": [1.0, 2.0, 3.0]}
+    (text,) = exporter("json").export(MODEL, context(table=covariance)).values()
+    table = json.loads(text)
+    model, test = models.from_dict(table), table["self_test"]
+    assert table["covariance_units"] == "u"
+    assert table["remaining_rps"] == [1.0, 2.0, 3.0]
+    omega = Calibration(model, test["rate_hz"])(test["measured_rps"], temp=test["temperature_c"])
+    np.testing.assert_allclose(omega, test["omega_rps"], atol=1e-12)
+
+
+def test_what_is_linear_is_exported_as_before():
+    (text,) = exporter("px4").export(LINEAR, context()).values()
+    assert "TC_G_ENABLE" not in text

@@ -69,3 +69,16 @@ def _write_table(folder, head, times, values):
     folder.mkdir(parents=True)
     rows = [",".join([str(t), *map(repr, row)]) for t, row in zip(times.tolist(), values.tolist(), strict=True)]
     (folder / "data.csv").write_text("\n".join([head, *rows, ""]))
+
+
+def tofupilot_text(count=60, seed=0):
+    """A header and rows (count, 9) with tabs, as TofuPilot's example has them."""
+    rng = np.random.default_rng(seed)
+    names = ["timestamp", *(f"imu.gyro.{a}" for a in "xyz"), *(f"imu.acc.{a}" for a in "xyz"), "imu.status", "imu.temperature"]
+    rows = np.column_stack(
+        [rng.normal(size=(count, 3)) * 0.01, rng.normal(size=(count, 3)) * 0.1 - [0, 0, 9.7], np.linspace(50, 20, count)]
+    )
+    lines = [
+        "\t".join([f"{256551281491968 + 505403 * k}", *(f"{v:.9g}" for v in row[:6]), "0", f"{row[6]:.8f}"]) for k, row in enumerate(rows)
+    ]
+    return "\n".join(["\t".join(names), *lines]) + "\n", rows

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from public_files import mikov_text, mimu_data, mimu_frames, write_euroc, write_mimu, write_xsens
+from public_files import mikov_text, mimu_data, mimu_frames, tofupilot_text, write_euroc, write_mimu, write_xsens
 
 from session.common.units import DEG, G
+from session.log.config import read_config
 from session.log.folder import read_session
+from session.log.rests import read_rest
 from session.public.__main__ import main
 from session.public.euroc import to_down
 from session.public.mimu_frames import read_frames
@@ -296,3 +298,31 @@ def test_the_xsens_folder_beside_the_checkout_names_the_same_sensor_and_accelero
     assert (mine.sensor, mine.site, mine.protocol) == (theirs.sensor, theirs.site, theirs.protocol)
     np.testing.assert_array_equal(mine.accelerometer.matrix, theirs.accelerometer.matrix)
     np.testing.assert_array_equal(mine.accelerometer.bias_mps2, theirs.accelerometer.bias_mps2)
+
+
+def test_tofupilots_rest_log_comes_back(tmp_path, capsys):
+    text, rows = tofupilot_text()
+    source = tmp_path / "templates" / "imu_thermal_calibration" / "data"
+    source.mkdir(parents=True)
+    (source / "imu_raw_data.csv").write_text(text)
+    assert main(["tofupilot", str(tmp_path)]) == 0
+    folder = Path(capsys.readouterr().out.strip())
+    seen = []
+    log = read_rest(folder / "rest0001.csv.gz", read_config(folder / "session.toml").sensor, seen.append)
+    gyro, temp = (np.concatenate([getattr(part, name) for part in seen]) for name in ("gyro", "temp_c"))
+    np.testing.assert_allclose(gyro, rows[:, :3], rtol=1e-8)
+    np.testing.assert_allclose(temp, rows[:, 6], atol=1e-8)
+    assert log.duration_s == pytest.approx(60 * 0.505403, abs=4)
+
+
+def test_tofupilot_refuses(tmp_path, capsys):
+    refused(capsys, ["tofupilot", tmp_path], "imu_raw_data.csv", "download")
+    text, _ = tofupilot_text()
+    path = tmp_path / "imu_raw_data.csv"
+    path.write_text(text.replace("imu.gyro.x", "gyro.x"))
+    refused(capsys, ["tofupilot", tmp_path], "header", "download it again")
+    lines = text.splitlines()
+    path.write_text("\n".join([*lines[:7], lines[7].rsplit("\t", 1)[0], *lines[8:]]))
+    refused(capsys, ["tofupilot", tmp_path], "line 8", "expected 9 numbers")
+    path.write_text(text)
+    refused(capsys, ["tofupilot", tmp_path, "--accelerometer", "stills"], "one attitude")

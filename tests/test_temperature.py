@@ -250,3 +250,27 @@ def test_without_temperature_the_noise_is_told_and_no_dependence():
 def test_logs_with_and_without_temperature_are_not_mixed():
     with pytest.raises(DataError, match=r"b.csv has no temperature, and other rest logs have"):
         fit_rests([(rest_log(cycles=1.0), None), (without_temperature(rest_log(cycles=1.0, name="b.csv")), None)])
+
+
+# A real recording
+
+
+def test_the_public_sweep(shared):
+    """70 minutes from 52 to -18, 74 and 36 degC: y goes 0.034 dps/degC and is predicted to 0.09 dps; x does not come back by 0.6 dps."""
+    from session.log.config import read_config
+    from session.log.rests import read_rest
+
+    folder = shared / "tofupilot"
+    if not (folder / "rest0001.csv.gz").exists():
+        pytest.skip(f"no recording: {folder} is not there (python -m session.public tofupilot)")
+    log = read_rest(folder / "rest0001.csv.gz", read_config(folder / "session.toml").sensor)
+    found = fit_rests([(log, None)], with_accel=False)
+    assert [sweep.direction for sweep in found.sweeps] == [-1, 1, -1]
+    x, y, _ = found.gyro
+    assert np.ptp(found.range_c) == pytest.approx(91, abs=1)
+    at = np.array(found.range_c) - found.knots.reference_c
+    assert np.diff(np.polynomial.polynomial.polyval(at, y.terms))[0] / DEG / 91 == pytest.approx(0.034, abs=0.003)
+    assert y.left / DEG < 0.06
+    assert y.held_out / DEG < 0.12 < 0.1 * y.held_out_of(0, False) / DEG
+    assert abs(x.hysteresis_after.largest[0]) / DEG == pytest.approx(0.65, abs=0.1)
+    assert x.held_out / DEG > 0.3

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from tinygc.library.explain import explain
     from tinygc.library.fit import fit
     from tinygc.library.simulate import simulate
+    from tinygc.library.temperature import fit_temperature
     from tinygc.methods.options import FitOptions
     from tinygc.simulation.options import SimulationOptions
 
@@ -39,6 +40,7 @@ _HOMES = {
     "check": ("tinygc.library.check", "check"),
     "explain": ("tinygc.library.explain", "explain"),
     "fit": ("tinygc.library.fit", "fit"),
+    "fit_temperature": ("tinygc.library.temperature", "fit_temperature"),
     "load": ("tinygc.deploy.calibration", "load"),
     "read_session": ("session.log.folder", "read_session"),
     "simulate": ("tinygc.library.simulate", "simulate"),
@@ -53,6 +55,7 @@ __all__ = [
     "check",
     "explain",
     "fit",
+    "fit_temperature",
     "load",
     "read_session",
     "simulate",

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from session.common.errors import CalibrationError
-from session.public import euroc_folders, imucal, mikov, mimu, xsens
+from session.public import euroc_folders, imucal, mikov, mimu, tofupilot, xsens
 
 #: of each set: files, folder to write into, whether the accelerometer is as the authors give it, or from stills -> session folders
 SETS: dict[str, Callable[[Path, Path, bool], Iterable[Path]]] = {
@@ -17,6 +17,7 @@ SETS: dict[str, Callable[[Path, Path, bool], Iterable[Path]]] = {
     "mimu": mimu.write,
     "euroc": euroc_folders.write,
     "imucal": imucal.write,
+    "tofupilot": tofupilot.write,
 }
 
 

@@ -16,7 +16,7 @@ from tinygc.closure.bias_wander import wander_covariance
 from tinygc.models.element_temperature import element_temperature
 from tinygc.temperature.sweeps import Sweep
 
-#: over all logs: the cost goes with the cube, the sigmas change by a tenth from 80 to 320 (benchmarks/temperature.py --knots)
+#: over all logs: from 80 to 320 the sigmas grow by a fifth, and the time by fifteen (benchmarks/temperature.py knots)
 MOST_KNOTS = 160
 #: lags whose powers are kept at hand, for six axes ask for the same grid
 MOST_KEPT = 100

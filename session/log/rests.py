@@ -82,9 +82,10 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -
     """
     reader = Reader(path, None)
     blocks = BlockMeans(max(BLOCK_S, BLOCK_SAMPLES / sensor.odr_hz))
-    repeated, steps_s = 0, []
+    repeated, steps_s, has_temperature = 0, [], False
     for samples, left_out in _pieces(reader, sensor):
         repeated += left_out
+        has_temperature |= samples.temp_c is not None
         if len(samples) > 1:
             steps_s.append(samples.period_s)
         blocks.add(samples)
@@ -92,6 +93,8 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -
     if blocks.samples == 0:
         raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
     notes = list(reader.notes)
+    if reader.layout.temp is not None and not has_temperature:
+        notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
     if reader.wraps:
         notes.append(f"the 32-bit time counter wrapped {reader.wraps}x: unrolled")
     if repeated:
@@ -108,14 +111,18 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -
 def _pieces(reader: Reader, sensor: Sensor) -> Iterator[tuple[Samples, int]]:
     """Samples in SI, and how many rows of each piece repeated a stamp."""
     layout, last = reader.layout, None
-    gyro_si, accel_si = layout.gyro_si(sensor.gyro_fs_dps), layout.accel_si(sensor.accel_fs_g)
+    units = sensor.register_units
+    try:
+        gyro_si, accel_si = layout.gyro_si(units), layout.accel_si(units)
+    except FormatError as error:
+        raise FormatError(f"{reader.path.name} holds registers: {error}") from None
     for rows in reader.pieces():
         assert rows.t_ns is not None  # a standard log without one of these three was refused
         assert rows.gyro is not None
         assert rows.accel is not None
         kept = fresh(rows.t_ns) if last is None else np.diff(rows.t_ns, prepend=last) > 0
         last = rows.t_ns[-1]
-        temp = None if rows.temp is None else layout.temperature_c(rows.temp)
+        temp = None if rows.temp is None else layout.temperature_c(rows.temp, units)
         samples = Samples(rows.t_ns, rows.gyro * gyro_si, rows.accel * accel_si, temp)
         left_out = int(np.count_nonzero(~kept))
         if left_out:

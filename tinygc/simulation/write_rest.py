@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from session.common.errors import CalibrationError
 from session.files.writing import naming, result_folder
 from session.log.config import SCHEMA
+from session.sensor.known import DEFAULT
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.rest import Chip, simulate_rest
 from tinygc.simulation.rest_options import RestOptions, rest_flag
@@ -19,6 +21,10 @@ from tinygc.simulation.write import CLOSURE, CONFIG, LOG, REST, TRUTH, TRUTH_SCH
 def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, force: bool = False) -> Path:
     """Simulate a rest log and write its folder; returns the folder.  FormatError as of ``write_session``."""
     check_folder(folder, force)
+    if session.sensor != DEFAULT:
+        raise CalibrationError(
+            f"--sensor is {session.sensor!r}, expected {DEFAULT}: the registers of a rest log are simulated for it alone"
+        )
     chip = Chip(
         session.odr_hz,
         session.gyro_fs_dps,

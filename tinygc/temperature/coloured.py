@@ -36,7 +36,7 @@ def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: flo
     usual = np.array([white or scatter * np.sqrt(1 / V[0].max()), scatter, scatter / longest])
     J = A / np.maximum(np.abs(A).max(axis=0), 1e-12) * (WIDE * scatter)
     base = V[0] * (0.5 * usual[0]) ** 2
-    found = estimate(y, J, base, V, usual, [None] * 3, [np.arange(len(y))], steps=25)
+    found = estimate(y, J, base, [*V], usual, [None] * 3, [np.arange(len(y))], steps=25)
     sizes = found.s.copy()
     sizes[0] = np.hypot(sizes[0], 0.5 * usual[0])
     return Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base)))

@@ -105,6 +105,13 @@ def test_several_folders_ask_for_temperature(folder, rests, run):
     assert "add --temperature" in err
 
 
+def test_options_that_nothing_heeds_are_refused(rests, run):
+    for words in (("--methods", "pso"), ("--limit", 0.1), ("--no-earth",)):
+        code, _, err = run("fit", rests, *words)
+        assert code == 2
+        assert f"{words[0]}: of no use over temperature" in err
+
+
 def test_sensors_are_not_mixed(folder, rests, tmp_path, run):
     other = tmp_path / "other"
     shutil.copytree(rests, other)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from session.common.errors import CalibrationError
 from tinygc.cli.arguments import count
+from tinygc.cli.commands._fitting import given
 from tinygc.cli.commands._results import output, try_destinations, write_json
 
 
@@ -29,6 +31,12 @@ def fit_temperature(args: argparse.Namespace) -> int:
     from tinygc.temperature.save import MODEL, save_thermal
     from tinygc.temperature.thermal_json import to_json
 
+    idle = [*given(args, ()), *(["--limit"] if args.limit is not None else []), *(["--model"] if args.model else [])]
+    if idle:
+        raise CalibrationError(
+            f"{', '.join(idle)}: of no use over temperature, where each session is fitted by least squares; "
+            f"leave {'it' if len(idle) == 1 else 'them'} out"
+        )
     try_destinations(args, "fit")
     most = {} if args.temperature_order is None else {"most_order": args.temperature_order}
     with progress_bar(args.quiet) as progress:

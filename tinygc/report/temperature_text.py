@@ -165,7 +165,7 @@ def _of_sessions(joint: JointFit, with_rests: bool) -> list[str]:
         said.append(f"E scatters more than its sigmas say (p = {joint.p_value:.2g}): they are widened by {np.sqrt(joint.widened):.2f}.")
     if np.isfinite(joint.turn_on_rps):
         said.append(f"From session to session the zero changes by {joint.turn_on_rps / MDPS:.2g} mdps beyond noise and temperature.")
-    elif not with_rests:
+    elif not with_rests and len(joint.model.zero_terms) > 1:
         said.append("What the zero changes from one switch-on to the next is not known here, and may stand in its slope: add rest logs.")
     return said
 

@@ -8,7 +8,6 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from session.common.errors import CalibrationError
-from session.log.known_turns import MOST_SIGMA_DEG
 from session.sensor.known import DEFAULT
 
 if TYPE_CHECKING:
@@ -91,6 +90,8 @@ class SimulationOptions:
             self._require(0 <= getattr(self, name) <= 0.1, name, "0 to 0.1 (larger ones may be no invertible matrix)")
         for name in ("gyro_bias_dps", "accel_bias_mg", "accel_calibration_error_mg"):
             self._require(getattr(self, name) >= 0, name, "0 or more")
+        from session.log.known_turns import MOST_SIGMA_DEG  # whose NumPy `--help` does not wait for
+
         self._require(0 <= self.stop_sigma_deg <= MOST_SIGMA_DEG, "stop_sigma_deg", f"0 to {MOST_SIGMA_DEG:g}")
         for name in ("vigour", "still_s", "turn_s"):
             self._require(getattr(self, name) > 0, name, "more than 0")

@@ -91,7 +91,8 @@ def test_apply_of_an_exported_file_needs_no_session(simulated, folder, tmp_path)
     assert run(tmp_path, fitted / "export" / "fitted.json", log, "-o", tmp_path / "out.csv") == 0
     model = models.load(fitted / "fit" / "model_least_squares.json")
     np.testing.assert_allclose(read(tmp_path / "out.csv").gyro, model(read(log).gyro), atol=6e-10)
-    assert run(tmp_path, fitted / "fit" / "model_least_squares.json", log, "-o", tmp_path / "other.csv") == 2  # no full scale
+    assert run(tmp_path, fitted / "fit" / "model_least_squares.json", log, "-o", tmp_path / "other.csv") == 0
+    assert (tmp_path / "other.csv").read_bytes() == (tmp_path / "out.csv").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -171,7 +172,7 @@ def test_a_pipe_is_written_to_and_not_put_away(folder, tmp_path):
         assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.pipe", "--force") == 0
         reader.wait(timeout=30)
     assert (tmp_path / "out.pipe").is_fifo()
-    assert (tmp_path / "read").read_bytes().count(b"\n") == len(SAMPLES) + 1
+    assert (tmp_path / "read").read_bytes().count(b"\n") == len(SAMPLES) + 2  # the header, and the comment below it
     assert [path.name for path in tmp_path.glob(".*partial")] == []
 
 

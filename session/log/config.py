@@ -89,6 +89,12 @@ class Accelerometer:
         """Specific force (N, 3) m/s^2 from what was measured."""
         return (measured - self.bias_mps2) @ self.matrix.T
 
+    @property
+    def frame(self) -> np.ndarray:
+        """(3, 3): Q of matrix = Q U, a turn of the body frame against the sensor's own triad; U upper triangular, its diagonal positive."""
+        turn, upper = np.linalg.qr(self.matrix)
+        return turn * np.sign(np.diag(upper))
+
     def measured(self, force: np.ndarray) -> np.ndarray:
         """What was measured (N, 3) m/s^2 where ``correct`` gives this force."""
         return np.linalg.solve(self.matrix, force.T).T + self.bias_mps2

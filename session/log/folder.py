@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from session.log.arrays import samples_from_arrays, usual_ranges
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.log.known_turns import NAME as KNOWN_TURNS
 from session.log.known_turns import KnownTurn, read_known_turns
-from session.log.logfile import Log, read_log
+from session.log.logfile import Log, already_calibrated, read_log
 from session.log.samples import Samples, joined
 from session.log.truth import Truth, read_truth, truth_path
 from session.log.truth_reading import TruthAlignment, TruthReading
@@ -145,11 +145,13 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
         return read_log(path, config.sensor)
 
     attitudes = folder / "attitudes.csv"
+    logs, runs = tuple(map(read, paths)), tuple(map(read, closures))
+    config, logs, runs = _calibrated_once(config, logs, runs)
     return Session(
         folder=folder,
         config=config,
-        logs=tuple(map(read, paths)),
-        closures=tuple(map(read, closures)),
+        logs=logs,
+        closures=runs,
         attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
         truths=_read_truths(config, paths) if config.protocol.reference == "truth" else None,
         turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
@@ -171,6 +173,19 @@ def _read_turns(path: Path, config: Config, logs: list[str]) -> tuple[KnownTurn,
 def _read_truths(config: Config, paths: list[Path]) -> tuple[Truth, ...]:
     reading = TruthReading.of(config.truth)
     return tuple(read_truth(truth_path(path), reading) for path in paths)
+
+
+def _calibrated_once(config: Config, logs: tuple[Log, ...], closures: tuple[Log, ...]) -> tuple[Config, tuple[Log, ...], tuple[Log, ...]]:
+    """Logs that ``apply`` wrote have calibrated specific force: [accelerometer] is not for them.  DataError where only some of them are."""
+    done = ["accel" in (already_calibrated(log.comments) or ()) for log in (*logs, *closures)]
+    if not any(done):
+        return config, logs, closures
+    if not all(done):
+        one, other = ((*logs, *closures)[done.index(kind)].path for kind in (True, False))
+        raise DataError(f"{one.name} has calibrated specific force, {other.name} has not: keep logs as measured, or calibrate all of them")
+    note = "its specific force is calibrated already: [accelerometer] of session.toml is not for it"
+    logs, closures = (tuple(replace(log, notes=(*log.notes, note)) for log in each) for each in (logs, closures))
+    return replace(config, accelerometer=Accelerometer()), logs, closures
 
 
 def _read_attitudes(path: Path) -> np.ndarray:

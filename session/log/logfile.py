@@ -55,6 +55,15 @@ class Log:
         return f"<Log {self.path.name}: {len(self.samples)} samples, {self.samples.duration_s:.1f} s>"
 
 
+#: key of a comment that says what of a log ``apply`` has calibrated
+CALIBRATED = "calibrated"
+
+
+def already_calibrated(comments: dict[str, str]) -> frozenset[str] | None:
+    """``gyro``, ``accel`` or both, as the comments of a log say that ``apply`` wrote; None of a log as it was measured."""
+    return frozenset(comments[CALIBRATED].split(",")) if CALIBRATED in comments else None
+
+
 def read_log(path: Path, sensor: Sensor) -> Log:
     """Read one log file.
 

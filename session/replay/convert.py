@@ -21,7 +21,7 @@ from session.dialects.units import TIME, endings
 from session.files.writing import naming
 from session.log.config import Sensor, read_config
 from session.log.folder import log_paths
-from session.log.logfile import read_log
+from session.log.logfile import CALIBRATED, read_log
 from session.recording.session_file import UNKNOWN
 from session.replay.join import Joined, join
 from session.replay.whose import with_sensor
@@ -164,11 +164,17 @@ def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Pat
     row = ",".join(formats)
     with path.open("w", encoding="utf-8", newline="\n") as file:
         counted = "# stamps=counted\n" if joined.counted else ""
-        file.write(f"# from {source}\n{counted}{','.join(header)}\n")
+        file.write(f"# from {source}\n{counted}{_calibrated(readers)}{','.join(header)}\n")
         for start in range(0, len(joined.t_ns), 1 << 15):
             part = [column[start : start + (1 << 15)].tolist() for column in columns]
             file.write("\n".join(map(row.__mod__, zip(*part, strict=True))) + "\n")
     return path, notes, len(joined.t_ns)
+
+
+def _calibrated(readers: list[Reader]) -> str:
+    """The comment of a log that ``apply`` has calibrated."""
+    said = [reader.comments[CALIBRATED] for reader in readers if CALIBRATED in reader.comments]
+    return f"# {CALIBRATED}={said[0]}\n" if said else ""
 
 
 def _is_ours(reader: Reader, answers: Answers) -> bool:

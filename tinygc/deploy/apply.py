@@ -7,8 +7,8 @@ import gzip
 import itertools
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -22,14 +22,16 @@ from session.dialects.lines import STANDARD
 from session.dialects.reader import Reader
 from session.dialects.stamps import counted
 from session.files.fixed_point import rows
-from session.files.results import read_json, whole
-from session.log.config import OWN_UNITS, Accelerometer, read_config
+from session.files.results import whole
+from session.log.config import Accelerometer
+from session.log.logfile import already_calibrated
 from session.recording.session_file import ASSUMED
 from session.sensor.known import DEFAULT
 from session.sensor.registers import RegisterUnits
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream
 from tinygc.deploy.session_time import began_in_session
+from tinygc.deploy.surroundings import Surroundings, surroundings
 from tinygc.models.model import Model
 
 #: what is written: below the noise of any MEMS sensor by three orders
@@ -41,13 +43,15 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Applied:
-    """out: the file; rows; kind of the model; delay_s by which the rates come late; notes on what was assumed or mended."""
+    """out: the file; rows; kind of the model; delay_s by which the rates come late; notes on what was assumed or mended; accelerometer:
+    whose calibration its specific force has, ``model``, ``session`` or ``none``, and None where the log has no accelerometer."""
 
     out: Path
     rows: int
     kind: str
     delay_s: float
     notes: tuple[str, ...]
+    accelerometer: str | None
 
 
 def apply_model(
@@ -59,23 +63,25 @@ def apply_model(
     unit: str = "rps",
     progress: Progress = lambda what, done, of: None,
 ) -> Applied:
-    """Write ``log`` again with calibrated rates, in ``unit`` (rps or dps), as a log that this tool reads.
+    """Write ``log`` again with calibrated rates, in ``unit`` (rps or dps), and calibrated specific force, as a log that this tool reads.
 
-    Full scales and the accelerometer's pre-calibration are those of ``session``, of the session.toml beside the log, or of the model
-    file, in this order.  ``out`` appears only when it is whole.  ``-`` is standard input
-    or output.  Raises FormatError, DataError, CalibrationError.
+    Full scales are those of ``session``, of the session.toml beside the log, or of the model file, in this order; whose calibration of
+    the accelerometer holds is in ``surroundings.py``.  ``out`` appears only when it is whole.  ``-`` is standard input or output.
+    Raises FormatError, DataError, CalibrationError.
     """
     model, table = models.load_with_table(model_path)
     began_s = None if model.session_s is None else began_in_session(model, table, model_path, log)
     reader = Reader(log, answers)
     if reader.layout.gyro is None:
         raise FormatError(f"{log.name} holds no gyroscope")
-    known = _surroundings(model_path, log, session)
+    if (done := already_calibrated(reader.comments)) is not None:
+        raise FormatError(f"{log.name} is calibrated already ({', '.join(sorted(done))}): give the log that it was made of")
+    known = surroundings(table, model_path, log, session)
     answers = replace(
         answers,
-        gyro_fs_dps=answers.gyro_fs_dps or _number(reader, "gyro_fs_dps") or known.gyro_fs_dps,
-        accel_fs_g=answers.accel_fs_g or _number(reader, "accel_fs_g") or known.accel_fs_g,
-        sensor=answers.sensor or reader.comments.get("sensor") or known.model,
+        gyro_fs_dps=answers.gyro_fs_dps or _number(reader, "gyro_fs_dps") or known.sensor.gyro_fs_dps,
+        accel_fs_g=answers.accel_fs_g or _number(reader, "accel_fs_g") or known.sensor.accel_fs_g,
+        sensor=answers.sensor or reader.comments.get("sensor") or known.sensor.model,
     )
     source = _Source(reader, answers, known)
     pieces, rate_hz, notes = source.pieces(), None, []
@@ -92,11 +98,11 @@ def apply_model(
             notes.append(f"the denoiser was made for {made_for:g} samples a second, the log has {rate_hz:.4g}: it smooths otherwise here")
     calibration = Calibration(model, rate_hz)
     _refuse_missing(calibration, reader)
-    if "acc" in calibration.needs and known.accelerometer is None:
-        notes.append("no session.toml beside the log: the accelerometer is taken as it is, without pre-calibration")
+    if reader.layout.accel is not None:
+        notes.append(f"specific force: {known.says}")
     count = _write(out, log, source, pieces, calibration.stream(began_s), unit, progress)
     notes += reader.notes
-    return Applied(out, count, _kind(model), model.delay_s, tuple(notes))
+    return Applied(out, count, _kind(model), model.delay_s, tuple(notes), None if reader.layout.accel is None else known.source)
 
 
 def _refuse_missing(calibration: Calibration, reader: Reader) -> None:
@@ -113,39 +119,6 @@ class _Sink(Protocol):
     def write(self, data: bytes, /) -> int: ...
 
 
-@dataclass(frozen=True)
-class _Surroundings:
-    gyro_fs_dps: float | None = None
-    accel_fs_g: float | None = None
-    accelerometer: Accelerometer | None = None
-    model: str | None = None  #: of the sensor
-    own_units: Mapping[str, float | None] = field(default_factory=dict)  #: of its registers
-
-
-def _surroundings(model_path: Path, log: Path, session: Path | None) -> _Surroundings:
-    folder = session or log.parent
-    of_model = _of_model(model_path)
-    if session is not None or (log.is_file() and (folder / "session.toml").exists()):
-        config = read_config(folder / "session.toml")
-        known = config.accelerometer if config.accelerometer.source != "none" else of_model.accelerometer
-        sensor = config.sensor
-        return _Surroundings(sensor.gyro_fs_dps, sensor.accel_fs_g, known, sensor.model, sensor.own_units)
-    return of_model
-
-
-def _of_model(model_path: Path) -> _Surroundings:
-    table = read_json(model_path)
-    sensor, accelerometer = table.get("sensor"), table.get("accelerometer")
-    try:
-        matrix, bias = (np.array(accelerometer[key], dtype=float) for key in ("matrix", "bias_mps2"))
-        before = Accelerometer(matrix.reshape(3, 3), bias.reshape(3))
-        model = sensor.get("model")
-        own = {key: float(sensor[key]) for key in OWN_UNITS if sensor.get(key) is not None}
-        return _Surroundings(float(sensor["gyro_fs_dps"]), float(sensor["accel_fs_g"]), before, model if model else None, own)
-    except (AttributeError, KeyError, TypeError, ValueError):
-        return _Surroundings()
-
-
 def _number(reader: Reader, key: str) -> float | None:
     """What the log's own comments say."""
     try:
@@ -156,7 +129,8 @@ def _number(reader: Reader, key: str) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Applicable:
-    """Consecutive rows in SI: t_ns (N,) int64, gyro (N, 3) rad/s, accel (N, 3) m/s^2 and temp (N,) degC, None where the log has none."""
+    """Consecutive rows in SI: t_ns (N,) int64, gyro (N, 3) rad/s as measured, accel (N, 3) m/s^2 calibrated and temp (N,) degC, None where
+    the log has none."""
 
     t_ns: np.ndarray
     gyro: np.ndarray
@@ -170,11 +144,11 @@ class Applicable:
 
 
 class _Source:
-    """A log's pieces in SI: stamps, measured rate, force as measured and as pre-calibrated, temperature."""
+    """A log's pieces in SI: stamps, measured rate, calibrated force, temperature."""
 
-    def __init__(self, reader: Reader, answers: Answers, known: _Surroundings):
+    def __init__(self, reader: Reader, answers: Answers, known: Surroundings):
         self.reader, self.layout = reader, reader.layout
-        self._odr_hz, self._accelerometer = answers.odr_hz, known.accelerometer or Accelerometer()
+        self._odr_hz, self._accelerometer = answers.odr_hz, known.accelerometer or Accelerometer(source="none")
         self._units = _register_units(reader, answers, known)
         self._gyro = self.layout.gyro_si(self._units)
         self._accel = 1.0 if self.layout.accel is None else self.layout.accel_si(self._units)
@@ -190,19 +164,21 @@ class _Source:
                 stamps = counted(first + len(piece.gyro), self._odr_hz)[first:]
             first += len(piece.gyro)
             temp = None if piece.temp is None else self.layout.temperature_c(piece.temp, self._units)
-            yield Applicable(stamps, piece.gyro * self._gyro, None if piece.accel is None else piece.accel * self._accel, temp)
+            force = None if piece.accel is None else self._accelerometer.correct(piece.accel * self._accel)
+            yield Applicable(stamps, piece.gyro * self._gyro, force, temp)
 
-    def force(self, accel: np.ndarray | None) -> np.ndarray | None:
-        """Pre-calibrated."""
-        return None if accel is None else self._accelerometer.correct(accel)
+    @property
+    def calibrated(self) -> tuple[str, ...]:
+        """What of the output is calibrated, as its comment says it."""
+        return ("gyro",) if self.layout.accel is None or self._accelerometer.source == "none" else ("gyro", "accel")
 
 
-def _register_units(reader: Reader, answers: Answers, known: _Surroundings) -> RegisterUnits:
+def _register_units(reader: Reader, answers: Answers, known: Surroundings) -> RegisterUnits:
     """What registers in the log mean.  FormatError where it has some and nobody says the full scale."""
     for kind, full_scale, option in (("gyro", answers.gyro_fs_dps, "--gyro-fs"), ("accel", answers.accel_fs_g, "--accel-fs")):
         if (triad := getattr(reader.layout, kind)) is not None and triad.unit.si is None and full_scale is None:
             raise FormatError(f"{reader.path.name} holds registers and does not say the full scale; give {option}, or --session DIR")
-    own = known.own_units if answers.sensor == known.model else {}
+    own = known.sensor.own_units if answers.sensor == known.sensor.model else {}
     return RegisterUnits(answers.sensor or DEFAULT, answers.gyro_fs_dps, answers.accel_fs_g, **own)
 
 
@@ -227,10 +203,10 @@ def _write(out: Path, log: Path, source: _Source, pieces: Iterable[Applicable], 
             header = None
             for piece in pieces:
                 if header is None:
-                    header = _header(piece, unit)
+                    header = _header(piece, unit, source.calibrated)
                     file.write(header.encode())
                 waiting.append(piece)
-                count += _drain(file, waiting, stream.push(piece.gyro, source.force(piece.accel), piece.temp), unit, count)
+                count += _drain(file, waiting, stream.push(piece.gyro, piece.accel, piece.temp), unit, count)
                 progress("applying", min(source.reader.position, size), size)
             if header is None:
                 raise _no_samples(log)
@@ -254,10 +230,11 @@ def _open(out: Path) -> Iterator[_Sink]:
         yield file
 
 
-def _header(piece: Applicable, unit: str) -> str:
+def _header(piece: Applicable, unit: str, calibrated: tuple[str, ...]) -> str:
+    """The names of the columns, and a comment that keeps anybody from calibrating the log again."""
     names = ["t_ns", *(f"g{axis}_{unit}" for axis in "xyz")]
     names += [] if piece.accel is None else [f"a{axis}_mps2" for axis in "xyz"]
-    return ",".join(names + ([] if piece.temp is None else ["temp_c"])) + "\n"
+    return ",".join(names + ([] if piece.temp is None else ["temp_c"])) + f"\n# calibrated={','.join(calibrated)}\n"
 
 
 def _drain(file: _Sink, waiting: deque[Applicable], omega: np.ndarray, unit: str, before: int) -> int:

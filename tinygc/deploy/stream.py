@@ -113,7 +113,7 @@ class _Rows:
 
     @classmethod
     def of(cls, raw: np.ndarray, acc: ArrayLike | None, temp: ArrayLike | None, needs: tuple[str, ...]) -> _Rows:
-        parts = {"acc": (acc, (len(raw), 3), "m/s^2, pre-calibrated"), "temp": (temp, (len(raw),), "degC")}
+        parts = {"acc": (acc, (len(raw), 3), "m/s^2, calibrated"), "temp": (temp, (len(raw),), "degC")}
         arrays = []
         for name, (value, shape, unit) in parts.items():
             if value is None and name in needs:

@@ -14,10 +14,13 @@ from tinygc.fitting import saved_fit
 from tinygc.fitting.accelerometer import JOINT_NAMES
 from tinygc.fitting.fit_json import to_json
 from tinygc.fitting.result import FitResult
+from tinygc.models.accelerometer import accelerometer_table, sensor_table
 from tinygc.problem.problem import Problem
 
 #: ends the name of a model for any time, as of its session's end, beside one that follows the session's time
 AT_END = "_at_end"
+#: methods that are fitted to the problem that physics is
+PHYSICS = ("physics", "tinygc_physics")
 
 
 def save_models(result: FitResult, folder: Path | None = None) -> Path:
@@ -43,16 +46,18 @@ def model_tables(result: FitResult) -> dict[str, dict]:
 
     Where one follows its session's time, there is a second for any time, NAME_at_end, as of the session's end.
     """
-    calibration = result.accelerometer.calibration
+    # What looks at specific force, and whoever wants it calibrated, needs it beside the rates.
     made_from = {
         "session": result.session.name,
         "sha256": input_hashes(result.session),
         "version": VERSION,
-        # What looks at specific force, and whoever wants it calibrated, needs it beside the rates.
-        "accelerometer": {"matrix": calibration.matrix.tolist(), "bias_mps2": calibration.bias_mps2.tolist(), "source": calibration.source},
+        "sensor": sensor_table(result.session.config.sensor),
     }
     tables = {}
     for name, fit in result.methods.items():
+        # What is fitted with physics may rest on another calibration of the accelerometer than what is fitted without.
+        problem = result.physics.problem if result.physics is not None and name in PHYSICS else result.problem
+        made_from["accelerometer"] = accelerometer_table(problem.session.config.accelerometer)
         more: dict[str, Any] = {"method": name, **made_from}
         if fit is result.linear:
             more["covariance"] = result.covariance.tolist()

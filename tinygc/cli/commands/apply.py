@@ -1,4 +1,4 @@
-"""``apply``: a log with calibrated rates."""
+"""``apply``: a log with calibrated rates and specific force."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from tinygc.cli.commands._log_options import add_log_options, answers_of
 from tinygc.cli.commands._results import output, write_json
 
-SUMMARY = "calibrate the rates of a log"
+SUMMARY = "calibrate the rates and the specific force of a log"
 USES_EFFECTS = True
 
 
@@ -19,13 +19,18 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("log", type=Path, help="any log that replay reads; -: standard input")
     command.add_argument("-o", "--out", type=Path, required=True, metavar="CSV", help="log to write (.csv or .csv.gz); -: standard output")
     command.add_argument("--unit", choices=("rps", "dps"), default="rps", help="of the rates (%(default)s: rad/s)")
-    command.add_argument("--session", type=Path, metavar="DIR", help="where session.toml is (beside the log)")
+    command.add_argument(
+        "--session",
+        type=Path,
+        metavar="DIR",
+        help="where session.toml is (beside the log); its [accelerometer] then holds, not the model's",
+    )
     command.add_argument("--force", action="store_true", help="write over a file that is there")
     add_log_options(command)
 
 
 def run(args: argparse.Namespace) -> int:
-    """A log with calibrated rates."""
+    """A log with calibrated rates and specific force."""
     from session.common.errors import CalibrationError
     from session.dialects.lines import STANDARD
     from tinygc.cli.console import progress_bar
@@ -56,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
             "rows": done.rows,
             "kind": done.kind,
             "delay_s": done.delay_s,
+            "accelerometer": done.accelerometer,
             "notes": list(done.notes),
         },
     )

@@ -29,10 +29,14 @@ class Registers:
     own_units: Mapping[str, float | None] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, config: Config) -> Registers | None:
-        """Of a session; None where it is not known what all of its sensor's registers mean."""
+    def of(cls, config: Config, accelerometer: Accelerometer | None = None) -> Registers | None:
+        """Of a session; None where it is not known what all of its sensor's registers mean.
+
+        accelerometer: the calibration that the fit rests on, where that is not session.toml's.
+        """
         sensor = config.sensor
-        registers = cls(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.odr_hz, config.accelerometer, sensor.model, sensor.own_units)
+        own = accelerometer or config.accelerometer
+        registers = cls(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.odr_hz, own, sensor.model, sensor.own_units)
         try:
             return registers if registers.units.gyro_rps and registers.units.accel_mps2 and registers.units.thermometer else None
         except FormatError:

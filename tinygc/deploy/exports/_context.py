@@ -11,7 +11,7 @@ import numpy as np
 
 from session.common.units import DEG, DEG_PER_HOUR, G
 from session.files.results import read_json
-from session.log.config import Config, read_config
+from session.log.config import Accelerometer, Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of
 from session.log.logfile import read_log
@@ -21,6 +21,7 @@ from tinygc.deploy.needs import Needs
 from tinygc.fitting import bias
 from tinygc.fitting.against_raw import worse_in_table
 from tinygc.fitting.save import AT_END
+from tinygc.models.accelerometer import accelerometer_of
 from tinygc.models.model import Model
 
 #: the method that is taken unless another is asked for
@@ -54,6 +55,25 @@ class Context:
         """(12, 12) of E row by row, then B in rad/s; of physics the effects' theta after them; None where the method has none."""
         table = self.table.get("covariance")
         return None if table is None else np.asarray(table, dtype=float)
+
+    @property
+    def accelerometer(self) -> Accelerometer:
+        """That the fit rests on, which the model's file has; else session.toml's.  Source ``none``: nobody has calibrated it."""
+        own = accelerometer_of(self.table)
+        return self.config.accelerometer if own is None else own
+
+    @property
+    def accelerometer_words(self) -> str:
+        """Where it is from, and which of its numbers stay as they were, since nothing observed them."""
+        words = {
+            "given": "as it was given",
+            "prior": "the given one, sharpened by the session's stills and turns",
+            "stills": "from the session's own stills and turns",
+            "none": "nobody has calibrated it: as measured",
+        }[self.accelerometer.source]
+        found = self.fit.get("accelerometer")
+        left = found.get("unobserved") if isinstance(found, dict) else None
+        return f"{words}; not observed: {', '.join(map(str, left))}" if left else words
 
     @property
     def gyro_noise(self) -> np.ndarray | None:

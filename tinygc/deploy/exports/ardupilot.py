@@ -1,4 +1,4 @@
-"""ArduPilot: INS_GYROFFS_* and INS_TCAL1_*, as a parameter file of its ground stations.
+"""ArduPilot: INS_GYROFFS_*, INS_TCAL1_*, INS_ACCOFFS_* and INS_ACCSCAL_*, as a parameter file of its ground stations.
 
 Its temperature polynomial stands on 35 degC and is taken off twice (AP_InertialSensor_tempcal): at the present temperature, and, with
 the other sign, at INS_GYR1_CALTEMP, where the offsets hold.  Of a straight line the 35 degC cancel.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy.exports._autopilot import cannot_scale, offsets
+from tinygc.deploy.exports._autopilot import cannot_scale, force_terms, offsets
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._remarks import remarks
 from tinygc.deploy.exports._thermal import accel_change, cubic_about, part_at_reference, say_lost
@@ -16,7 +16,7 @@ from tinygc.models.model import Model
 from tinygc.models.thermal import ThermalModel
 
 NAME = "ardupilot"
-SUMMARY = "ArduPilot parameters: gyroscope offsets and temperature terms (no scale)"
+SUMMARY = "ArduPilot parameters: gyroscope offsets and temperature terms (no scale), accelerometer offsets and scales"
 FILE = "ardupilot.param"
 ABOUT_C = 35.0  #: of its polynomial
 SCALE = 1e6  #: of the polynomial's coefficients
@@ -34,10 +34,16 @@ def export(model: Model, context: Context) -> dict[str, str]:
         values |= {"INS_TCAL1_ENABLE": 1, "INS_TCAL1_TMIN": celsius[0], "INS_TCAL1_TMAX": max(celsius[1], celsius[0] + LEAST_C)}
         values |= {"INS_GYR1_CALTEMP": part.first_c}
         values |= {f"INS_TCAL1_GYR{power}_{axis}": slope[i] if power == 1 else 0.0 for power in (1, 2, 3) for i, axis in enumerate("XYZ")}
+    force = force_terms(context, NAME)
+    if force is not None:
+        values |= {f"INS_ACCOFFS_{axis}": value for axis, value in zip("XYZ", force[0], strict=True)}
+        values |= {f"INS_ACCSCAL_{axis}": value for axis, value in zip("XYZ", force[1], strict=True)}
     head = remarks(
         context,
         *cannot_scale(part),
+        *(() if force is None else force[2]),
         "corrected = measured - INS_GYROFFS_* - p(T - 35) + p(INS_GYR1_CALTEMP - 35),  p(d) = 1e-6 (GYR1 d + GYR2 d^2 + GYR3 d^3)",
+        *(() if force is None else ("corrected = (measured - INS_ACCOFFS_*) INS_ACCSCAL_*, m/s^2",)),
         "rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.  It calibrates the offset anew at each boot unless",
         "INS_GYR_CAL is 0.",
     )

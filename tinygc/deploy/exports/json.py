@@ -9,6 +9,7 @@ from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._self_test import self_test
 from tinygc.fitting.versions import versions
 from tinygc.models import linear
+from tinygc.models.accelerometer import accelerometer_table, sensor_table
 from tinygc.models.model import Model
 
 NAME = "json"
@@ -18,7 +19,6 @@ SUMMARY = "documented JSON with covariance, units, hashes and a self-test"
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """Every model can be carried."""
-    sensor, accelerometer = context.config.sensor, context.config.accelerometer
     table = models.to_dict(model)
     table |= {"method": context.method, "session": context.session, "versions": versions()}
     if context.covariance is not None:
@@ -29,23 +29,14 @@ def export(model: Model, context: Context) -> dict[str, str]:
             "unobserved": context.table.get("unobserved", []),
         }
     table |= {key: context.table[key] for key in ("remaining_rps", "accel_change_mps2") if key in context.table}
+    if "joint_covariance" in context.table:
+        table["joint_covariance"] = context.table["joint_covariance"]
     table |= {
         "frame": "the sensor's own axes, right-handed, as in the log that was fitted; specific force is -g on the axis that points down",
-        "sensor": {
-            "model": sensor.model,
-            "serial": sensor.serial,
-            "odr_hz": sensor.odr_hz,
-            "gyro_fs_dps": sensor.gyro_fs_dps,
-            "accel_fs_g": sensor.accel_fs_g,
-        }
-        | {name: value for name, value in sensor.own_units.items() if value is not None},
-        "accelerometer": {
-            "equation": "f = matrix @ (measured - bias_mps2), m/s^2",
-            "matrix": accelerometer.matrix.tolist(),
-            "bias_mps2": accelerometer.bias_mps2.tolist(),
-        },
+        "sensor": sensor_table(context.config.sensor),
+        "accelerometer": accelerometer_table(context.accelerometer),
         "noise": {key: context.fit.get("noise", {}).get(key) for key in ("gyro_dps_rthz", "accel_g_rthz")},
         "sha256": context.hashes,
-        "self_test": self_test(model, sensor),
+        "self_test": self_test(model, context.config.sensor),
     }
     return {f"{context.stem}.json": json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n"}

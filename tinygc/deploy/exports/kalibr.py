@@ -1,7 +1,8 @@
 """Kalibr: ``imu.yaml`` (its input) and the intrinsics block of its scale-misalignment model (its result).
 
 Kalibr's model is forward:  w_meas = M C w + A C a + b, M lower-triangular, C a rotation.  Ours is w = E w_meas + B - K a, so with
-F = E^-1 the LQ factors F = M C (positive diagonal) are exact, A = F K C^T and b = -F B.
+F = E^-1 the LQ factors F = M C (positive diagonal) are exact, A = F K C^T and b = -F B.  Kalibr's frame i makes the accelerometer's M lower
+triangular, too; ours makes it upper triangular, or what session.toml gives.  The rotation between them is T_i_b's, and C_gyro_i follows.
 """
 
 from __future__ import annotations
@@ -38,10 +39,15 @@ def export(model: Model, context: Context) -> dict[str, str]:
 
 def factor(part: LinearPart) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(M, C, A): M lower-triangular with a positive diagonal, C a rotation, A (rad/s)/(m/s^2)."""
-    Q, R = np.linalg.qr(part.M.T)
+    M, C = lower(part.M)
+    return M, C, part.M @ part.K @ C.T
+
+
+def lower(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(M, C): matrix = M C, M lower-triangular with a positive diagonal, C a rotation."""
+    Q, R = np.linalg.qr(matrix.T)
     signs = np.sign(np.diag(R))
-    M, C = (signs[:, None] * R).T, (Q * signs).T
-    return np.tril(M), C, part.M @ part.K @ C.T
+    return np.tril((signs[:, None] * R).T), (Q * signs).T
 
 
 def _imu(context: Context, gyro_noise: np.ndarray, accel_noise: np.ndarray, instability: float, source: str) -> str:
@@ -71,27 +77,28 @@ def _imu(context: Context, gyro_noise: np.ndarray, accel_noise: np.ndarray, inst
 
 def _intrinsics(part: LinearPart, context: Context) -> str:
     M, C, A = factor(part)
+    accelerometer = context.accelerometer
+    L, to_i = lower(np.linalg.inv(accelerometer.matrix))
+    C = C @ to_i.T
+    T = np.eye(4)
+    T[:3, :3] = to_i
     text = remarks(
         context,
-        "w_meas = M C_gyro_i w + A C_gyro_i a + b        forward: w is the true rate, rad/s; a the specific force, m/s^2",
-        "w = C_gyro_i^T M^-1 (w_meas - b) - C_gyro_i^T M^-1 A C_gyro_i a        what to compute",
+        "a_meas = M a_i + b, a_i = R a        R: the rotation of T_i_b, from the log's body frame b to Kalibr's i, in which M is lower",
+        "triangular; a: the specific force in b, m/s^2.  b is below, beside Kalibr's own keys, for the gyroscope and the accelerometer.",
+        f"Accelerometer: {context.accelerometer_words}",
+        "w_meas = M C_gyro_i w_i + A C_gyro_i a_i + b        forward: w_i = R w, w the true rate in b, rad/s",
+        "w_i = C_gyro_i^T M^-1 (w_meas - b) - C_gyro_i^T M^-1 A C_gyro_i a_i, w = R^T w_i        what to compute",
         "b is this session's (Kalibr estimates its own, as a spline, and writes none): it is another one after each switch-on.",
         part.example(),
     )
     text += "imu0:\n  model: scale-misalignment\n  rostopic: /imu0\n"
     text += f"  update_rate: {words(context.config.sensor.odr_hz)}\n  time_offset: 0.0\n"
-    text += _rows("T_i_b", np.eye(4), "  ") + "  gyroscopes:\n"
+    text += _rows("T_i_b", T, "  ") + "  gyroscopes:\n"
     text += _rows("M", M, "    ") + _rows("A", A, "    ") + _rows("C_gyro_i", C, "    ")
     text += f"    b: {words(part.bias)}\n"
-    before = context.config.accelerometer
-    accelerometer = np.linalg.inv(before.matrix)
-    if np.array_equal(accelerometer, np.tril(accelerometer)):
-        return text + "  accelerometers:\n" + _rows("M", accelerometer, "    ") + f"    b: {words(before.bias_mps2)}\n"
-    return text + (
-        "  # accelerometers: session.toml's matrix is not lower-triangular, as Kalibr's frame i would have it: apply it before, as\n"
-        "  # a = matrix (a_meas - bias), with\n"
-        f"  # matrix {words(before.matrix)}, bias {words(before.bias_mps2)} m/s^2\n"
-    )
+    text += "  accelerometers:\n" + _rows("M", L, "    ") + f"    b: {words(accelerometer.bias_mps2)}\n"
+    return text
 
 
 def _rows(name: str, matrix: np.ndarray, indent: str) -> str:

@@ -1,10 +1,10 @@
-"""PX4: CAL_GYRO0_* offsets and TC_G0_* temperature terms, as a parameter file of QGroundControl."""
+"""PX4: CAL_GYRO0_* offsets, TC_G0_* temperature terms, CAL_ACC0_* offsets and scales, as a parameter file of QGroundControl."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy.exports._autopilot import cannot_scale, offsets
+from tinygc.deploy.exports._autopilot import cannot_scale, force_terms, offsets
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._remarks import remarks
 from tinygc.deploy.exports._thermal import accel_change, cubic_about, part_at_reference, say_lost
@@ -12,7 +12,7 @@ from tinygc.models.model import Model
 from tinygc.models.thermal import ThermalModel
 
 NAME = "px4"
-SUMMARY = "PX4 parameters: gyroscope offsets and temperature terms (no scale)"
+SUMMARY = "PX4 parameters: gyroscope offsets and temperature terms (no scale), accelerometer offsets and scales"
 FILE = "px4.params"
 INT32, FLOAT = 6, 9  #: MAVLink's parameter types
 
@@ -27,11 +27,17 @@ def export(model: Model, context: Context) -> dict[str, str]:
         slope = part.M @ part.k
         rates |= {"TC_G0_TMIN": celsius[0], "TC_G0_TMAX": celsius[1], "TC_G0_TREF": part.first_c}
         rates |= {f"TC_G0_X{power}_{axis}": slope[axis] if power == 1 else 0.0 for power in range(4) for axis in range(3)}
+    force = force_terms(context, NAME)
+    if force is not None:
+        rates |= {f"CAL_ACC0_{axis}OFF": value for axis, value in zip("XYZ", force[0], strict=True)}
+        rates |= {f"CAL_ACC0_{axis}SCALE": value for axis, value in zip("XYZ", force[1], strict=True)}
     head = remarks(
         context,
         *cannot_scale(part),
+        *(() if force is None else force[2]),
         "corrected = measured - CAL_GYRO0_*OFF - (TC_G0_X1_* dT + TC_G0_X2_* dT^2 + TC_G0_X3_* dT^3),  dT = T - TC_G0_TREF",
-        "rad/s, degC, in the sensor's axes before PX4 rotates the board.  CAL_GYRO0_ID (and TC_G0_ID) must hold this sensor's device id:",
+        *(() if force is None else ("corrected = (measured - CAL_ACC0_*OFF) CAL_ACC0_*SCALE, m/s^2",)),
+        "rad/s, degC, in the sensor's axes before PX4 rotates the board.  CAL_GYRO0_ID (and TC_G0_ID, CAL_ACC0_ID) must hold this sensor's id:",
         "they are not known here, and PX4 takes no offset without them.  Change the 0 if it is another instance.",
     )
     return {FILE: head + _table(rates, ("G",) if celsius is not None else ())}

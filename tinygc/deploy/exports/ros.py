@@ -20,7 +20,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
     part = linear_part(model, NAME, carries=("force",))
     if context.gyro_noise is None or context.accel_noise is None:
         raise ExportError("ros needs the noise that `calibrate.py fit` measured (fit.json beside the model)")
-    accelerometer = context.config.accelerometer
+    accelerometer = context.accelerometer
     half_rate = context.config.sensor.odr_hz / 2
     gyro = part.E @ np.diag(context.gyro_noise**2 * half_rate) @ part.E.T
     accel = accelerometer.matrix @ np.diag(context.accel_noise**2 * half_rate) @ accelerometer.matrix.T
@@ -28,6 +28,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
         context,
         "omega = gyroscope.matrix m + gyroscope.offset - gyroscope.g_sensitivity a        rad/s; a: calibrated specific force, m/s^2",
         "a = accelerometer.matrix (a_measured - accelerometer.bias)        m/s^2, specific force: at rest +g on the axis that points up",
+        f"    {context.accelerometer_words}",
         "Matrices are row-major.  Publish what is measured on imu/data_raw, what is calibrated on imu/data (REP 145).",
         "*_covariance are the three of sensor_msgs/Imu: white noise of one sample, up to half the data rate, and nothing else;",
         "orientation_covariance begins with -1: there is no estimate of it.",

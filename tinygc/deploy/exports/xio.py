@@ -19,7 +19,7 @@ SUMMARY = "misalignment, sensitivity, offset for x-io's Fusion (C) and x-IMU3 (J
 def export(model: Model, context: Context) -> dict[str, str]:
     """Linear models."""
     part = linear_part(model, NAME)
-    accelerometer = context.config.accelerometer
+    accelerometer = context.accelerometer
     triads = {
         "gyroscope": (*factor(part.E), part.bias / DEG),
         "accelerometer": (*factor(accelerometer.matrix), accelerometer.bias_mps2 / G),
@@ -27,6 +27,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
     lines = (
         "calibrated = misalignment * (sensitivity o (uncalibrated - offset))        o: element by element; deg/s, g",
         "calibrated = FusionCalibrationInertial(uncalibrated, misalignment, sensitivity, offset);",
+        f"accelerometer: {context.accelerometer_words}",
         part.example(),
     )
     header = remarks(context, *lines, mark="//")

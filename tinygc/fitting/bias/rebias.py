@@ -241,6 +241,7 @@ def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
         "sha256": hashes.input_hashes(session),
         "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
         "version": VERSION,
+        **{name: table[name] for name in ("sensor", "accelerometer") if name in table},  # E is in that one's body frame
     }
     with result_folder(folder):
         write_whole(folder / MODEL, models.to_dict(result.model, **more))

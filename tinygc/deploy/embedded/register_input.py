@@ -73,6 +73,19 @@ class Registers:
         )
 
 
+def force_constant(accelerometer: Accelerometer) -> np.ndarray:
+    """(3, 4) float32: from m/s^2 as measured to calibrated specific force, as one affine map."""
+    matrix, bias = accelerometer.matrix, accelerometer.bias_mps2
+    return table(matrix, -matrix @ bias, "the accelerometer's calibration")
+
+
+FORCE_FUNCTION = """\
+void tinygc_force(const float measured[3], float force[3])
+{
+    affine(ACCELEROMETER, measured, force);
+}
+"""
+
 FUNCTION = """\
 void tinygc_from_registers(const int16_t registers[7], tinygc_input *in)
 {

@@ -7,6 +7,7 @@ from textwrap import indent
 
 import numpy as np
 
+from session.log.config import Accelerometer
 from tinygc.deploy.embedded import affine, register_input
 from tinygc.deploy.embedded.program import Program
 from tinygc.deploy.embedded.register_input import Registers
@@ -25,7 +26,7 @@ _HEADER = """\
 {formula}
  * and is the answer.  No sample is looked at twice, and none ahead.{averaged}
  *
- * units    rate in rad/s in and out; specific force in m/s^2, pre-calibrated (level and still, z down: 0, 0, -g); temperature in degC
+ * units    rate in rad/s in and out; specific force in m/s^2, calibrated (level and still, z down: 0, 0, -g); temperature in degC
  * axes     the sensor's own
  * memory   {weights} bytes of weights, {state} bytes of state
  * cost     {multiply} multiplications, {add} additions, {compare} comparisons a sample, all in single precision;
@@ -106,8 +107,14 @@ _DEFINES = """\
 
 _FROM_REGISTERS = """
 /* Registers gx gy gz ax ay az temp of the {model} at {sensor.gyro_fs_dps:g} dps and {sensor.accel_fs_g:g} g, in physical units; the
- * accelerometer's pre-calibration is in it. */
+ * accelerometer's calibration is in it. */
 void tinygc_from_registers(const int16_t registers[7], tinygc_input *in);
+"""
+
+_FORCE = """
+/* Specific force as the accelerometer measures it, m/s^2, calibrated: for whoever fills tinygc_input without registers.  The two
+ * arrays are not one. */
+void tinygc_force(const float measured[3], float force[3]);
 """
 
 _SELF_TEST = """\
@@ -142,13 +149,17 @@ int tinygc_self_test(float *worst)
 """
 
 
-def source_files(program: Program, sensor: Registers | None, title: str, facts: dict[str, str]) -> dict[str, str]:
-    """File name -> text.  sensor: None where nothing is known of its registers; title and facts go into comments.
+def source_files(
+    program: Program, sensor: Registers | None, title: str, facts: dict[str, str], accelerometer: Accelerometer | None = None
+) -> dict[str, str]:
+    """File name -> text.  sensor: None where nothing is known of its registers; title and facts go into comments; accelerometer: what
+    ``tinygc_force`` applies, the sensor's without it.
 
     Without a sensor ``tinygc_from_registers`` is private to the self-test.
     """
     known = Registers() if sensor is None else sensor
     constants, stages = program.constants, program.stages
+    accelerometer = accelerometer or known.accelerometer
     members, start = ("".join(getattr(stage, name) for stage in stages) for name in ("state", "start"))
     code = "\n".join(stage.body for stage in stages)
     unread = "; this model does not read it"
@@ -167,10 +178,13 @@ def source_files(program: Program, sensor: Registers | None, title: str, facts: 
         "force": "" if "in->force" in code else unread,
         "temp": "" if "in->temp_c" in code else unread,
         "defines": "" if sensor is None else _DEFINES.format(sensor=sensor, odr=_number(np.float32(sensor.odr_hz))),
-        "prototype": "" if sensor is None else _FROM_REGISTERS.format(sensor=sensor, model=_comment(sensor.model)),
-        "constants": "\n\n".join(_constant(name, array) for name, array in (constants | known.constants).items()),
+        "prototype": _FORCE + ("" if sensor is None else _FROM_REGISTERS.format(sensor=sensor, model=_comment(sensor.model))),
+        "constants": "\n\n".join(
+            _constant(name, array)
+            for name, array in (constants | known.constants | {"ACCELEROMETER": register_input.force_constant(accelerometer)}).items()
+        ),
         "functions": "\n".join([affine.FUNCTION, *(stage.functions for stage in stages if stage.functions)]),
-        "from_registers": ("static " if sensor is None else "") + register_input.FUNCTION,
+        "from_registers": register_input.FORCE_FUNCTION + "\n" + ("static " if sensor is None else "") + register_input.FUNCTION,
         "start": indent(start or "state->unused = 0;", "    "),
         "body": indent("\n".join(["(void)state;"] * (not members) + [_block(stage) for stage in stages]), "    "),
         "self_test": _self_test(vectors(program, known)),

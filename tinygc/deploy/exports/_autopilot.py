@@ -22,8 +22,8 @@ def offsets(model: Model, context: Context, name: str) -> tuple[LinearPart, tupl
     full_scale = context.config.sensor.gyro_fs_dps
     lost = np.abs(part.E - np.eye(3)).sum(axis=1).max()
     context.say(
-        f"{name} carries the gyroscope's offsets and temperature terms only, no scale and no misalignment: up to {100 * lost:.2f} % of the rate, "
-        f"{lost * full_scale:.2g} dps at {full_scale:g} dps, stays uncorrected"
+        f"{name} carries the gyroscope's offsets and temperature terms only, no scale and no misalignment: "
+        f"up to {100 * lost:.2f} % of the rate, {lost * full_scale:.2g} dps at {full_scale:g} dps, stays uncorrected"
     )
     if not part.k.any():
         return part, None
@@ -65,6 +65,6 @@ def force_terms(context: Context, name: str) -> tuple[np.ndarray, np.ndarray, tu
         scale,
         (
             f"Accelerometer: {context.accelerometer_words}",
-            f"Its nonorthogonality and the turn of its frame cannot be carried: {words}.",
+            f"Its nonorthogonality, and a turn of its frame, cannot be carried: {words}.",
         ),
     )

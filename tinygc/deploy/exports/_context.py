@@ -71,9 +71,14 @@ class Context:
             "stills": "from the session's own stills and turns",
             "none": "nobody has calibrated it: as measured",
         }[self.accelerometer.source]
+        return f"{words}; not observed: {', '.join(self.accelerometer_unobserved)}" if self.accelerometer_unobserved else words
+
+    @property
+    def accelerometer_unobserved(self) -> tuple[str, ...]:
+        """Names of its numbers that stay as they were, since nothing in the session tells them."""
         found = self.fit.get("accelerometer")
         left = found.get("unobserved") if isinstance(found, dict) else None
-        return f"{words}; not observed: {', '.join(map(str, left))}" if left else words
+        return tuple(map(str, left)) if isinstance(left, list) else ()
 
     @property
     def gyro_noise(self) -> np.ndarray | None:

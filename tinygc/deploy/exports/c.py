@@ -26,7 +26,10 @@ def export(model: Model, context: Context) -> dict[str, str]:
         facts["denoiser"] = f"made for {model.made_for_hz:g} Hz, {1e3 * model.delay_s:.2f} ms late"
     for name in [*context.hashes][:1]:  # the model's own file
         facts["sha256"] = f"{context.hashes[name]} {name}"
+    facts["force"] = context.accelerometer_words.split(";")[0]
+    if context.accelerometer_unobserved:
+        facts["unseen"] = f"of the accelerometer, not observed: {', '.join(context.accelerometer_unobserved)}"
     registers = Registers.of(context.config, context.accelerometer)
     if registers is None:
         context.say(f"no tinygc_from_registers: what the registers of {sensor.model} mean, or its full scale, is not known")
-    return source_files(chosen, registers, f"A gyroscope's calibration, by TinyGC {VERSION}.", facts)
+    return source_files(chosen, registers, f"A gyroscope's calibration, by TinyGC {VERSION}.", facts, context.accelerometer)

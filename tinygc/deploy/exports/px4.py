@@ -37,7 +37,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
         *(() if force is None else force[2]),
         "corrected = measured - CAL_GYRO0_*OFF - (TC_G0_X1_* dT + TC_G0_X2_* dT^2 + TC_G0_X3_* dT^3),  dT = T - TC_G0_TREF",
         *(() if force is None else ("corrected = (measured - CAL_ACC0_*OFF) CAL_ACC0_*SCALE, m/s^2",)),
-        "rad/s, degC, in the sensor's axes before PX4 rotates the board.  CAL_GYRO0_ID (and TC_G0_ID, CAL_ACC0_ID) must hold this sensor's id:",
+        "rad/s, degC, in the sensor's axes before PX4 rotates the board.  CAL_GYRO0_ID, CAL_ACC0_ID (and TC_G0_ID) must hold its id:",
         "they are not known here, and PX4 takes no offset without them.  Change the 0 if it is another instance.",
     )
     return {FILE: head + _table(rates, ("G",) if celsius is not None else ())}

@@ -22,15 +22,20 @@ UNITS = {"ppm": 1e-6, "mrad": 1e-3, "mg": MG}
 @dataclass(frozen=True, eq=False)
 class AccelerometerFit:
     """mode: ``given``, ``fit`` or ``prior``; calibration that is in force; covariance (9, 9) of the numbers, SI, None where it was taken as
-    given; unobserved: names of numbers that stay as they were; p_value: of a given one, that it holds; spread_mps2: of gravity's length
-    over the stills before and after."""
+    given; unobserved: names of numbers that stay as they were; p_value: of a given one, that it holds; misses_mps2: by how much each
+    still's length misses gravity's, as measured (where a calibration is given, as given), and after."""
 
     mode: str
     calibration: Accelerometer
     covariance: np.ndarray | None = None
     unobserved: tuple[str, ...] = ()
     p_value: float | None = None
-    spread_mps2: tuple[float, float] | None = None
+    misses_mps2: tuple[np.ndarray, np.ndarray] | None = None
+
+    @property
+    def spread_mps2(self) -> tuple[float, float] | None:
+        """Of gravity's length over the stills, before and after."""
+        return None if self.misses_mps2 is None else (float(np.std(self.misses_mps2[0])), float(np.std(self.misses_mps2[1])))
 
     @property
     def values(self) -> np.ndarray:
@@ -77,16 +82,19 @@ class AccelerometerFit:
         }
 
 
-def accelerometer_fit(calibration: Accelerometer, joint: JointFit | None, covariance: np.ndarray | None) -> AccelerometerFit:
-    """Of a fit; covariance (21, 21) of ``JOINT_NAMES``, where noise was estimated."""
+def accelerometer_fit(
+    calibration: Accelerometer, joint: JointFit | None, covariance: np.ndarray | None, gravity_mps2: float
+) -> AccelerometerFit:
+    """Of a fit; covariance (21, 21) of ``JOINT_NAMES``, where noise was estimated; gravity_mps2: the length that is expected."""
     if joint is None:
-        return AccelerometerFit("given", calibration)
+        return AccelerometerFit("given", calibration, unobserved=NAMES if calibration.source == "none" else ())
     own = joint.covariance if covariance is None else covariance[:PARAMETERS, :PARAMETERS]
-    spread = float(np.std(joint.before)), float(np.std(joint.after))
-    return AccelerometerFit(joint.mode, calibration, own, joint.unobserved, joint.p_value, spread)
+    before = joint.before
+    if joint.mode == "fit":  # what it was before that is the lengths' own first estimate
+        before = np.linalg.norm(calibration.measured(joint.force), axis=1) - gravity_mps2
+    return AccelerometerFit(joint.mode, calibration, own, joint.unobserved, joint.p_value, (before, joint.after))
 
 
 def of_lengths(found: LengthFit) -> AccelerometerFit:
     """Of the stills' lengths alone, as measured."""
-    spread = float(np.std(found.before)), float(np.std(found.after))
-    return AccelerometerFit("fit", found.accelerometer, found.covariance, found.unobserved, None, spread)
+    return AccelerometerFit("fit", found.accelerometer, found.covariance, found.unobserved, None, (found.before, found.after))

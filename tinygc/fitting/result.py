@@ -65,7 +65,8 @@ class FitResult:
     @property
     def accelerometer(self) -> AccelerometerFit:
         """That its references rest on."""
-        return accelerometer_fit(self.session.config.accelerometer, self.problem.joint, self.joint_covariance)
+        config = self.session.config
+        return accelerometer_fit(config.accelerometer, self.problem.joint, self.joint_covariance, config.site.expected_gravity_mps2)
 
     @property
     def session(self) -> Session:

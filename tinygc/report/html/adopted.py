@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.log.config import Accelerometer
 from session.log.hashes import input_hashes
 from tinygc import models
 from tinygc.closure.bias_wander import wander_covariance
@@ -17,6 +18,7 @@ from tinygc.fitting.physics.covariance import covariance_at_end, rate_covariance
 from tinygc.fitting.physics.lost_in_runs import loss_words, lost_in
 from tinygc.fitting.result import FitResult
 from tinygc.fitting.save import AT_END
+from tinygc.models.accelerometer import accelerometer_table, sensor_table
 from tinygc.models.field_parameters import Quantity, field_quantities
 from tinygc.models.linear import BIAS, PARAMETERS, LinearModel
 from tinygc.models.physics import PhysicsModel
@@ -35,7 +37,7 @@ class Adopted:
     more data than these segments);
     vector and covariance of its parameters (12 linear ones first, then the effects'); claims: the effects in it; errors (3,) rad of
     each closure run and how probable more is from what is known to be uncertain; run_losses: a sentence for each run in which
-    samples seem lost, else none; quantities in the field's words."""
+    samples seem lost, else none; quantities in the field's words; accelerometer that its references rest on."""
 
     name: str
     model: LinearModel | PhysicsModel
@@ -51,6 +53,7 @@ class Adopted:
     run_p: list[float]
     run_losses: list[str]
     quantities: list[Quantity]
+    accelerometer: Accelerometer
 
     @property
     def linear(self) -> LinearModel:
@@ -115,6 +118,7 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         claims=(),
         **_runs(fit, vector, covariance, errors),
         quantities=field_quantities(vector, covariance, unobserved),
+        accelerometer=fit.session.config.accelerometer,
     )
 
 
@@ -148,6 +152,7 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
         claims=claims,
         **_runs(fit, vector, covariance, errors),
         quantities=field_quantities(vector[:PARAMETERS], covariance[:PARAMETERS, :PARAMETERS]),
+        accelerometer=explanation.mended.problem.session.config.accelerometer,
     )
 
 
@@ -188,6 +193,7 @@ def model_table(adopted: Adopted, fit: FitResult) -> dict:
 
     hashes = input_hashes(fit.session)
     more = {"method": adopted.method, "session": fit.session.name, "sha256": hashes, "version": VERSION}
+    more |= {"sensor": sensor_table(fit.session.config.sensor), "accelerometer": accelerometer_table(adopted.accelerometer)}
     if adopted.name == LINEAR:
         more |= {"covariance": adopted.covariance.tolist(), "unobserved": fit.linear.notes.get("unobserved", [])}
     else:

@@ -2,8 +2,9 @@
 
 With a limit: the held-out closure of the segments and the error of each closure run, of the calibration that is reported, must not be
 above it.  Without one: both must be what noise allows (p at least 0.01), and held-out closure must be near enough to its floor, of
-enough segments, for that to mean anything: few segments leave little that a fit could not follow.  Either way, a calibration that closes
-held-out segments worse than the raw rates do fails.
+enough segments, for that to mean anything: few segments leave little that a fit could not follow.  Nor is it decided where the
+accelerometer's own numbers are not observed: what is wrong with all references alike is wrong with E, and closes all the same.  Either
+way, a calibration that closes held-out segments worse than the raw rates do fails.
 """
 
 from __future__ import annotations
@@ -12,10 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.accelerometer.parameters import PARAMETERS
 from session.checks.stills import ENOUGH_SEGMENTS
 from session.common.units import DEG
 from tinygc.closure.uncertainty import MISMATCH_P
+from tinygc.fitting.accelerometer import AccelerometerFit
 from tinygc.fitting.against_raw import AgainstRaw
+from tinygc.problem.joint import REFUTED_P
 from tinygc.report.html.adopted import Adopted, agrees
 from tinygc.report.html.numbers import degrees, probability, significant, tilt_rms
 
@@ -47,8 +51,15 @@ class Decision:
         return {"pass": "Pass", "doubtful pass": "Pass, with doubts", "not decided": "Not decided", "fail": "Fail"}[self.answer]
 
 
-def decide(adopted: Adopted, files: list[str], limit_deg: float | None, raw: AgainstRaw | None = None) -> Decision:
-    """Judge the calibration; files names the closure runs; raw: what the rates leave as they were measured."""
+def decide(
+    adopted: Adopted,
+    files: list[str],
+    limit_deg: float | None,
+    raw: AgainstRaw | None = None,
+    accelerometer: AccelerometerFit | None = None,
+) -> Decision:
+    """Judge the calibration; files names the closure runs; raw: what the rates leave as they were measured; accelerometer that the
+    references rest on."""
     if limit_deg is not None:
         reasons = [_against("segments, held out, rms of tilt", tilt_rms(adopted.angles), limit_deg)]
         reasons += [_against(f"{file}, RMSE", rmse(error), limit_deg) for file, error in zip(files, adopted.run_errors, strict=True)]
@@ -66,7 +77,8 @@ def decide(adopted: Adopted, files: list[str], limit_deg: float | None, raw: Aga
         words = f"segments, held out, rms of tilt: {degrees(tilt_rms(adopted.angles))}, worse than the"
         reasons.append((False, f"{words} {significant(raw.tilt_rms_deg, 2)}° of the raw rates"))
         rule += " Worse than the raw rates is a fail in any case."
-    return Decision(all(met for met, _ in reasons), rule, reasons, _doubts(adopted), limit_deg is not None)
+    doubts = _doubts(adopted) + _accelerometer_doubts(accelerometer)
+    return Decision(all(met for met, _ in reasons), rule, reasons, doubts, limit_deg is not None)
 
 
 def _doubts(adopted: Adopted) -> list[str]:
@@ -75,6 +87,22 @@ def _doubts(adopted: Adopted) -> list[str]:
         doubts.append(f"{adopted.in_numbers}, expected {ENOUGH_SEGMENTS} segments or more: record more turns")
     if adopted.times_floor > NEAR_FLOOR:
         doubts.append(f"held-out closure is {significant(adopted.times_floor)} times what noise alone leaves ({adopted.in_numbers})")
+    return doubts
+
+
+def _accelerometer_doubts(accelerometer: AccelerometerFit | None) -> list[str]:
+    """What the closure cannot show: references that all err alike turn the calibration with them."""
+    if accelerometer is None:
+        return []
+    doubts = []
+    if accelerometer.unobserved:
+        none = len(accelerometer.unobserved) == PARAMETERS
+        left = f"not observed: {'all of its numbers' if none else ', '.join(accelerometer.unobserved)}"
+        doubts.append(f"accelerometer: {left}; what it errs there is in E, and closure does not show it: rest it on more sides")
+    if accelerometer.mode == "prior" and accelerometer.p_value is not None and accelerometer.p_value < REFUTED_P:
+        doubts.append(
+            f"accelerometer: the given calibration was kept as a prior, and no longer holds ({probability(accelerometer.p_value)})"
+        )
     return doubts
 
 

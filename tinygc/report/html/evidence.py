@@ -105,7 +105,7 @@ def gather(
         explanation=explanation,
         against_truth=against_truth,
         adopted=adopted,
-        decision=decide(adopted, [run.file for run in fit.runs], limit_deg, fit.against_raw),
+        decision=decide(adopted, [run.file for run in fit.runs], limit_deg, fit.against_raw, fit.accelerometer),
         quantities=quantities,
         allan=allan,
         hashes=input_hashes(fit.session),

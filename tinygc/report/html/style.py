@@ -65,6 +65,7 @@ strong{font-weight:640}
 .stamp svg{width:1.05em;height:1.05em;display:block}
 .verdict p{margin:0;font-size:14px;color:var(--soft)}
 .heads{display:grid;grid-template-columns:repeat(auto-fit,minmax(14.5rem,1fr));gap:1.1rem 2rem;margin:0}
+.heads.four{grid-template-columns:repeat(auto-fit,minmax(min(100%,19rem),1fr))}
 .heads dt{color:var(--soft);font-size:13.5px;margin:0}
 .heads dd{margin:.05rem 0 0;font-size:2rem;line-height:1.2;letter-spacing:-.025em;font-weight:640;white-space:nowrap}
 .heads dd small{font-size:.62em;font-weight:500;color:var(--soft);letter-spacing:-.01em}

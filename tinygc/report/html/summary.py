@@ -48,6 +48,7 @@ def summary(evidence: Evidence) -> dict:
             }
             for q in evidence.quantities
         ],
+        "accelerometer": evidence.fit.accelerometer.to_json(),
         "inputs": evidence.hashes,
         "versions": evidence.versions,
         "made": evidence.made,

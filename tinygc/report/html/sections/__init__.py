@@ -2,6 +2,7 @@
 has nothing to show for it."""
 
 from tinygc.report.html.sections import (
+    accelerometer,
     answer,
     application,
     attitudes_over_run,
@@ -26,6 +27,7 @@ SECTIONS = tuple(
         closure_per_segment,
         attitudes_over_run,
         parameters,
+        accelerometer,
         correlations,
         noise,
         denoising,

@@ -11,6 +11,7 @@ from tinygc.report.html.decision import NEAR_FLOOR, rmse
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, escape, figure
 from tinygc.report.html.numbers import degrees, probability, significant, tilt_rms
+from tinygc.report.html.sections import accelerometer
 
 TICK = (
     '<svg viewBox="0 0 16 16" aria-hidden="true"><path d="M2.5 8.5l3.6 3.6L13.5 4" fill="none" stroke="currentColor" '
@@ -39,10 +40,11 @@ def section(evidence: Evidence) -> Section:
         f'<li><b class="k-raw" style="color:var(--c)" aria-label="in doubt">?</b><span>{escape(text)}</span></li>'
         for text in decision.doubts
     )
+    heads = _heads(evidence)
     html = (
         f'<div class="answer" id="answer"><div class="verdict"><span class="stamp k-{kind}" style="color:var(--c)">'
         f"{sign}{decision.word}</span>"
-        f'<p>{escape(decision.rule)}</p></div><dl class="heads">{"".join(_heads(evidence))}</dl>'
+        f'<p>{escape(decision.rule)}</p></div><dl class="heads{" four" * (len(heads) == 4)}">{"".join(heads)}</dl>'
         f"{figure(lambda width: _strip(evidence, width))}"
         f'<ul class="reasons">{reasons}</ul></div>'
     )
@@ -71,6 +73,8 @@ def _heads(evidence: Evidence) -> list[str]:
             )
         )
     heads.append(_head("Above the noise floor", f"{significant(after / floor, 3)} <small>×</small>", _why(evidence)))
+    if (card := accelerometer.card(evidence)) is not None:
+        heads.append(_head(*card))
     return heads
 
 

@@ -37,6 +37,7 @@ def section(evidence: Evidence) -> Section:
     html += f"<h3>Python</h3>{code(_python(evidence, E, B))}<h3>C</h3>{code(_c(evidence, E, B))}"
     if model.undone:
         html += "<h3>And the physics</h3>" + _effects(evidence)
+    html += _force(evidence)
     rows = []
     for m in TRY_DPS:
         omega = (E @ (m * DEG) + B) / DEG
@@ -59,6 +60,18 @@ def section(evidence: Evidence) -> Section:
     return Section("apply", "Apply it", html)
 
 
+def _force(evidence: Evidence) -> str:
+    """The accelerometer's own calibration, in the same body frame."""
+    accelerometer = evidence.adopted.accelerometer
+    if accelerometer.source == "none":
+        return ""
+    rows = ",\n              ".join(f"[{row}]" for row in _rows(accelerometer.matrix))
+    return "<h3>The accelerometer</h3>" + code(
+        f"M = np.array([{rows}])\nb = np.array([{_rows(accelerometer.bias_mps2)[0]}])  # m/s^2\n"
+        "f = (a - b) @ M.T  # (N, 3) m/s^2: a as measured, f the specific force in the axes of omega"
+    )
+
+
 def _at_end(evidence: Evidence) -> str:
     """What a drift or a step of that one session is, once it is over."""
     if not (bygone := evidence.adopted.follows_session):
@@ -76,7 +89,7 @@ def _by_this_tool(evidence: Evidence) -> str:
     needs, name = Calibration(adopted.in_use, 1.0).needs, f"model_{adopted.method}.json"
     load = f'"{name}", rate_hz={evidence.fit.session.config.sensor.odr_hz:g}' if "rate_hz" in needs else f'"{name}"'
     given = ", ".join(["m", *(f"{what}={what}" for what in ("acc", "temp") if what in needs)])
-    said = {"acc": "<i>acc</i> in m/s², pre-calibrated", "temp": "<i>temp</i> in °C"}
+    said = {"acc": "<i>acc</i> in m/s², calibrated (<code>model.force</code>)", "temp": "<i>temp</i> in °C"}
     units = ", ".join(words for what, words in said.items() if what in needs)
     units = f" ({units})" if units else ""
     return paragraph(
@@ -140,7 +153,7 @@ def _effects(evidence: Evidence) -> str:
         rows = ",\n              ".join(f"[{row}]" for row in _rows(claim.theta.reshape(3, 3)))
         html += code(
             f"K = np.array([{rows}])  # rad/s per g, of 9.80665 m/s²\n"
-            "omega = m @ E.T + B - f_g @ K.T  # f_g: (N, 3) specific force in g, pre-calibrated"
+            "omega = m @ E.T + B - f_g @ K.T  # f_g: (N, 3) specific force in g, calibrated"
         )
     html += paragraph(
         "The file below has all parameters; <code>calibrate.py fit --physics auto</code> saves the same model.",

@@ -35,7 +35,7 @@ def section(evidence: Evidence) -> Section:
         f"Of {_what(evidence)}, {escape(_at(temperature_words(evidence.problem)))}. Each value ± its expanded uncertainty, <i>k</i> "
         "= 2 (about 95 %). "
         'They say what the <em>sensor</em> does; <a href="#apply">Apply it</a> has what undoes it. Reference axes are those of the '
-        "accelerometer as it was calibrated before."
+        f"{_reference_axes(evidence)}."
     )
     html += '<div class="pair"><div>' + figure(
         lambda width: triad(M, min(width, 320)),
@@ -58,16 +58,29 @@ def section(evidence: Evidence) -> Section:
             f"{significant(np.sqrt(widened), 2)}, as if what is missing were noise. It need not be.",
             "soft",
         )
-    # A fit without stills between its turns does not reckon with the accelerometer; all others do.
-    accelerometer = "an error of the accelerometer’s pre-calibration"
-    reckons = bool(evidence.adopted.claims) or evidence.fit.noise is not None
-    has, lacks = (", 0.1 mg of the accelerometer’s pre-calibration", "a larger error of it") if reckons else ("", accelerometer)
+    has, lacks = _accelerometer_words(evidence)
     html += paragraph(
         f"Uncertainties include the noise measured in the stills, the Earth’s heading where it was estimated{has}, and "
         f"{_beyond_white(evidence)}. They do not include {lacks}, nor a bias that is another one after the next switch-on.",
         "soft",
     )
     return Section("parameters", "Parameters", html)
+
+
+def _reference_axes(evidence: Evidence) -> str:
+    if evidence.problem.session.truths is not None:
+        return "the truth file’s"
+    return 'those of the accelerometer, as <a href="#accelerometer">calibrated here</a>'
+
+
+def _accelerometer_words(evidence: Evidence) -> tuple[str, str]:
+    """What of the accelerometer's errors the uncertainties hold, and what they do not."""
+    if not evidence.adopted.claims and evidence.fit.joint_covariance is not None:
+        return ", the accelerometer’s own nine numbers, estimated together with these", "an accelerometer that moves within the session"
+    # A fit without stills between its turns does not reckon with the accelerometer; all others do.
+    if evidence.adopted.claims or evidence.fit.noise is not None:
+        return ", 0.1 mg of the accelerometer’s calibration", "a larger error of it"
+    return "", "an error of the accelerometer’s calibration"
 
 
 def _beyond_white(evidence: Evidence) -> str:

@@ -8,6 +8,14 @@ from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, escape, facts, paragraph, table
 from tinygc.report.html.sections.recording import temperature_words
 
+#: source of the accelerometer's calibration -> in words
+SOURCES = {
+    "given": "as session.toml gives it",
+    "prior": "session.toml’s, sharpened by this session’s stills and turns",
+    "stills": "from this session’s own stills and turns",
+    "none": "nobody has calibrated it: as measured",
+}
+
 
 def section(evidence: Evidence) -> Section:
     """Everything that would be needed to make the same report again."""
@@ -30,11 +38,12 @@ def section(evidence: Evidence) -> Section:
             ("Registers", _registers(evidence)),
         ]
     )
-    accelerometer = config.accelerometer
+    accelerometer = evidence.adopted.accelerometer
     matrix = "; ".join(", ".join(f"{value:.6f}" for value in row) for row in accelerometer.matrix).replace("-", "−")
     bias = ", ".join(f"{value:.5f}" for value in accelerometer.bias_mps2).replace("-", "−")
     html += paragraph(
-        f"Pre-calibration of the accelerometer, <i>f</i> = matrix (measured − bias): matrix {escape(matrix)}; bias {escape(bias)} m/s².",
+        f"Calibration of the accelerometer that the references rest on ({SOURCES[accelerometer.source]}), <i>f</i> = matrix "
+        f"(measured − bias): matrix {escape(matrix)}; bias {escape(bias)} m/s².",
         "soft",
     )
     html += noted(config)

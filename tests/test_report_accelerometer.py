@@ -1,0 +1,130 @@
+"""The report's accelerometer: a card, a section, and a decision that knows what nobody has observed."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from html_pages import parsed
+
+import calibrate
+from session.accelerometer.parameters import NAMES
+from session.common.units import MG
+from session.log.config import Accelerometer
+from tinygc.fitting.accelerometer import AccelerometerFit
+from tinygc.methods.options import FitOptions
+from tinygc.report.html.adopted import Adopted
+from tinygc.report.html.decision import decide
+from tinygc.report.html.evidence import gather
+from tinygc.report.html.page import page
+from tinygc.report.html.sections import accelerometer
+
+LEFT = ("nonorthogonality xy", "nonorthogonality yz")
+
+
+def bare_copy(folder, out):
+    """Without [accelerometer]."""
+    import shutil
+
+    shutil.copytree(folder, out, ignore=shutil.ignore_patterns("fit", "explain", "report*"))
+    text = (out / "session.toml").read_text()
+    head, rest = text.split("[accelerometer]")
+    (out / "session.toml").write_text(head + "[" + rest.split("\n[", 1)[1] if "\n[" in rest else head)
+    return out
+
+
+@pytest.fixture(scope="module")
+def bare(simulated, tmp_path_factory):
+    return bare_copy(simulated(), tmp_path_factory.mktemp("bare") / "bare")
+
+
+@pytest.fixture(scope="module")
+def evidence(bare):
+    return gather(bare, FitOptions(methods=("raw", "least_squares"), folds=2), explain=False)
+
+
+def words_of(html):
+    return re.sub(r"\s+", " ", re.sub("<[^>]*>", " ", html))
+
+
+def test_the_section_has_the_nine_numbers_with_twice_their_sigmas(evidence):
+    found = evidence.fit.accelerometer
+    text = words_of(accelerometer.section(evidence).html)
+    assert "own stills and turns" in text
+    numbers = accelerometer.quantities(found)
+    assert [q.component for q in numbers] == ["x", "y", "z", "xy", "xz", "yz", "x", "y", "z"]
+    np.testing.assert_allclose([q.value for q in numbers[6:]], found.calibration.bias_mps2 / MG)
+    np.testing.assert_allclose([q.expanded for q in numbers[6:]], 2 * found.sigmas[6:] / MG)
+    assert len(re.findall("± ", text)) == 10  # nine, and the caption's
+    before, after = (float(np.std(each)) / MG for each in found.misses_mps2)
+    assert before > 100 * after
+    assert f"{before:.0f} mg" in text
+
+
+def test_what_is_before_is_as_measured(evidence):
+    """Not what the lengths' own first estimate makes of it."""
+    before, _ = evidence.fit.accelerometer.misses_mps2
+    log = evidence.fit.session.logs[0].samples
+    stills = [still for still in evidence.problem.stills if still.problem is None]
+    measured = np.array([log.accel[s.start : s.stop].mean(axis=0) for s in stills])
+    gravity = evidence.fit.session.config.site.expected_gravity_mps2
+    np.testing.assert_allclose(before, np.linalg.norm(measured, axis=1) - gravity, atol=2e-3 * MG)
+
+
+def unobserved(evidence):
+    problem = replace(evidence.problem, joint=replace(evidence.problem.joint, unobserved=LEFT))
+    fit = replace(evidence.fit, problem=problem)
+    return replace(
+        evidence, fit=fit, decision=decide(evidence.adopted, [run.file for run in fit.runs], None, accelerometer=fit.accelerometer)
+    )
+
+
+def test_what_is_not_observed_is_said_on_card_table_and_decision(evidence):
+    made = unobserved(evidence)
+    text = page(made)
+    parsed(text)
+    words = words_of(text)
+    assert "2 of its 9 numbers not observed" in words
+    assert f"Not observed here: {', '.join(LEFT)}" in words
+    assert words_of(accelerometer.section(made).html).count("not observed") == 2
+    assert made.decision.answer in ("not decided", "fail")
+    assert any("nonorthogonality xy" in doubt for doubt in made.decision.doubts)
+
+
+@pytest.mark.parametrize(
+    ("found", "limit", "answer", "words"),
+    [
+        (AccelerometerFit("fit", Accelerometer(source="stills")), None, "pass", None),
+        (AccelerometerFit("fit", Accelerometer(source="stills"), unobserved=LEFT), None, "not decided", "nonorthogonality yz"),
+        (AccelerometerFit("fit", Accelerometer(source="stills"), unobserved=LEFT), 1.0, "doubtful pass", "nonorthogonality yz"),
+        (AccelerometerFit("given", Accelerometer(source="none"), unobserved=NAMES), None, "not decided", "all of its numbers"),
+        (AccelerometerFit("prior", Accelerometer(source="prior"), p_value=0.3), None, "pass", None),
+        (AccelerometerFit("prior", Accelerometer(source="prior"), p_value=1e-9), None, "not decided", "no longer holds"),
+    ],
+)
+def test_the_decision_reckons_with_the_accelerometer(found, limit, answer, words):
+    angles = np.full((40, 2), 1e-4)
+    known = dict.fromkeys(Adopted.__dataclass_fields__) | {"angles": angles, "numbers": list(range(40)), "floor_rms": 1e-4}
+    known |= {"closure_p": 0.5, "closure_freedom": 4, "vector": np.zeros(12), "run_errors": [], "run_p": [], "run_losses": []}
+    decision = decide(Adopted(**known), [], limit, accelerometer=found)
+    assert decision.answer == answer
+    assert any(words in doubt for doubt in decision.doubts) if words else not decision.doubts
+
+
+def test_a_report_of_a_given_one_says_that_it_holds(simulated, tmp_path):
+    out, table = tmp_path / "r.html", tmp_path / "r.json"
+    options = ("--methods", "raw,least_squares", "--no-explain", "--folds", "2", "--quiet")
+    assert calibrate.main(["report", str(simulated()), "--out", str(out), "--json", str(table), *options]) in (0, 1)
+    words = words_of(out.read_text(encoding="utf-8"))
+    found = json.loads(table.read_text())["accelerometer"]
+    assert found["mode"] == "prior"
+    assert "calibration in session.toml holds" in words
+    assert "calibrated before" not in words
+    assert "pre-calib" not in words.lower()
+    model = re.search(r'data:application/json;base64,([^"]+)"', out.read_text(encoding="utf-8"))[1]
+    import base64
+
+    beside = json.loads(base64.b64decode(model))
+    assert beside["accelerometer"]["matrix"] == found["matrix"]
+    assert beside["sensor"]["gyro_fs_dps"] == 500

@@ -7,8 +7,9 @@ The verdict is therefore on E's nine parameters, B left free in every session (i
 compared beside it, with the wander that the fit's covariance already allows for; ``bias=True`` takes it into the verdict, for sessions
 between which the sensor was never switched off.
 
-The sessions' errors are taken to be independent.  What they share cancels in the difference: the accelerometer's pre-calibration, if
-it is the same in both, and the table.  If it is not the same, its change turns up as a rotation and a shear of E, and this is said.
+The sessions' errors are taken to be independent.  What they share cancels in the difference: the table, and the accelerometer's
+calibration, where all of them were given the same.  One that each session has estimated for itself is not shared.  E maps into the body
+frame that the accelerometer's matrix defines; where the frames differ, all are turned into the first one's (``compare_triads.py``).
 
 The statistic is the weighted scatter about the weighted mean, chi^2 = sum (x_i - x)^T P_i^-1 (x_i - x), of p (n - 1) degrees of
 freedom; with two sessions it is the difference's d^T (P_1 + P_2)^-1 d.
@@ -16,7 +17,7 @@ freedom; with two sessions it is the difference's d^T (P_1 + P_2)^-1 d.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,17 @@ from session.log.config import Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of
 from tinygc import models
+from tinygc.fitting.agreement import Agreement, agreement
+from tinygc.fitting.compare_triads import (
+    MODES,
+    Triad,
+    TriadComparison,
+    all_given_the_same,
+    compare_triads,
+    frame_angle,
+    into_frame_of,
+    read_triad,
+)
 from tinygc.models.field_parameters import WORDS, field_jacobian, field_vector
 from tinygc.models.linear import BIAS, MATRIX, NAMES, LinearModel
 
@@ -42,7 +54,7 @@ LASTING, SWITCH_ON = ("scale factor error", "misalignment"), ("bias",)
 @dataclass(frozen=True, eq=False)
 class Calibrated:
     """One fitted session: vector (12,) and covariance (12, 12) of least squares; what it could not observe; closure excess;
-    accelerometer (12, 12): what of the covariance the accelerometer's pre-calibration adds."""
+    accelerometer (12, 12): what of the covariance the accelerometer's calibration adds, where it was given; triad: its nine numbers."""
 
     folder: Path
     config: Config
@@ -52,20 +64,12 @@ class Calibrated:
     hashes: tuple[str, ...]
     notes: tuple[str, ...]
     accelerometer: np.ndarray | None = None
+    triad: Triad = field(default_factory=Triad)
 
     @property
     def name(self) -> str:
         """Of its folder."""
         return self.folder.resolve().name
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """chi_square of so many degrees of freedom, and the probability of more by chance."""
-
-    chi_square: float
-    freedom: int
-    p_value: float
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,8 @@ class Moved:
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """sessions; lasting: of E; bias: of B; all: of both together; values and sigmas (sessions, quantities) in the field's words;
-    sigmas_off (sessions, quantities): each session against the rest; moved: strongest first; agree by the rule asked for."""
+    sigmas_off (sessions, quantities): each session against the rest; moved: strongest first; agree by the rule asked for; triads: the
+    accelerometers, side by side."""
 
     sessions: tuple[Calibrated, ...]
     lasting: Agreement
@@ -98,6 +103,7 @@ class Comparison:
     moved: tuple[Moved, ...]
     notes: tuple[str, ...]
     with_bias: bool
+    triads: TriadComparison
 
     @property
     def verdict(self) -> Agreement:
@@ -133,17 +139,13 @@ def read_calibrated(folder: Path) -> Calibrated:
         accelerometer = _matrix(table["accelerometer_covariance"])
         if accelerometer.shape != (12, 12) or not np.isfinite(accelerometer).all():
             raise FormatError(f"{path}: accelerometer_covariance is not 12 x 12; run `calibrate.py fit {folder}` again")
-    return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes), accelerometer)
+    triad = read_triad(table, read_json(fit), config, str(path))
+    return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes), accelerometer, triad)
 
 
 def _apart(sessions: list[Calibrated]) -> list[np.ndarray]:
-    """(12, 12) of each session, without what all of them share: one pre-calibration of the accelerometer errs the same in all."""
-    one = sessions[0].config.accelerometer
-    same = all(
-        np.array_equal(s.config.accelerometer.matrix, one.matrix) and np.array_equal(s.config.accelerometer.bias_mps2, one.bias_mps2)
-        for s in sessions
-    )
-    if not same:
+    """(12, 12) of each session, without what all of them share: one calibration of the accelerometer that is given errs alike in all."""
+    if not all_given_the_same([s.triad for s in sessions], [s.config for s in sessions]):
         return [s.covariance for s in sessions]
     return [s.covariance if s.accelerometer is None else s.covariance - s.accelerometer for s in sessions]
 
@@ -159,7 +161,9 @@ def _matrix(entry: Any) -> np.ndarray:
 def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
     """Compare two sessions or more.  Raises DataError where two of them are one and the same recording."""
     _refuse_same(sessions)
-    vectors, covariances = np.array([s.vector for s in sessions]), np.array(_apart(sessions))
+    turns = [into_frame_of(sessions[0].triad, s.triad) for s in sessions]
+    vectors = np.array([turn @ s.vector for turn, s in zip(turns, sessions, strict=True)])
+    covariances = np.array([turn @ apart @ turn.T for turn, apart in zip(turns, _apart(sessions), strict=True)])
     words = [(word, component, unit) for word, components, unit, _ in WORDS for component in components]
     si = np.array([size for _, components, _, size in WORDS for _ in components])
     # One Jacobian for all: about the mean, so that equal differences are equal everywhere.
@@ -181,21 +185,10 @@ def compare(sessions: list[Calibrated], bias: bool = False) -> Comparison:
         sigmas=np.sqrt(np.diagonal(spread, axis1=1, axis2=2)),
         sigmas_off=off,
         moved=_moved(sessions, labels, by, off, looked_at),
-        notes=_notes(sessions),
+        notes=(*_notes(sessions), *_frame_notes(sessions, np.sqrt(np.einsum("sii->si", spread)), labels)),
         with_bias=bias,
+        triads=compare_triads([s.triad for s in sessions], [s.config for s in sessions]),
     )
-
-
-def agreement(vectors: np.ndarray, covariances: np.ndarray) -> Agreement:
-    """Of vectors (n, p) with covariances (n, p, p), each scaled to its own size so that no unit is lost in rounding."""
-    scale = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)).min(axis=0)
-    vectors, covariances = (vectors - vectors.mean(axis=0)) / scale, covariances / np.outer(scale, scale)
-    weights = np.linalg.inv(covariances)
-    mean = np.linalg.solve(weights.sum(axis=0), np.einsum("sij,sj->i", weights, vectors))
-    left = vectors - mean
-    chi_square = float(np.einsum("si,sij,sj->", left, weights, left))
-    freedom = (len(vectors) - 1) * vectors.shape[1]
-    return Agreement(chi_square, freedom, float(stats.chi2.sf(chi_square, freedom)))
 
 
 def _against_the_rest(values: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -240,10 +233,25 @@ def _notes(sessions: list[Calibrated]) -> tuple[str, ...]:
             notes.append(f"{session.name} is of another sensor by its session.toml ({other}, not {one})")
         if sensor.gyro_fs_dps != first.sensor.gyro_fs_dps:
             notes.append(f"{session.name} has another full scale ({sensor.gyro_fs_dps:g}, not {first.sensor.gyro_fs_dps:g} dps)")
+        if session.triad.mode != sessions[0].triad.mode:
+            one, other = (MODES[s.triad.mode] for s in (sessions[0], session))
+            notes.append(f"{session.name}: the accelerometer's calibration was {other} there, {one} in {sessions[0].name}")
         before, after = first.accelerometer, session.config.accelerometer
-        if not (np.array_equal(before.matrix, after.matrix) and np.array_equal(before.bias_mps2, after.bias_mps2)):
-            notes.append(f"{session.name} has another pre-calibration of the accelerometer: its change turns E, and is in the difference")
+        given = all(s.triad.mode != "fit" for s in (sessions[0], session))
+        if given and not (np.array_equal(before.matrix, after.matrix) and np.array_equal(before.bias_mps2, after.bias_mps2)):
+            notes.append(f"{session.name} was given another calibration of the accelerometer: what it changed is in the difference of E")
     return tuple(notes)
+
+
+def _frame_notes(sessions: list[Calibrated], sigmas: np.ndarray, labels: tuple[tuple[str, str, str], ...]) -> list[str]:
+    """Of sessions in another body frame, where that is more than a misalignment's sigma."""
+    smallest = sigmas[:, [word == "misalignment" for word, _, _ in labels]].min() * 1e-3
+    angles = [frame_angle(sessions[0].triad, session.triad) for session in sessions]
+    return [
+        f"{session.name} is fitted in another body frame, {1e3 * angle:.2g} mrad away: E and B are turned into that of {sessions[0].name}"
+        for session, angle in zip(sessions, angles, strict=True)
+        if angle > smallest
+    ]
 
 
 def to_json(comparison: Comparison) -> dict:
@@ -267,5 +275,6 @@ def to_json(comparison: Comparison) -> dict:
             }
             for q, (word, component, unit) in enumerate(comparison.labels)
         ],
+        "accelerometer": comparison.triads.to_json(),
         "notes": list(comparison.notes),
     }

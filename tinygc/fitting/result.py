@@ -34,7 +34,8 @@ class FitResult:
     the paper's integrator on these segments; warnings of the first look; physics that was fitted as well, or None; reused: methods that
     were not fitted again, but taken from what had been saved; lost_s: with physics, moments in each run after which samples seem to be
     missing; bias_sigma_rps (3,): spread of the logs' biases, where each had its own; joint_covariance (21, 21): of both sensors together
-    (``accelerometer.JOINT_NAMES``), widened as well, where they were estimated together.
+    (``accelerometer.JOINT_NAMES``), widened as well, where they were estimated together; joint_shared
+    (21, 21): what of it comes from a calibration that was given.
     """
 
     problem: Problem
@@ -58,6 +59,7 @@ class FitResult:
     noise: StatedNoise | None = None
     accelerometer_covariance: np.ndarray | None = None
     joint_covariance: np.ndarray | None = None
+    joint_shared: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"

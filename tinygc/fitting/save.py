@@ -63,8 +63,12 @@ def model_tables(result: FitResult) -> dict[str, dict]:
             more["covariance"] = result.covariance.tolist()
             if result.accelerometer_covariance is not None:
                 more["accelerometer_covariance"] = result.accelerometer_covariance.tolist()
-            if result.joint_covariance is not None:
-                more["joint_covariance"] = {"parameters": list(JOINT_NAMES), "matrix": result.joint_covariance.tolist()}
+            if result.joint_covariance is not None and result.joint_shared is not None:
+                more["joint_covariance"] = {
+                    "parameters": list(JOINT_NAMES),
+                    "matrix": result.joint_covariance.tolist(),
+                    "shared": result.joint_shared.tolist(),
+                }
             more["unobserved"] = fit.notes.get("unobserved", [])
         ended: dict[str, Any] = {"method": name + AT_END, **made_from}
         if name == "physics" and result.physics is not None:

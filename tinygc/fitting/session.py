@@ -20,7 +20,7 @@ from tinygc.fitting.against_raw import RAW, against_raw
 from tinygc.fitting.bias_choice import choose
 from tinygc.fitting.result import FitResult
 from tinygc.fitting.stated_noise import StatedNoise, stated_noise
-from tinygc.fitting.stated_sigmas import stated_covariance, stated_goodness, stated_joint_covariance
+from tinygc.fitting.stated_sigmas import stated_covariance, stated_goodness, stated_joint_covariance, stated_joint_shared
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
@@ -84,9 +84,9 @@ def fit_session(
     progress("noise", 0, 1)
     noise = None if options.bias_per_log else stated_noise(problem)
     found, widened, covariance, accelerometer = _stated(level, model, noise, options)
-    joint = None
+    joint = shared = None
     if noise is not None and level.joint is not None:
-        joint = widened * stated_joint_covariance(level, model, noise, options.still_rates)
+        joint, shared = (widened * of(level, model, noise, options.still_rates) for of in (stated_joint_covariance, stated_joint_shared))
     other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates), before={"least_squares": linear})
     exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(
@@ -103,6 +103,7 @@ def fit_session(
         widened=widened,
         accelerometer_covariance=accelerometer,
         joint_covariance=joint,
+        joint_shared=shared,
         noise=noise,
         bias_from=bias_from,
         other_choice=other,

@@ -38,14 +38,26 @@ def stated_joint_covariance(problem: Problem, model: LinearModel, noise: StatedN
 
     An error of a channel moves both; what it moves the accelerometer by bends the references that the gyroscope is fitted to.
     """
+    rows, beforehand = _joint_parts(problem, model, noise, still_rates)
+    return rows @ (noise.white + noise.noise.covariance + _earth(problem, noise)) @ rows.T + beforehand @ beforehand.T
+
+
+def stated_joint_shared(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> np.ndarray:
+    """(21, 21): what of it comes from an error of the calibration that is given, which sessions with the same one share."""
+    assert problem.joint is not None
+    _, beforehand = _joint_parts(problem, model, noise, still_rates)
+    return beforehand @ beforehand.T * (problem.joint.mode == "prior")
+
+
+def _joint_parts(problem: Problem, model: LinearModel, noise: StatedNoise, still_rates: bool) -> tuple[np.ndarray, np.ndarray]:
+    """(21, n) and (21, 9): how the numbers follow an error of each channel, and one sigma each of what is known beforehand."""
     joint = problem.joint
     assert joint is not None
     gyroscope = _response(problem, model, noise, still_rates)
     columns, accelerometer = joint_columns(problem, joint), joint_response(problem, joint)
     through = gyroscope @ columns
     rows = np.concatenate([accelerometer, gyroscope + through @ accelerometer])
-    beforehand = np.concatenate([joint.leaning, through @ joint.leaning]) * joint.prior
-    return rows @ (noise.white + noise.noise.covariance + _earth(problem, noise)) @ rows.T + beforehand @ beforehand.T
+    return rows, np.concatenate([joint.leaning, through @ joint.leaning]) * joint.prior
 
 
 def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) -> tuple[GoodnessOfFit, float]:

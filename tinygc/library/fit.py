@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Group
 
+from session.accelerometer.parameters import NAMES as ACCELEROMETER_NAMES
+from session.accelerometer.parameters import PARAMETERS
 from session.common.errors import FitError
 from session.log.folder import Session
+from tinygc.fitting.accelerometer import AccelerometerFit
 from tinygc.fitting.figures import ClosureFigures, closure_figures, run_figures
 from tinygc.fitting.fit_json import to_json
 from tinygc.fitting.result import FitResult
@@ -68,6 +71,26 @@ class Fit:
         return {
             name: Estimate(name, float(value), float(sigma), "1" if name.startswith("E") else "rad/s")
             for name, value, sigma in zip(NAMES, values, sigmas, strict=True)
+        }
+
+    @property
+    def accelerometer(self) -> AccelerometerFit:
+        """That the references rest on: ``mode`` (given, fit, prior), ``calibration``, ``unobserved``, ``p_value``, ``spread_mps2``."""
+        return self.result.accelerometer
+
+    @cached_property
+    def accelerometer_parameters(self) -> dict[str, Estimate]:
+        """The accelerometer's nine numbers of f = M (measured - b) in its own triad: ``scale_x`` … (M's diagonal less 1),
+        ``nonorthogonality_xy``, ``_xz``, ``_yz`` (above it), both of no unit, and ``bias_x`` … in m/s^2.
+
+        A sigma is NaN where the calibration was taken as given.  Names of ``accelerometer.unobserved`` were not told by the session.
+        """
+        found = self.accelerometer
+        sigmas = np.full(PARAMETERS, np.nan) if found.sigmas is None else found.sigmas
+        names = [name.replace(" ", "_") for name in ACCELEROMETER_NAMES]
+        return {
+            name: Estimate(name, float(value), float(sigma), "m/s^2" if name.startswith("bias") else "1")
+            for name, value, sigma in zip(names, found.values, sigmas, strict=True)
         }
 
     @property

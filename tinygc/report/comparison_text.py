@@ -7,7 +7,9 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from tinygc.fitting.compare import DIFFERS_P, Agreement, Comparison
+from tinygc.fitting.agreement import Agreement
+from tinygc.fitting.compare import DIFFERS_P, Comparison
+from tinygc.fitting.compare_triads import DIGITS, MODES
 
 #: a move of so many sigmas is marked
 MARKED = 3.0
@@ -16,7 +18,10 @@ MOST_MOVED = 5
 
 def comparison_page(comparison: Comparison) -> Group:
     """Table, verdict, what moved, what to bear in mind."""
-    return Group(_table(comparison), *_verdict(comparison), *(Text(f"Note: {note}.", "yellow") for note in comparison.notes))
+    accelerometers = [_triads(comparison), _triads_agree(comparison)]
+    return Group(
+        _table(comparison), *_verdict(comparison), *accelerometers, *(Text(f"Note: {note}.", "yellow") for note in comparison.notes)
+    )
 
 
 def _table(comparison: Comparison) -> Table:
@@ -32,6 +37,31 @@ def _table(comparison: Comparison) -> Table:
         off = np.abs(comparison.sigmas_off[:, q]).max()
         table.add_row(f"{word} {component}, {unit}", *cells, Text(f"{off:.1f}", "bold red" if off > MARKED else ""))
     return table
+
+
+def _triads(comparison: Comparison) -> Table:
+    title = "Accelerometers side by side: value ± one sigma"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
+    for column in ("", *(session.name for session in comparison.sessions)):
+        table.add_column(column, justify="right" if column else "left")
+    for word, component, unit, values, sigmas in comparison.triads.rows:
+        digits = DIGITS[unit]
+        cells = [
+            "not observed" if value is None else f"{value:.{digits}f}" + ("" if sigma is None else f" ± {sigma:.{digits}f}")
+            for value, sigma in zip(values, sigmas, strict=True)
+        ]
+        table.add_row(f"{word} {component}, {unit}", *cells)
+    table.caption = "; ".join(f"{s.name}: {MODES[s.triad.mode]}" for s in comparison.sessions)
+    table.caption_justify = "left"
+    return table
+
+
+def _triads_agree(comparison: Comparison) -> Text:
+    found = comparison.triads.agreement
+    if found is None:
+        return Text("The accelerometers were not both estimated: there is nothing to hold against each other.")
+    agrees = found.p_value >= DIFFERS_P
+    return Text(f"The accelerometers {'agree' if agrees else 'DIFFER'} ({_words(found)}).", "bold green" if agrees else "bold red")
 
 
 def _verdict(comparison: Comparison) -> list[Text]:

@@ -2,15 +2,30 @@
 
 import hashlib
 import json
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import calibrate
+import tinygc
+from session.accelerometer.parameters import NAMES
+from session.checks.accelerometer import with_own_accelerometer
 from session.log.folder import read_session
-from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.models import linear
-from tinygc.plan.proposals import TARGETS, parameter_words, propose
+from tinygc.plan.proposals import (
+    ACCELEROMETER_TARGETS,
+    TARGETS,
+    Known,
+    _greedy,
+    _moves,
+    _rows,
+    accelerometer_words,
+    known_of,
+    parameter_words,
+    propose,
+)
 from tinygc.plan.requested import requested_by_explain
 from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
@@ -31,14 +46,67 @@ def short(tmp_path_factory):
 
 
 def test_the_first_turn_is_for_what_is_known_worst_and_each_helps(short):
-    problem = build_problem(read_session(short))
-    sigma = np.sqrt(np.diag(parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)))
+    """Both sensors' numbers count, with the sigmas that a fit states: all noise, the accelerometer, and what is given of it."""
+    fit = tinygc.fit(short, methods=("least_squares",), bias="ends").result
+    sigma = np.sqrt(np.diag(fit.joint_covariance) / fit.widened) / np.concatenate([ACCELEROMETER_TARGETS, TARGETS])
     proposals, words = propose(short, 4)
     assert words is None
-    assert proposals[0].parameter == parameter_words(linear.NAMES[int(np.argmax(sigma / TARGETS))])
-    assert proposals[0].now == pytest.approx((sigma / TARGETS).max(), rel=1e-6)
+    names = [*map(accelerometer_words, NAMES), *map(parameter_words, linear.NAMES)]
+    assert proposals[0].parameter == names[int(np.argmax(sigma))]
+    assert proposals[0].now == pytest.approx(sigma.max(), rel=0.01)
     assert all(proposal.after < proposal.now for proposal in proposals)
     assert [proposal.now for proposal in proposals] == sorted((proposal.now for proposal in proposals), reverse=True)
+
+
+@pytest.mark.parametrize("number", ["nonorthogonality xy", "nonorthogonality yz", "scale z", "bias x"])
+def test_what_the_accelerometer_lacks_is_asked_for(short, number):
+    """A number that is known badly is the first that a turn is proposed for, and the turn's ends tell it."""
+    problem = build_problem(with_own_accelerometer(read_session(short))[0])
+    known, which = known_of(problem), NAMES.index(number)
+    vague = known.covariance.copy()
+    vague[which, which] += (100 * ACCELEROMETER_TARGETS[which]) ** 2
+    (proposal,) = _greedy(replace(known, covariance=vague), 1)
+    assert proposal.parameter == accelerometer_words(number)
+    assert proposal.now == pytest.approx(np.sqrt(vague[which, which]) / ACCELEROMETER_TARGETS[which])
+    assert proposal.after < 0.2 * proposal.now
+    (move,) = (move for move in _moves() if move.words == proposal.words)
+    wrong = 0.01 if "bias" not in number else 0.01 * 9.8
+    assert np.linalg.norm(_rows(move, known)[:, which]) * wrong > 20  # sigmas of its closure and its stills' lengths
+
+
+def test_an_accelerometer_that_nobody_calibrated_counts_as_it_is_known(short, tmp_path):
+    """Without [accelerometer] the same log knows less, and the plan says so."""
+    bare = shutil.copytree(short, tmp_path / "bare")
+    head, rest = (bare / "session.toml").read_text().split("[accelerometer]")
+    (bare / "session.toml").write_text(head + "[" + rest.split("\n[", 1)[1])
+    given, own = (known_of(build_problem(with_own_accelerometer(read_session(folder))[0])) for folder in (short, bare))
+    assert own.with_gravity
+    assert not given.with_gravity
+    shears = [i for i, name in enumerate(NAMES) if "nonorthogonality" in name]
+    assert (np.diag(own.covariance)[shears] > np.diag(given.covariance)[shears]).all()
+
+
+@pytest.mark.parametrize("with_gravity", [True, False])
+def test_rows_of_a_move_are_those_of_the_joint_estimation(with_gravity):
+    """A wrong accelerometer's closure and lengths, computed by the turn itself, are what the rows predict."""
+    from scipy.spatial.transform import Rotation
+
+    from session.accelerometer.parameters import IDENTITY, PARAMETERS, corrected, units
+
+    known = Known(np.eye(PARAMETERS + linear.PARAMETERS), 1.0, 1.0, with_gravity)
+    rng = np.random.default_rng(0)
+    for move in _moves()[::7]:
+        J = _rows(move, known)
+        assert J.shape == (4 if with_gravity else 3, PARAMETERS + linear.PARAMETERS)
+        # The force in the still at the end is the one at the start, seen after the turn.
+        R = [Rotation.from_quat(q, scalar_first=True).as_matrix() for q in move.q_tb]
+        np.testing.assert_allclose(R[1].T @ R[0] @ move.up[0], move.up[1], atol=1e-12)
+        d = 1e-6 * rng.normal(size=PARAMETERS) * units(9.8)
+        force = corrected(IDENTITY + d, move.up * 9.80665)
+        lengths = np.linalg.norm(force, axis=1) - 9.80665
+        told = J[2:, :PARAMETERS] @ d
+        expected = lengths if with_gravity else [(lengths[0] - lengths[1]) / np.sqrt(2)]
+        np.testing.assert_allclose(told, expected, atol=1e-9)
 
 
 def test_what_explain_asked_for_comes_first(short, tmp_path, capsys):

@@ -1,8 +1,9 @@
 """What to record next: the movement that teaches most about what is known worst.
 
-A single turn about one body axis, from a still with some axis up, adds its own closure residual: two angles, linear in the 12
-parameters through the same sensitivity as everything else.  Its worth is how much it lowers the variance of the parameter that is
-least certain beside its target.
+A single turn about one body axis, from a still with some axis up, adds its own closure residual: two angles, linear in the gyroscope's 12
+parameters through the same sensitivity as everything else, and in the accelerometer's nine through the tilt at both ends.  Its two stills
+add the length of gravity in their attitudes.  Its worth is how much it lowers the variance of the parameter that is least certain beside
+its target, whichever sensor's it is.
 """
 
 from __future__ import annotations
@@ -13,23 +14,33 @@ from pathlib import Path
 
 import numpy as np
 
+from session.accelerometer.parameters import BIASES, IDENTITY, NAMES, PARAMETERS, SCALES, SHEARS, length_columns
 from session.checks.accelerometer import with_own_accelerometer
 from session.checks.alignment import with_aligned_truth
 from session.checks.bridges import with_bridges
-from session.common.units import DEG
+from session.common.units import DEG, MG, STANDARD_GRAVITY_MPS2
 from session.log.folder import read_session
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.fitting.stated_noise import stated_noise
+from tinygc.fitting.stated_sigmas import stated_joint_covariance
 from tinygc.models import linear
 from tinygc.plan.requested import requested_by_explain
 from tinygc.problem.build import build_problem
+from tinygc.problem.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, tilt_columns
 from tinygc.problem.problem import Problem
+from tinygc.problem.recalibrated import recalibrated
 
 #: one sigma that a 40-segment session of an ASM330LHH reaches: what is worse than this is worth another turn
 TARGETS = np.array([50e-6] * 9 + [2e-3 * DEG] * 3)
-TURN_DEG, TURN_S, STILL_S, RATE_HZ = 270.0, 3.0, 1.0, 100.0
+#: of the accelerometer: what tilts a still by as much as E's target, and for its scale the 0.1 mg that a given one is taken to be good for
+ACCELEROMETER_TARGETS = np.zeros(PARAMETERS)
+ACCELEROMETER_TARGETS[SCALES], ACCELEROMETER_TARGETS[SHEARS], ACCELEROMETER_TARGETS[BIASES] = 100e-6, 50e-6, 0.05 * MG
+#: of a turn -> how it ends
+TURNS_DEG = {270.0: "", 225.0: " on the edge"}
+TURN_S, STILL_S, RATE_HZ = 3.0, 1.0, 100.0
 
 
 @dataclass(frozen=True)
@@ -47,8 +58,47 @@ def propose(folder: Path, count: int = 5) -> tuple[list[Proposal], str | None]:
     session, _ = with_own_accelerometer(read_session(folder))
     session, _ = with_aligned_truth(session)
     problem = build_problem(with_bridges(session))
-    covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
-    return _greedy(problem, covariance, count), requested_by_explain(session.folder)
+    return _greedy(known_of(problem), count), requested_by_explain(session.folder)
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """covariance (P, P), SI, of what a session tells: the accelerometer's nine numbers, where it tells of them, then the gyroscope's 12;
+    sigma_rad of a turn's angle and sigma_mps2 of a still's length, as they are found to miss; with_gravity: whether its length is known."""
+
+    covariance: np.ndarray
+    sigma_rad: float
+    sigma_mps2: float = 0.0
+    with_gravity: bool = False
+
+    @property
+    def names(self) -> list[str]:
+        """Of the parameters, as a person says them."""
+        gyroscope = [parameter_words(name) for name in linear.NAMES]
+        return gyroscope if len(self.covariance) == linear.PARAMETERS else [*map(accelerometer_words, NAMES), *gyroscope]
+
+    @property
+    def targets(self) -> np.ndarray:
+        """(P,) one sigma, SI."""
+        return TARGETS if len(self.covariance) == linear.PARAMETERS else np.concatenate([ACCELEROMETER_TARGETS, TARGETS])
+
+
+def known_of(problem: Problem) -> Known:
+    """With all noise that the recording shows, both sensors together; the gyroscope alone where no stills tell of the accelerometer."""
+    given = problem.session.config.accelerometer
+    mode = "prior" if given.source == "given" else "fit"
+    joint = fit_joint(problem, mode, given.sigma_mg or GIVEN_SIGMA_MG)
+    if joint is not None and joint.p_value is not None and joint.p_value <= REFUTED_P:
+        joint = fit_joint(problem, "fit")  # what no longer holds is no knowledge
+    level = problem if joint is None else recalibrated(problem, joint)
+    noise = None if joint is None else stated_noise(level)
+    if joint is None or noise is None:
+        covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
+        return Known(covariance, float(np.median(problem.floor.sigma[problem.batch.known])))
+    rows = len(problem.used) * problem.batch.angles
+    sigma_mps2 = float(np.median(1 / joint.system.root[rows:]))
+    covariance = stated_joint_covariance(level, joint.model, noise, still_rates=False)
+    return Known(covariance, noise.tilt_rms / np.sqrt(2), sigma_mps2, joint.mode == "fit")
 
 
 def parameter_words(name: str) -> str:
@@ -59,43 +109,80 @@ def parameter_words(name: str) -> str:
     return f"scale of {axes[0]}" if axes[0] == axes[1] else f"misalignment of {axes[0]} towards {axes[1]}"
 
 
-def _greedy(problem: Problem, covariance: np.ndarray, count: int) -> list[Proposal]:
+def accelerometer_words(name: str) -> str:
+    """``nonorthogonality xy`` as a person says it."""
+    kind, axes = name.split()
+    return f"the accelerometer's {kind} of {' and '.join(axes)}"
+
+
+def _greedy(known: Known, count: int) -> list[Proposal]:
     """The best movement, then the best after that, …, until every parameter reaches its target."""
-    moves = _moves()
-    weight = 1 / float(np.median(problem.floor.sigma[problem.batch.known])) ** 2
-    information, proposals = np.linalg.inv(covariance), []
+    targets, names = known.targets, known.names
+    moves = [(move.words, _rows(move, known) * targets) for move in _moves()]
+    information, proposals = np.linalg.inv(known.covariance / np.outer(targets, targets)), []
     for _ in range(count):
-        sigma = np.sqrt(np.diag(np.linalg.inv(information))) / TARGETS
+        sigma = np.sqrt(np.diag(np.linalg.inv(information)))
         worst = int(np.argmax(sigma))
         if sigma[worst] <= 1:
             break
-        gains = [np.linalg.inv(information + weight * J.T @ J)[worst, worst] for _, J in moves]
+        gains = [np.linalg.inv(information + J.T @ J)[worst, worst] for _, J in moves]
         words, J = moves[int(np.argmin(gains))]
-        information = information + weight * J.T @ J
-        after = float(np.sqrt(np.linalg.inv(information)[worst, worst]) / TARGETS[worst])
-        proposals.append(Proposal(words, parameter_words(linear.NAMES[worst]), float(sigma[worst]), after))
+        information = information + J.T @ J
+        after = float(np.sqrt(np.linalg.inv(information)[worst, worst]))
+        proposals.append(Proposal(words, names[worst], float(sigma[worst]), after))
     return proposals
 
 
-def _moves() -> list[tuple[str, np.ndarray]]:
-    """Words and columns (2, 12) of every turn: six stills, three axes, two senses."""
+@dataclass(frozen=True, eq=False)
+class Move:
+    """words; attitudes (2, 4) at its ends, and the directions of force (2, 3) in them; gyroscope (2, 12): columns of its closure."""
+
+    words: str
+    q_tb: np.ndarray
+    up: np.ndarray
+    gyroscope: np.ndarray
+
+
+def _rows(move: Move, known: Known) -> np.ndarray:
+    """(r, P): what a move's closure and its stills' lengths tell, each in its own sigmas."""
+    closes = move.gyroscope / known.sigma_rad
+    if len(known.covariance) == linear.PARAMETERS:
+        return closes
+    force = move.up * STANDARD_GRAVITY_MPS2
+    tilt = tilt_columns(move.q_tb, IDENTITY, force)[:, :2] / known.sigma_rad
+    lengths = length_columns(IDENTITY, force) / known.sigma_mps2
+    if not known.with_gravity:  # then only their difference tells
+        lengths = (lengths[:1] - lengths[1:]) / np.sqrt(2)
+    return np.concatenate(
+        [np.concatenate([tilt[0] - tilt[1], closes], axis=1), np.pad(lengths, ((0, 0), (0, linear.PARAMETERS)))],
+    )
+
+
+def _moves() -> list[Move]:
+    """Six stills, three axes, two senses; three quarters of a turn, which end on a side, and five eighths, which end on an edge."""
     found = []
-    for up, sign, axis, sense in product(range(3), (1, -1), range(3), (1, -1)):
+    for up, sign, axis, sense, (turn_deg, ends) in product(range(3), (1, -1), range(3), (1, -1), TURNS_DEG.items()):
         force = np.zeros(3)
         force[up] = sign  # an accelerometer reads +g along the axis that points up
+        upright = up == axis  # about the vertical: it ends as it began
         words = (
-            f"start still with {'+-'[sign < 0]}{'xyz'[up]} up, turn {TURN_DEG:.0f}° {'positively' if sense > 0 else 'negatively'} "
-            f"about the sensor's {'xyz'[axis]} axis in about {TURN_S:.0f} s, hold still"
+            f"start still with {'+-'[sign < 0]}{'xyz'[up]} up, turn {turn_deg:.0f}° {'positively' if sense > 0 else 'negatively'} "
+            f"about the sensor's {'xyz'[axis]} axis in about {TURN_S:.0f} s, hold still{'' if upright else ends}"
         )
-        found.append((words, _columns(rotation.from_gravity(force), axis, sense)))
+        turn = np.zeros(3)
+        turn[axis] = sense * turn_deg * DEG
+        start = rotation.from_gravity(force)
+        q_tb = np.array([start, rotation.multiply(start, rotation.exp(turn))])
+        ending = rotation.matrix(rotation.exp(turn)).T @ force
+        found.append(Move(words, q_tb, np.array([force, ending]), _columns(start, axis, sense * turn_deg * DEG)))
     return found
 
 
-def _columns(start: np.ndarray, axis: int, sense: int) -> np.ndarray:
+def _columns(start: np.ndarray, axis: int, angle_rad: float) -> np.ndarray:
     t = np.arange(0, TURN_S + 2 * STILL_S, 1 / RATE_HZ)
     phase = np.clip((t - STILL_S) / TURN_S, 0, 1)
     rate = np.zeros((1, len(t), 3))
-    rate[0, :, axis] = sense * TURN_DEG * DEG / TURN_S * 2 * np.sin(np.pi * phase) ** 2
+    rate[0, :, axis] = angle_rad / TURN_S * 2 * np.sin(np.pi * phase) ** 2
     dt = np.full((1, len(t) - 1), 1 / RATE_HZ)
     batch = Batch(rate, dt, np.zeros_like(rate), start[None], start[None], yaw_known=False)
     return linear.columns(closure.sensitivity(batch, rate), rate)[0, :2]

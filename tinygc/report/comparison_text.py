@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -18,10 +18,9 @@ MOST_MOVED = 5
 
 def comparison_page(comparison: Comparison) -> Group:
     """Table, verdict, what moved, what to bear in mind."""
-    accelerometers = [_triads(comparison), _triads_agree(comparison)]
-    return Group(
-        _table(comparison), *_verdict(comparison), *accelerometers, *(Text(f"Note: {note}.", "yellow") for note in comparison.notes)
-    )
+    notes = [Text(f"Note: {note}.", "yellow") for note in comparison.notes]
+    parts: list[RenderableType] = [_table(comparison), *_verdict(comparison), _triads(comparison), _triads_agree(comparison), *notes]
+    return Group(*parts)
 
 
 def _table(comparison: Comparison) -> Table:

@@ -19,6 +19,8 @@ from session.log.config import Accelerometer, Config
 from tinygc.fitting.accelerometer import AccelerometerFit
 from tinygc.fitting.agreement import Agreement, agreement
 from tinygc.models.accelerometer import accelerometer_of
+from tinygc.models.linear import BIAS, MATRIX
+from tinygc.models.linear import PARAMETERS as GYROSCOPE_PARAMETERS
 
 #: mode of a fit -> in words
 MODES = {"given": "taken as given", "fit": "estimated from its own stills and turns", "prior": "given, and sharpened by its own stills"}
@@ -115,10 +117,10 @@ def all_given_the_same(triads: list[Triad], configs: list[Config]) -> bool:
 
 def into_frame_of(first: Triad, other: Triad) -> np.ndarray:
     """(12, 12): what turns E row by row and B of one session into the body frame of the other; exactly 1 where they have the same."""
-    turned = np.eye(12)
+    turned = np.eye(GYROSCOPE_PARAMETERS)
     if not np.array_equal(first.calibration.matrix, other.calibration.matrix):
         turn = first.calibration.frame @ other.calibration.frame.T
-        turned[:9, :9], turned[9:, 9:] = np.kron(turn, np.eye(3)), turn
+        turned[MATRIX, MATRIX], turned[BIAS, BIAS] = np.kron(turn, np.eye(3)), turn
     return turned
 
 

@@ -14,14 +14,12 @@ from session.accelerometer.parameters import NAMES
 from session.checks.accelerometer import with_own_accelerometer
 from session.log.folder import read_session
 from tinygc.models import linear
+from tinygc.plan import accelerometer
 from tinygc.plan.proposals import (
-    ACCELEROMETER_TARGETS,
-    TARGETS,
     Known,
     _greedy,
     _moves,
     _rows,
-    accelerometer_words,
     known_of,
     parameter_words,
     propose,
@@ -48,10 +46,13 @@ def short(tmp_path_factory):
 def test_the_first_turn_is_for_what_is_known_worst_and_each_helps(short):
     """Both sensors' numbers count, with the sigmas that a fit states: all noise, the accelerometer, and what is given of it."""
     fit = tinygc.fit(short, methods=("least_squares",), bias="ends").result
-    sigma = np.sqrt(np.diag(fit.joint_covariance) / fit.widened) / np.concatenate([ACCELEROMETER_TARGETS, TARGETS])
+    sigma = (
+        np.sqrt(np.diag(fit.joint_covariance) / fit.widened)
+        / known_of(build_problem(with_own_accelerometer(read_session(short))[0])).targets
+    )
     proposals, words = propose(short, 4)
     assert words is None
-    names = [*map(accelerometer_words, NAMES), *map(parameter_words, linear.NAMES)]
+    names = [*accelerometer.NAMES, *map(parameter_words, linear.NAMES)]
     assert proposals[0].parameter == names[int(np.argmax(sigma))]
     assert proposals[0].now == pytest.approx(sigma.max(), rel=0.01)
     assert all(proposal.after < proposal.now for proposal in proposals)
@@ -64,10 +65,10 @@ def test_what_the_accelerometer_lacks_is_asked_for(short, number):
     problem = build_problem(with_own_accelerometer(read_session(short))[0])
     known, which = known_of(problem), NAMES.index(number)
     vague = known.covariance.copy()
-    vague[which, which] += (100 * ACCELEROMETER_TARGETS[which]) ** 2
+    vague[which, which] += (100 * known.targets[which]) ** 2
     (proposal,) = _greedy(replace(known, covariance=vague), 1)
-    assert proposal.parameter == accelerometer_words(number)
-    assert proposal.now == pytest.approx(np.sqrt(vague[which, which]) / ACCELEROMETER_TARGETS[which])
+    assert proposal.parameter == accelerometer.NAMES[which]
+    assert proposal.now == pytest.approx(np.sqrt(vague[which, which]) / known.targets[which])
     assert proposal.after < 0.2 * proposal.now
     (move,) = (move for move in _moves() if move.words == proposal.words)
     wrong = 0.01 if "bias" not in number else 0.01 * 9.8

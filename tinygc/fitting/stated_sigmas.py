@@ -16,6 +16,7 @@ from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.fitting.stated_noise import StatedNoise, joint_columns, joint_response
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearModel
+from tinygc.problem.joint_fit import GYROSCOPE
 from tinygc.problem.problem import Problem
 from tinygc.problem.still_bias import bias_shares
 
@@ -27,7 +28,7 @@ def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, 
     if problem.joint is not None:
         joint = stated_joint_covariance(problem, model, noise, still_rates)
         shared = response @ joint_columns(problem, problem.joint) @ (problem.joint.leaning * problem.joint.prior)
-        return joint[9:, 9:], shared @ shared.T * (problem.joint.mode == "prior")
+        return joint[GYROSCOPE, GYROSCOPE], shared @ shared.T * (problem.joint.mode == "prior")
     covariance = noise.covariance + _earth(problem, noise)
     shared = response @ noise.accelerometer
     return response @ covariance @ response.T, shared @ shared.T

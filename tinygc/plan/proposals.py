@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from session.accelerometer.parameters import BIASES, IDENTITY, NAMES, PARAMETERS, SCALES, SHEARS, length_columns
+from session.accelerometer.parameters import IDENTITY, SCALES, length_columns
 from session.checks.accelerometer import with_own_accelerometer
 from session.checks.alignment import with_aligned_truth
 from session.checks.bridges import with_bridges
-from session.common.units import DEG, MG, STANDARD_GRAVITY_MPS2
+from session.common.units import DEG, STANDARD_GRAVITY_MPS2
 from session.log.folder import read_session
 from tinygc import closure
 from tinygc.attitude import rotation
@@ -27,6 +27,7 @@ from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.fitting.stated_noise import stated_noise
 from tinygc.fitting.stated_sigmas import stated_joint_covariance
 from tinygc.models import linear
+from tinygc.plan import accelerometer
 from tinygc.plan.requested import requested_by_explain
 from tinygc.problem.build import build_problem
 from tinygc.problem.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, tilt_columns
@@ -35,9 +36,8 @@ from tinygc.problem.recalibrated import recalibrated
 
 #: one sigma that a 40-segment session of an ASM330LHH reaches: what is worse than this is worth another turn
 TARGETS = np.array([50e-6] * 9 + [2e-3 * DEG] * 3)
-#: of the accelerometer: what tilts a still by as much as E's target, and for its scale the 0.1 mg that a given one is taken to be good for
-ACCELEROMETER_TARGETS = np.zeros(PARAMETERS)
-ACCELEROMETER_TARGETS[SCALES], ACCELEROMETER_TARGETS[SHEARS], ACCELEROMETER_TARGETS[BIASES] = 100e-6, 50e-6, 0.05 * MG
+#: of a scale that was given: what that is taken to be good for, since gravity's length tells the scale that all axes share no better
+GIVEN_SCALE = 1e-3 * GIVEN_SIGMA_MG
 #: of a turn -> how it ends
 TURNS_DEG = {270.0: "", 225.0: " on the edge"}
 TURN_S, STILL_S, RATE_HZ = 3.0, 1.0, 100.0
@@ -75,12 +75,17 @@ class Known:
     def names(self) -> list[str]:
         """Of the parameters, as a person says them."""
         gyroscope = [parameter_words(name) for name in linear.NAMES]
-        return gyroscope if len(self.covariance) == linear.PARAMETERS else [*map(accelerometer_words, NAMES), *gyroscope]
+        return gyroscope if len(self.covariance) == linear.PARAMETERS else [*accelerometer.NAMES, *gyroscope]
 
     @property
     def targets(self) -> np.ndarray:
         """(P,) one sigma, SI."""
-        return TARGETS if len(self.covariance) == linear.PARAMETERS else np.concatenate([ACCELEROMETER_TARGETS, TARGETS])
+        if len(self.covariance) == linear.PARAMETERS:
+            return TARGETS
+        own = accelerometer.TARGETS.copy()
+        if not self.with_gravity:
+            own[SCALES] = GIVEN_SCALE
+        return np.concatenate([own, TARGETS])
 
 
 def known_of(problem: Problem) -> Known:
@@ -107,12 +112,6 @@ def parameter_words(name: str) -> str:
     if kind == "B":
         return f"bias of {axes}"
     return f"scale of {axes[0]}" if axes[0] == axes[1] else f"misalignment of {axes[0]} towards {axes[1]}"
-
-
-def accelerometer_words(name: str) -> str:
-    """``nonorthogonality xy`` as a person says it."""
-    kind, axes = name.split()
-    return f"the accelerometer's {kind} of {' and '.join(axes)}"
 
 
 def _greedy(known: Known, count: int) -> list[Proposal]:

@@ -31,7 +31,8 @@ def run(args: argparse.Namespace) -> int:
             f"{number}. {proposal.words}: {proposal.parameter}, {proposal.now:.1f} -> {proposal.after:.1f} times its target sigma"
         )
     if not proposals:
-        done = "every parameter has reached its target sigma (50 ppm, 0.05 mrad, 2 mdps; of the accelerometer 100 ppm, 0.05 mrad, 0.05 mg)"
+        accelerometer = "of the accelerometer 50 ppm, or 100 where it is given, 0.05 mrad, 0.05 mg"
+        done = f"every parameter has reached its target sigma (50 ppm, 0.05 mrad, 2 mdps; {accelerometer})"
         console.print(f"{done}: nothing more is needed" + (" for the linear calibration" if asked else ""))
     write_json(args.json, {"schema": "tinygc-plan/1", "asked": asked, "proposals": [vars(proposal) for proposal in proposals]})
     return 0

@@ -34,7 +34,7 @@ WATCHED = {
         "mends.ceilings": "CORNER LEAST_CEILING",
         "mends.plateaus": "FLAT NOISES CORNER FEWEST SAME SHORTEST_S LEAST WHOLE ALIKE",
         "mends.false_readings": "LONGEST SIDE BEYOND CAME_BACK SHARE NOISE_MISSES LEAST_NOISE_LSB",
-        "mends.interpolation": "SIDE AS_FAST FEWEST_TRIALS MOST_TRIALS",
+        "session.detect.interpolation": "SIDE AS_FAST FEWEST_TRIALS MOST_TRIALS",
         "mends.left_open": "OPEN KEPT",
     },
     "naming": {
@@ -75,6 +75,11 @@ TRUTH_TOML = (
 )
 
 
+def whole(module: str) -> str:
+    """A module's whole name; those of the bench side are written whole."""
+    return module if module.startswith("session.") else f"{HERE}.{module}"
+
+
 def scaled(value, factor: float):
     """Half or double of it."""
     if isinstance(value, int):
@@ -86,7 +91,7 @@ class Changed:
     """One constant at another value, wherever it has been imported to."""
 
     def __init__(self, module: str, name: str, factor: float):
-        own = importlib.import_module(f"{HERE}.{module}")
+        own = importlib.import_module(whole(module))
         self.name, self.old, self.new = name, getattr(own, name), scaled(getattr(own, name), factor)
         self.places = [own] + [m for m in _modules() if m is not own and _imports(m, own.__name__, name)]
 
@@ -275,7 +280,7 @@ def table(stage: str, results: list[dict], changes: list[tuple[str, str, float]]
     rows = []
     for module, name, factor in changes:
         if factor == 0.5:
-            value = getattr(importlib.import_module(f"{HERE}.{module}"), name)
+            value = getattr(importlib.import_module(whole(module)), name)
             rows.append((f"{module}.{name}", f"{value:.4g}", cell((module, name, 0.5)), cell(None), cell((module, name, 2.0))))
     head = f"{stage}: right of {hidden}, wrong, alarms of {len(quiet)} without a name"
     return markdown((head, "value", "half", "as it is", "double"), rows)

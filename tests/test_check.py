@@ -186,13 +186,13 @@ def test_a_folder_is_looked_at_as_a_whole(tmp_path):
     write_session(folder, Table().tumble(2, seed=3).samples(), "closure0001.csv")
     findings = check_folder(folder)
     assert serious(findings) == set()
-    assert {finding.where for finding in findings} == {"log0001.csv", "log0002.csv", "closure0001.csv", "s"}
+    assert {finding.where for finding in findings} == {"log0001.csv", "log0002.csv", "closure0001.csv", "s", "session.toml"}
     assert of(findings, "turns").says.startswith("16 turns")
 
 
 def test_too_few_turns_for_the_parameters_are_a_warning(tmp_path):
     findings = check_folder(write_session(tmp_path / "s", Table().tumble(6).samples()))
-    assert serious(findings) == {("turns", "warning")}
+    assert serious(findings) == {("turns", "warning"), ("accelerometer", "warning")}
     assert "6 turns from still to still, 12 angles for 12 parameters; expected 13" in of(findings, "turns").says
 
 

@@ -159,7 +159,7 @@ def installed(monkeypatch):
 
     def install(*points):
         _installed.cache_clear()
-        monkeypatch.setattr("tinygc.effects.discovery.entry_points", lambda group: points if group == "tinygc.effects" else ())
+        monkeypatch.setattr("importlib.metadata.entry_points", lambda group: points if group == "tinygc.effects" else ())
 
     yield install
     _installed.cache_clear()

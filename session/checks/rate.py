@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.checks.findings import Finding
+from session.common.units import NS
 from session.detect.pace import pace_of
 from session.log.config import Sensor
 from session.log.logfile import Log
@@ -73,7 +74,7 @@ def _counted(log: Log, sensor: Sensor) -> Finding | None:
 def _looks_counted(samples: Samples, odr_hz: float) -> bool:
     if len(samples) < LEAST_COUNTED or abs(samples.period_s * odr_hz - 1) > COUNTED_WITHIN:
         return False
-    periods = (samples.t_ns - samples.t_ns[0]) * (odr_hz * 1e-9)
+    periods = (samples.t_ns - samples.t_ns[0]) * (odr_hz * NS)
     return bool(np.abs(periods - np.rint(periods)).max() <= COUNTED_WITHIN)
 
 

@@ -1,6 +1,7 @@
 """A calibration is worth something only where it closes turns that it never saw better than the raw rates do.
 
-Raw is whichever is the better of the two that fit nothing: the rates as they were measured, or less what the first still reads.
+Raw is whichever is the better of the two that fit nothing: the rates as they were measured, or less what the first still reads.  Below
+``ENOUGH_SEGMENTS`` it is not decided: folds of a few turns leave a fit too little to be judged by, and it is said, but no fail.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from session.checks.stills import ENOUGH_SEGMENTS
 from tinygc.fitting.figures import closure_figures
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
@@ -22,11 +24,12 @@ RAW = ("raw", "raw_bias_removed")
 @dataclass(frozen=True)
 class AgainstRaw:
     """method: the better of the raw ones; tilt_rms_deg that it leaves; held_out: method -> the same of each that was fitted, on segments
-    that it never saw."""
+    that it never saw; segments: how many there are."""
 
     method: str
     tilt_rms_deg: float
     held_out: Mapping[str, float]
+    segments: int = ENOUGH_SEGMENTS
 
     @property
     def worse(self) -> tuple[str, ...]:
@@ -35,12 +38,16 @@ class AgainstRaw:
 
     @property
     def failed(self) -> bool:
-        """Whether nothing that was fitted is better than raw."""
-        return bool(self.held_out) and len(self.worse) == len(self.held_out)
+        """Whether nothing that was fitted is better than raw, by turns enough to say so."""
+        return bool(self.held_out) and len(self.worse) == len(self.held_out) and self.segments >= ENOUGH_SEGMENTS
 
     def is_worse(self, tilt_rms_deg: float) -> bool:
         """Whether a held-out tilt is worse than raw, or no number at all."""
         return not tilt_rms_deg <= self.tilt_rms_deg
+
+    def condemns(self, tilt_rms_deg: float) -> bool:
+        """Whether a held-out tilt is worse than raw, by turns enough to say so."""
+        return self.is_worse(tilt_rms_deg) and self.segments >= ENOUGH_SEGMENTS
 
     @property
     def words(self) -> str:
@@ -48,7 +55,8 @@ class AgainstRaw:
         if not self.worse:
             return ""
         listed = ", ".join(f"{METHODS[name].title} {self.held_out[name]:.4f}°" for name in self.worse)
-        whom = "nothing that was fitted is worth applying" if self.failed else "do not apply these"
+        few = f"by {self.segments} turns this is not decided" if self.segments < ENOUGH_SEGMENTS else "do not apply these"
+        whom = "nothing that was fitted is worth applying" if self.failed else few
         return (
             f"Held out worse than raw ({METHODS[self.method].title}, {self.tilt_rms_deg:.4f}°): {listed}: {whom}. "
             "Record more turns, to more attitudes, and look at the first look's warnings."
@@ -63,15 +71,17 @@ def against_raw(problem: Problem, options: FitOptions, fits: Mapping[str, Method
     """Of the methods by name; problem: with the rates as they were measured, for the raw ones that are not among them."""
     raw = {name: _tilt(fits[name] if name in fits else run_method(name, problem, options)) for name in RAW}
     best = min(raw, key=raw.__getitem__)
-    return AgainstRaw(best, raw[best], {name: _tilt(fit) for name, fit in fits.items() if name not in RAW})
+    held_out = {name: _tilt(fit) for name, fit in fits.items() if name not in RAW}
+    return AgainstRaw(best, raw[best], held_out, len(problem.used))
 
 
 def worse_in_table(fit: Mapping, method: str) -> tuple[float, float] | None:
-    """Held-out tilt of a method and raw's, degrees, of a ``fit.json``'s table where the first is worse; None where it is not, or where
-    the table does not tell."""
+    """Held-out tilt of a method and raw's, degrees, of a ``fit.json``'s table where the first is worse, by turns enough; None where
+    it is not, or where the table does not tell."""
     try:
         mine, raw = fit["methods"][method]["holdout"]["tilt_rms_deg"], fit["against_raw"]["tilt_rms_deg"]
-        return None if float(mine) <= float(raw) else (float(mine), float(raw))
+        few = int(fit["segments"]["used"]) < ENOUGH_SEGMENTS
+        return None if few or float(mine) <= float(raw) else (float(mine), float(raw))
     except (KeyError, TypeError, ValueError):
         return None
 

@@ -8,6 +8,7 @@ from rich.text import Text
 
 from session.common.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc.closure.allan import angle_random_walk, bias_instability
+from tinygc.models.linear import BIAS
 from tinygc.report.fit_text import _table, findings_table
 from tinygc.temperature.axis_fit import AxisFit
 from tinygc.temperature.hysteresis import Hysteresis
@@ -54,7 +55,7 @@ def _headline(fit: ThermalFit) -> Text:
 def _sessions(joint: JointFit) -> RenderableType:
     table = _table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
     for point in joint.points:
-        zero, there = point.values[9:], joint.model.zero(np.full((1, 3), point.temp_c))[0]
+        zero, there = point.values[BIAS], joint.model.zero(np.full((1, 3), point.temp_c))[0]
         said = ", ".join(f"{value / DEG:+.4f}" for value in zero)
         off = ", ".join(f"{value / MDPS:+.2f}" for value in zero - there)
         table.add_row(point.name, str(point.segments), f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})", said, off)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from session.common.errors import FitError
+from tinygc.models.linear import BIAS, MATRIX
 from tinygc.models.thermal import ThermalModel
 from tinygc.temperature.rest_fit import RestFit
 from tinygc.temperature.sessions import SessionPoint
@@ -54,7 +55,7 @@ def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int 
     reference = rests.knots.reference_c if rests is not None else float(np.round((temps.min() + temps.max()) / 2))
     levels = 1 + int(np.count_nonzero(np.diff(np.sort(temps)) > APART_C))
     away = temps - reference
-    E_values = np.array([point.values[:9] for point in points])
+    E_values = np.array([point.values[MATRIX] for point in points])
     order, p_constant = _order_of_E(points, away, min(levels - 1, MOST_E))
     E, C_E, chi_square = _solve_E(points, away, order)
     freedom = 9 * (len(points) - order - 1)
@@ -66,8 +67,8 @@ def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int 
     covariance[n_E:, n_E:] = C_zero
     # E and the zero of one session are known together: through the constants.
     cross = _cross(points, len(E_values))
-    covariance[:9, n_E : n_E + 3] += cross
-    covariance[n_E : n_E + 3, :9] += cross.T
+    covariance[MATRIX, n_E : n_E + 3] += cross
+    covariance[n_E : n_E + 3, MATRIX] += cross.T
     covariance = _possible(covariance)
     low, high = float(min(p.low_c for p in points)), float(max(p.high_c for p in points))
     if rests is not None:
@@ -83,17 +84,17 @@ def _solve_E(points: Sequence[SessionPoint], away: np.ndarray, order: int) -> tu
     size = 9 * (order + 1)
     information, pull, fixed = np.zeros((size, size)), np.zeros(size), 0.0
     for point, x in zip(points, away, strict=True):
-        weight = np.linalg.inv(point.covariance[:9, :9])
+        weight = np.linalg.inv(point.covariance[MATRIX, MATRIX])
         powers = x ** np.arange(order + 1)
         information += np.kron(np.outer(powers, powers), weight)
-        pull += np.kron(powers, weight @ point.values[:9])
-        fixed += float(point.values[:9] @ weight @ point.values[:9])
+        pull += np.kron(powers, weight @ point.values[MATRIX])
+        fixed += float(point.values[MATRIX] @ weight @ point.values[MATRIX])
     covariance = _inverse(information)
     terms = covariance @ pull
     left = 0.0
     for point, x in zip(points, away, strict=True):
-        off = point.values[:9] - (x ** np.arange(order + 1)) @ terms.reshape(-1, 9)
-        left += float(off @ np.linalg.solve(point.covariance[:9, :9], off))
+        off = point.values[MATRIX] - (x ** np.arange(order + 1)) @ terms.reshape(-1, 9)
+        left += float(off @ np.linalg.solve(point.covariance[MATRIX, MATRIX], off))
     return terms.reshape(-1, 9), covariance, left
 
 
@@ -111,8 +112,8 @@ def _zero(
     points: Sequence[SessionPoint], away: np.ndarray, rests: RestFit | None, most: int
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
     """terms (Q + 1, 3), covariance of them and of the lags, turn-on scatter, lags (3,)."""
-    values = np.array([point.values[9:] for point in points])
-    own = np.array([point.covariance[9:, 9:] for point in points])
+    values = np.array([point.values[BIAS] for point in points])
+    own = np.array([point.covariance[BIAS, BIAS] for point in points])
     if rests is not None:
         terms, lag = zero_terms(rests.gyro), np.array([fit.tau_s for fit in rests.gyro])
         order = len(terms) - 1
@@ -191,7 +192,7 @@ def _turn_on(values: np.ndarray, own: np.ndarray, known: list[np.ndarray], desig
 
 def _cross(points: Sequence[SessionPoint], count: int) -> np.ndarray:
     """(9, 3) of E's constants and the zero's: of the sessions' mean."""
-    return sum((point.covariance[:9, 9:] for point in points), np.zeros((9, 3))) / count**2
+    return sum((point.covariance[MATRIX, BIAS] for point in points), np.zeros((9, 3))) / count**2
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from session.common.units import NS
 from session.log.rests import RestLog
 from session.log.samples import Samples
 from tinygc.closure.allan import AllanCurve, AllanSums, averaging_factors, curve_of, joined_curves
@@ -34,7 +35,7 @@ class ShortTimes:
         if self._factors is None:
             self._period_s, self._first_ns = samples.period_s, int(samples.t_ns[0])
             self._factors = averaging_factors(max(round(4.0 / self._period_s), 16), PER_OCTAVE)
-        t_s = (samples.t_ns - self._first_ns) * 1e-9
+        t_s = (samples.t_ns - self._first_ns) * NS
         longest = 2 * self._factors[-1]
         size = max(CHUNK, 2 * longest)
         # A gap ends a chunk: no second difference reaches over it.

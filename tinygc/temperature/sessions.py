@@ -12,7 +12,7 @@ from session.log.folder import Session
 from session.log.logfile import Log
 from tinygc.fitting.session import fit_session
 from tinygc.methods.options import FitOptions
-from tinygc.models.linear import LinearModel
+from tinygc.models.linear import BIAS, MATRIX, LinearModel
 from tinygc.models.thermal import ThermalModel
 
 Progress = Callable[[str, int, int], None]
@@ -72,6 +72,6 @@ def zero_form(model: LinearModel, covariance: np.ndarray) -> tuple[np.ndarray, n
     inverse = np.linalg.inv(model.E)
     zero = -inverse @ model.B
     slope = np.eye(12)
-    slope[9:, :9] = -np.einsum("ij,k->ijk", inverse, zero).reshape(3, 9)
-    slope[9:, 9:] = -inverse
+    slope[BIAS, MATRIX] = -np.einsum("ij,k->ijk", inverse, zero).reshape(3, 9)
+    slope[BIAS, BIAS] = -inverse
     return np.concatenate([model.E.ravel(), zero]), slope @ covariance @ slope.T

@@ -9,6 +9,7 @@ import numpy as np
 from session.common.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MG
 from session.common.version import VERSION
 from tinygc.closure.allan import angle_random_walk, bias_instability
+from tinygc.models.linear import BIAS, MATRIX
 from tinygc.temperature.axis_fit import AxisFit
 from tinygc.temperature.hysteresis import Hysteresis
 from tinygc.temperature.joint_fit import JointFit
@@ -53,9 +54,9 @@ def of_sessions(joint: JointFit) -> dict:
                 "name": point.name,
                 "temperature_c": _numbers([point.low_c, point.temp_c, point.high_c]),
                 "segments": point.segments,
-                "E": point.values[:9].reshape(3, 3).tolist(),
-                "zero_dps": _numbers(point.values[9:] / DEG),
-                "zero_std_dps": _numbers(np.sqrt(np.diag(point.covariance))[9:] / DEG),
+                "E": point.values[MATRIX].reshape(3, 3).tolist(),
+                "zero_dps": _numbers(point.values[BIAS] / DEG),
+                "zero_std_dps": _numbers(np.sqrt(np.diag(point.covariance))[BIAS] / DEG),
             }
             for point in joint.points
         ],

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
             f"calibrate: above --limit {args.limit:g} deg: {'; '.join(text for met, text in decision.reasons if not met)}", file=sys.stderr
         )
         return 1
-    if evidence.fit.against_raw.is_worse(tilt_rms(evidence.adopted.angles) / DEG):
+    if evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):
         print("calibrate: the calibration closes held-out segments worse than the raw rates do: do not apply it", file=sys.stderr)
         return 1
     return 0

@@ -73,7 +73,7 @@ def decide(
             f"at most {NEAR_FLOOR:g} times the floor, of at least {ENOUGH_SEGMENTS} segments."
         )
     reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *adopted.run_losses], strict=True)]
-    if raw is not None and raw.is_worse(tilt_rms(adopted.angles) / DEG):
+    if raw is not None and raw.condemns(tilt_rms(adopted.angles) / DEG):
         words = f"segments, held out, rms of tilt: {degrees(tilt_rms(adopted.angles))}, worse than the"
         reasons.append((False, f"{words} {significant(raw.tilt_rms_deg, 2)}° of the raw rates"))
         rule += " Worse than the raw rates is a fail in any case."

@@ -17,9 +17,9 @@ from tinygc.simulation.write import write_session
 
 @pytest.fixture(scope="module")
 def perfect(tmp_path_factory):
-    """A sensor without any error, and so few turns that twelve parameters follow their noise: raw is better."""
+    """A sensor without any error, and few turns, so that twelve parameters follow their noise: raw is better."""
     none = dict.fromkeys(("gyro_scale_error", "gyro_misalignment", "gyro_bias_dps"), 0.0)
-    chosen = SimulationOptions(segments=8, closure_s=0.0, odr_hz=104.0, seed=2, latitude_deg=0.0, bias_instability_dph=0.0, **none)
+    chosen = SimulationOptions(segments=13, closure_s=0.0, odr_hz=104.0, seed=2, latitude_deg=0.0, bias_instability_dph=0.0, **none)
     return write_session(chosen, tmp_path_factory.mktemp("perfect") / "unit")
 
 

@@ -80,7 +80,7 @@ def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed)
     assert result.returncode == 0, result.stderr
     told = json.loads(result.stdout)
     assert told["done"]
-    assert told["segments"] == {"wanted": segments, "accepted": segments, "rejected": 0}
+    assert told["segments"] == {"wanted": segments, "accepted": segments, "rejected": 0, "dropped": 0}
     assert told["lost"] == told["crc_errors"] == told["garbage_bytes"] == told["implausible"] == told["resets"] == 0
     assert "\x1b" not in result.stderr
     live = read_session(tmp_path / "s")

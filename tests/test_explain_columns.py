@@ -11,7 +11,8 @@ from tinygc.effects import AppliedEffect, catalogue
 from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.naming.unknown import slow_candidates, unknown_candidates
 from tinygc.explanation.truth.truth_effects import wander
-from tinygc.explanation.twin.twin import State, Twin
+from tinygc.explanation.twin.state import State
+from tinygc.explanation.twin.twin import Twin
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 

@@ -14,7 +14,7 @@ from tinygc.explanation.noise.components import TRUTH, WANDER
 from tinygc.explanation.truth.explain import explain_truth
 from tinygc.explanation.truth.truth_effects import OFFSET
 from tinygc.explanation.truth.truth_twin import TruthTwin
-from tinygc.explanation.twin.twin import State
+from tinygc.explanation.twin.state import State
 from tinygc.problem.build import build_problem
 
 

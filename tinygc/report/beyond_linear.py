@@ -11,7 +11,8 @@ import numpy as np
 from session.common.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import catalogue
 from tinygc.explanation.twin.refit import Refit, refit
-from tinygc.explanation.twin.twin import State, Twin
+from tinygc.explanation.twin.state import State
+from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.models.field_parameters import COVERAGE_FACTOR, Quantity
 

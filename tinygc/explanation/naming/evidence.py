@@ -22,7 +22,8 @@ from tinygc.explanation.noise.session_noise import SessionNoise, first_noise
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import ENOUGH, Refit, prior_sigmas, refit
-from tinygc.explanation.twin.twin import State, Twin
+from tinygc.explanation.twin.state import State
+from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
 #: of any effect of the catalogue, before the recording is looked at, and of any shape without a name: a recording shows none of twenty

@@ -16,7 +16,8 @@ from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.residual import Batch, attitudes
 from tinygc.effects import Effect
 from tinygc.explanation.truth.evidence import offset_columns
-from tinygc.explanation.twin.twin import Channels, State, Twin
+from tinygc.explanation.twin.state import Channels, State
+from tinygc.explanation.twin.twin import Twin
 from tinygc.problem.problem import Problem
 
 #: of a clock that is set back; beyond, each is longer than two samples

@@ -13,7 +13,8 @@ import numpy as np
 from session.common.units import EARTH_RATE_RPS, MG
 from tinygc.effects import AppliedEffect, Effect
 from tinygc.explanation.twin.layout import claim_slice
-from tinygc.explanation.twin.twin import Channels, State, Twin
+from tinygc.explanation.twin.state import Channels, State
+from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 from tinygc.models.linear import PRIOR_SIGMA
 

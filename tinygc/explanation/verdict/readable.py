@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tinygc.effects import AppliedEffect, Convention, Effect, Parts
-from tinygc.explanation.twin.twin import State
+from tinygc.explanation.twin.state import State
 
 
 def readable(claim: AppliedEffect, covariance: np.ndarray) -> tuple[np.ndarray, dict, dict]:

@@ -7,7 +7,7 @@ import numpy as np
 from tinygc.effects import AppliedEffect
 from tinygc.explanation.twin.layout import LINEAR, claim_slice
 from tinygc.explanation.twin.refit import Refit
-from tinygc.explanation.twin.twin import State
+from tinygc.explanation.twin.state import State
 from tinygc.models.linear import NAMES
 from tinygc.models.physics import PhysicsModel
 

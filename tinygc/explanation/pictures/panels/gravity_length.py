@@ -10,7 +10,7 @@ from session.common.units import MG
 from tinygc.explanation.pictures.channel_values import lengths_per_still, theta
 from tinygc.explanation.pictures.panels.palette import AFTER, AXES, FLOOR
 from tinygc.explanation.pictures.panels.words import legend, told_value
-from tinygc.explanation.twin.twin import bent_by
+from tinygc.explanation.twin.state import bent_by
 from tinygc.explanation.twin.variable import Variable
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation

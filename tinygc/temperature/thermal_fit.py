@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tinygc.models.linear import BIAS
 from tinygc.models.thermal import ThermalModel
 from tinygc.temperature.joint_fit import JointFit
 from tinygc.temperature.rest_fit import RestFit
@@ -55,7 +54,7 @@ def of_rests_alone(name: str, rests: RestFit, sha256: dict[str, str]) -> Thermal
     model = ThermalModel(np.eye(3)[None], terms, np.array([f.tau_s for f in rests.gyro]), rests.knots.reference_c, usable_range(rests))
     order = len(terms) - 1
     covariance = np.zeros((9 + 3 * (order + 1) + 3,) * 2)
-    covariance[BIAS, BIAS] = zero_covariance(rests.gyro, order)
+    covariance[MATRIX.stop :, MATRIX.stop :] = zero_covariance(rests.gyro, order)
     held_out = np.array([fit.held_out for fit in rests.gyro])
     return ThermalFit(name, model, covariance, parameter_names(0, order), held_out, rests, None, sha256)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tinygc.models.linear import MATRIX
 from tinygc.models.thermal import ThermalModel
 from tinygc.temperature.joint_fit import JointFit
 from tinygc.temperature.rest_fit import RestFit

@@ -1,5 +1,7 @@
 """An accelerometer's nine numbers from stills: recovered within what noise allows, unmoved by a bad still, refused where not fixed."""
 
+import tomllib
+
 import numpy as np
 import pytest
 from conftest import GRAVITY, Table
@@ -7,6 +9,8 @@ from public_files import mikov_text, write_euroc
 
 from session.accelerometer.from_stills import from_stills
 from session.accelerometer.lengths import attitudes_of, fit_lengths
+from session.accelerometer.section import with_section
+from session.common.errors import FormatError
 from session.common.units import MG
 from session.log.config import Accelerometer
 from session.log.folder import read_session
@@ -197,3 +201,45 @@ def test_a_sequence_without_stills_leaves_no_folder_either(tmp_path, capsys):
     assert public(["euroc", str(tmp_path), "--accelerometer", "stills"]) == 2
     assert "sessions/V1_01: the stills" in capsys.readouterr().err
     assert not (tmp_path / "sessions").exists()
+
+
+MULTILINE = """schema = "tinygc-session/1"  # [accelerometer] is below
+
+[sensor]
+serial = "[odd]"
+odr_hz = 208.0
+gyro_fs_dps = 500
+accel_fs_g = 4
+
+[accelerometer]  # mine
+matrix = [
+  [1.0, 0.0, 0.0],
+  [0.0, 1.0, 0.0],
+  [0.0, 0.0, 1.0]
+]
+bias_mps2 = [0.1, 0.2, 0.3]
+
+[[exclude]]
+log = "log0001.csv"
+at_s = 3.5
+
+[notes]
+said = '[protocol]'
+"""
+
+
+@pytest.mark.parametrize("text", [MULTILINE, MULTILINE.replace("[accelerometer]  # mine", "[other]"), MULTILINE.rstrip()])
+def test_a_calibration_is_put_into_a_file_and_nothing_else_is_touched(text):
+    made = with_section(text, Accelerometer(MATRIX, BIAS), "of its stills")
+    before, after = tomllib.loads(text), tomllib.loads(made)
+    found = after.pop("accelerometer")
+    before.pop("accelerometer", None)
+    assert before == after
+    np.testing.assert_allclose(found["matrix"], MATRIX)
+    np.testing.assert_allclose(found["bias_mps2"], BIAS)
+    assert found["own_stills"] is True
+
+
+def test_what_cannot_be_replaced_is_refused():
+    with pytest.raises(FormatError, match="put this there by hand"):
+        with_section('schema = "x"\naccelerometer = { bias_mps2 = [0, 0, 0] }\n', Accelerometer(MATRIX, BIAS), "")

@@ -36,6 +36,6 @@ def force_of(stills: Sequence[Still]) -> np.ndarray:
 def why_not(found: LengthFit) -> str:
     """What the attitudes of the stills do not fix of an accelerometer."""
     lie = f"{found.attitudes} attitude{'s' * (found.attitudes != 1)}"
-    if found.rung is None or found.attitudes < PARAMETERS:
+    if found.attitudes < PARAMETERS:
         return f"the stills lie in {lie}, too few for an accelerometer's {PARAMETERS} numbers"
     return f"the {lie} of the stills do not fix an accelerometer's {PARAMETERS} numbers"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.accelerometer.parameters import IDENTITY, PARAMETERS, RUNGS, Ladder, after, corrected, length_columns, units
+from session.accelerometer.parameters import BIASES, IDENTITY, PARAMETERS, RUNGS, Ladder, after, corrected, length_columns, units
 from session.common.robust import sigma_of
 from session.common.units import DEG, MG
 from session.log.config import Accelerometer
@@ -50,8 +50,8 @@ class LengthFit:
         return () if self.rung is not None and not self.rung.left else ("all of them",) if self.rung is None else self.rung.left
 
 
-def fit_lengths(force: np.ndarray, gravity_mps2: float, before: Accelerometer | None = None) -> LengthFit:
-    """Of the stills' mean force (S, 3) m/s^2, under ``before`` (as measured without it), with gravity's length.
+def fit_lengths(force: np.ndarray, gravity_mps2: float, before: Accelerometer | None = None, gravity_sigma_mps2: float = 0.0) -> LengthFit:
+    """Of the stills' mean force (S, 3) m/s^2, under ``before`` (as measured without it), with gravity's length, known to a sigma.
 
     A few stills that are none hardly count.  Where the attitudes fix no number, the fit is ``before``.
     """
@@ -71,6 +71,9 @@ def fit_lengths(force: np.ndarray, gravity_mps2: float, before: Accelerometer | 
         left = _miss(x, force, gravity_mps2)
         weight, sigma = _weight(left, bar), _sigma(left, bar, rung.count)
         covariance = scaled @ np.linalg.inv(design.T @ design) @ scaled.T * sigma**2
+        # All lengths in common: the matrix as a whole, and nothing else.
+        common = np.where(np.arange(PARAMETERS) < BIASES[0], x, 0.0) * gravity_sigma_mps2 / gravity_mps2
+        covariance = covariance + np.outer(common, common)
         return LengthFit(after(x, before), x, covariance, rung, attitudes, weight, misses, left, sigma)
     zero = np.zeros((PARAMETERS, PARAMETERS))
     return LengthFit(before, IDENTITY.copy(), zero, None, attitudes, np.ones(len(force)), misses, misses, 0.0)

@@ -3,31 +3,64 @@
 from __future__ import annotations
 
 import re
+import tomllib
 
+from session.common.errors import FormatError
 from session.log.config import Accelerometer
 
 SECTION = "[accelerometer]"
 #: a new section stands before this one, where there is one
 NEXT_SECTION = "[protocol]"
-HEADER = re.compile(r"^\s*\[[^\[\]]+\]\s*(#.*)?$")
+#: text in quotes, and a comment: brackets in them open nothing
+IDLE = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'|#.*')
 
 
-def section(accelerometer: Accelerometer, remark: str = "") -> str:
-    """The section's text, 1e-9 and 1e-8 m/s^2 its last digits; remark: a comment above it."""
+def section(accelerometer: Accelerometer, remark: str = "", own_stills: bool = False) -> str:
+    """The section's text, 1e-9 and 1e-8 m/s^2 its last digits; remark: a comment above it; own_stills: see docs/formats.md."""
     rows = ", ".join("[" + ", ".join(f"{value:.9f}" for value in row) + "]" for row in accelerometer.matrix)
     bias = ", ".join(f"{value:.8f}" for value in accelerometer.bias_mps2)
-    return (f"# {remark}\n" if remark else "") + f"{SECTION}\nmatrix = [{rows}]\nbias_mps2 = [{bias}]\n"
+    own = "own_stills = true  # leave this line out where another recording is to have it as a prior\n" if own_stills else ""
+    return (f"# {remark}\n" if remark else "") + f"{SECTION}\nmatrix = [{rows}]\nbias_mps2 = [{bias}]\n{own}"
 
 
 def with_section(text: str, accelerometer: Accelerometer, remark: str) -> str:
-    """The text of a session.toml with this calibration in it."""
+    """The text of a session.toml with this calibration of its own stills in it.
+
+    Raises FormatError where that cannot be done without touching something else.
+    """
     lines = text.splitlines(keepends=True)
-    headers = [i for i, line in enumerate(lines) if HEADER.match(line)]
-    mine = next((i for i in headers if lines[i].split("#")[0].strip() == SECTION), None)
+    headers = _headers(lines)
+    new = section(accelerometer, remark, own_stills=True) + "\n"
+    mine = next((i for i in headers if _bare(lines[i]) == SECTION), None)
     if mine is not None:
         end = next((i for i in headers if i > mine), len(lines))
-        lines[mine:end] = [section(accelerometer, remark) + "\n"]
-        return "".join(lines)
-    at = next((i for i in headers if lines[i].strip().startswith(NEXT_SECTION)), len(lines))
-    before = "" if at == 0 or not lines[at - 1].strip() or lines[at - 1].endswith("\n") else "\n"
-    return "".join(lines[:at]) + before + section(accelerometer, remark) + "\n" + "".join(lines[at:])
+        made = "".join([*lines[:mine], new, *lines[end:]])
+    else:
+        at = next((i for i in headers if _bare(lines[i]) == NEXT_SECTION), len(lines))
+        gap = "" if at == 0 or lines[at - 1].endswith("\n") else "\n"
+        made = "".join([*lines[:at], gap, new, *lines[at:]])
+    try:
+        before, after = tomllib.loads(text), tomllib.loads(made)
+    except ValueError:
+        before, after = {}, {"": None}
+    if {**before, "accelerometer": None} != {**after, "accelerometer": None} or "own_stills" not in after.get("accelerometer", {}):
+        raise FormatError(
+            f"session.toml is written in a way that its [accelerometer] cannot be replaced in; put this there by hand: {new!r}"
+        )
+    return made
+
+
+def _headers(lines: list[str]) -> list[int]:
+    """Numbers of the lines that begin a table: a bracket that opens where none is open."""
+    found, depth = [], 0
+    for number, line in enumerate(lines):
+        code = IDLE.sub("", line)
+        if depth == 0 and code.lstrip().startswith("["):
+            found.append(number)
+            continue
+        depth = max(0, depth + code.count("[") + code.count("{") - code.count("]") - code.count("}"))
+    return found
+
+
+def _bare(line: str) -> str:
+    return "".join(IDLE.sub("", line).split())

@@ -8,6 +8,7 @@ import numpy as np
 
 from session.accelerometer.from_stills import force_of, why_not
 from session.accelerometer.lengths import LengthFit, fit_lengths
+from session.accelerometer.parameters import SCALES
 from session.checks.findings import Finding
 from session.common.units import MG
 from session.detect.stills import find_stills
@@ -22,10 +23,13 @@ def own_fit(session: Session) -> LengthFit | None:
     """What the stills of a session give, as a correction of what its session.toml does; None where its readings are not gravity's."""
     samples = [session.calibrated(log) for log in session.logs]
     stills = [still for log in samples for still in find_stills(log, session.config.protocol.still_s)[0]]
-    force, gravity = force_of([still for still in stills if still.problem is None]), session.config.site.expected_gravity_mps2
-    if not len(force) or abs(np.median(np.linalg.norm(force, axis=1)) / gravity - 1) > UNITS_RIGHT:
+    force, site = force_of([still for still in stills if still.problem is None]), session.config.site
+    if not len(force):
         return None
-    return fit_lengths(force, gravity, session.config.accelerometer)
+    found = fit_lengths(force, site.expected_gravity_mps2, session.config.accelerometer, site.gravity_sigma_mps2)
+    # A zero of half a g moves the lengths by as much; what is wrong with the units shows in the scale.
+    length = np.median(np.linalg.norm(force, axis=1)) / site.expected_gravity_mps2 if found.rung is None else np.mean(found.x[SCALES])
+    return found if abs(length - 1) < UNITS_RIGHT else None
 
 
 def with_own_accelerometer(session: Session, anew: bool = False) -> tuple[Session, list[Finding]]:
@@ -41,19 +45,26 @@ def with_own_accelerometer(session: Session, anew: bool = False) -> tuple[Sessio
     own = own_fit(session)
     if own is None:
         return session, []  # the first look says what is wrong
-    given = "none is given" if none else "the one that is given is not used"
+    given, known = "none is given", "give [accelerometer] where it is known better"
+    if not none:
+        given = "the one that is given is not used" + (", being of these stills itself" if config.accelerometer.own_stills else "")
+        known = "calibrate the accelerometer anew where it is to be known better"
     if own.rung is None:
-        do = "its errors become the gyroscope's; rest it on more sides, or give [accelerometer]"
+        do = f"its errors become the gyroscope's; rest it on more sides, or {known}"
         return session, [Finding("warning", WHERE, WHAT, f"{given}, but {why_not(own)}", do)]
     says = (
         f"{given}: {own.rung.says} from {len(own.before)} stills in {own.attitudes} attitudes; "
         f"gravity's spread {spread_mg(own.before):.2f} mg before, {spread_mg(own.after):.2f} mg after"
     )
-    level, do = "note", "they are of these very stills: give [accelerometer] where it is known better"
+    level, do = "note", f"they are of these very stills: {known}"
     if own.unobserved:
         level, says = "warning", f"{says}; not observable: {', '.join(own.unobserved)}"
-        do = "rest it on edges and corners, too, or give [accelerometer]"
-    return replace(session, config=replace(config, accelerometer=own.accelerometer)), [Finding(level, WHERE, WHAT, says, do)]
+        do = f"rest it on edges and corners, too, or {known}"
+    found = [Finding(level, WHERE, WHAT, says, do)]
+    if config.site.gravity_mps2 is None:
+        say = "not given: the scale that all axes share is fitted to standard gravity, and known to 0.2 % (one sigma)"
+        found.append(Finding("note", WHERE, "site.gravity_mps2", say, "give local gravity, to 0.001 m/s², for a true scale"))
+    return replace(session, config=replace(config, accelerometer=own.accelerometer)), found
 
 
 def spread_mg(misses: np.ndarray) -> float:

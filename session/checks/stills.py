@@ -158,9 +158,13 @@ def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise 
     off = lengths.mean() / g - 1
     says = f"{lengths.mean():.4f} m/s² in the stills, {g:.4f} expected ({off:+.2%}, bar {GRAVITY_OK:.0%})"
     if abs(off) <= GRAVITY_OK:
-        findings = [Finding("ok", where, "gravity", says)]
+        own = config.accelerometer.source == "stills"
+        findings = [Finding("ok", where, "gravity", says + (": it was fitted to that" if own else ""))]
     elif abs(off) < GRAVITY_WRONG:
-        findings = [Finding("warning", where, "gravity", says, "is [accelerometer] of session.toml this sensor's pre-calibration?")]
+        do = "is [accelerometer] of session.toml this sensor's pre-calibration?"
+        if config.accelerometer.source == "none":
+            do = "an accelerometer that nobody has calibrated may be so far off; rest it on all sides, and it is calibrated"
+        findings = [Finding("warning", where, "gravity", says, do)]
     else:
         return [Finding("error", where, "gravity", says, _unit_advice(*accel_unit_factor(stills, config), config))]
     spread = float(lengths.std())
@@ -191,7 +195,9 @@ def _attitudes_text(stills: list[Still], attitudes: int) -> str:
 
 def _unit_advice(factor: float, length: float, config: Config) -> str:
     if factor == 1.0 or abs(length / config.site.expected_gravity_mps2 - 1) > GRAVITY_WRONG:
-        return "no usual mistake of units explains it: look at the columns, and at [accelerometer] in session.toml"
+        return "no usual mistake of units explains it: look at the columns" + (
+            "" if config.accelerometer.source == "none" else ", and at [accelerometer] in session.toml"
+        )
     if factor in (G, 1 / G):
         have, want = ("g", "ax_mps2") if factor == G else ("m/s²", "ax_g")
         return f"m/s² and g are mixed up: the values are in {have}, but the header says {want}; correct the header"

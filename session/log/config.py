@@ -18,6 +18,8 @@ from session.sensor.profiles.profile import Profile
 from session.sensor.registers import RegisterUnits
 
 SCHEMA = "tinygc-session/1"
+#: normal gravity is 9.780 at the equator and 9.832 at the poles (WGS 84), and less by 0.003 for each km of height
+GRAVITY_OVER_EARTH_MPS2 = 0.02
 REFERENCES = ("gravity", "table", "truth")
 #: keys of a sensor whose registers are not this tool's to know
 OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
@@ -69,13 +71,15 @@ class Accelerometer:
     """The accelerometer's pre-calibration, ``f = matrix @ (measured - bias)``: matrix (3, 3), bias (3,) m/s^2.
 
     source: ``given``; ``prior``, where the recording has sharpened a given one; ``stills``, where the recording alone gave it; ``none``,
-    where nobody has calibrated it.  sigma_mg: of each number at one g, where it is stated.
+    where nobody has calibrated it.  sigma_mg: of each number at one g, where it is stated.  own_stills: whether the stills of the very
+    recording gave it, so that it says nothing beside them.
     """
 
     matrix: np.ndarray = field(default_factory=lambda: np.eye(3))
     bias_mps2: np.ndarray = field(default_factory=lambda: np.zeros(3))
     source: str = field(default="given", metadata=NOT_IN_TOML)
     sigma_mg: float | None = None
+    own_stills: bool | None = None
 
     def correct(self, measured: np.ndarray) -> np.ndarray:
         """Specific force (N, 3) m/s^2 from what was measured."""
@@ -104,6 +108,11 @@ class Site:
     def expected_gravity_mps2(self) -> float:
         """Gravity as it is given, else standard gravity, m/s^2."""
         return STANDARD_GRAVITY_MPS2 if self.gravity_mps2 is None else self.gravity_mps2
+
+    @property
+    def gravity_sigma_mps2(self) -> float:
+        """How far gravity may be from what is expected, one sigma: where it is given, not at all; else as over the Earth, m/s^2."""
+        return GRAVITY_OVER_EARTH_MPS2 if self.gravity_mps2 is None else 0.0
 
 
 @dataclass(frozen=True)
@@ -177,6 +186,7 @@ def read_config(path: Path) -> Config:
         reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3)),
         "given" if {"matrix", "bias_mps2"} & set(_table(table, "accelerometer")) else "none",
         reader.number("accelerometer", "sigma_mg", None, low=1e-3, high=1000),
+        reader.flag("accelerometer", "own_stills"),
     )
     with np.errstate(all="ignore"):
         determinant = abs(np.linalg.det(accelerometer.matrix))

@@ -57,6 +57,13 @@ class TomlReader:
             raise FormatError(f"{self._path}: {section}.{key} is {said(value)}, expected text in quotes")
         return value
 
+    def flag(self, section: str, key: str) -> bool | None:
+        """true or false, or None where the key is missing."""
+        value = self._value(section, key, None)
+        if value is not None and not isinstance(value, bool):
+            raise FormatError(f"{self._path}: {section}.{key} is {said(value)}, expected true or false")
+        return value
+
     def number(self, section: str, key: str, default: Any = _REQUIRED, *, low: float, high: float) -> Any:
         """A float between the limits; None where the key is missing and that is the default."""
         value = self._value(section, key, default)

@@ -110,7 +110,7 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
     if joint is None:
         return StatedNoise(twin, noise, white, columns @ accelerometer_factor(columns[whiten.parts["length"]], noise, own))
     from_rows = joint_response(problem, joint)
-    known = from_rows @ (white + noise.covariance) @ from_rows.T + (joint.leaning * joint.prior) @ (joint.leaning * joint.prior).T
+    known = from_rows @ (white + noise.covariance) @ from_rows.T + joint.beforehand @ joint.beforehand.T
     return StatedNoise(twin, noise, white, joint_columns(problem, joint) @ np.linalg.cholesky(known))
 
 

@@ -27,7 +27,7 @@ def stated_covariance(problem: Problem, model: LinearModel, noise: StatedNoise, 
     response = _response(problem, model, noise, still_rates)
     if problem.joint is not None:
         joint = stated_joint_covariance(problem, model, noise, still_rates)
-        shared = response @ joint_columns(problem, problem.joint) @ (problem.joint.leaning * problem.joint.prior)
+        shared = response @ joint_columns(problem, problem.joint) @ problem.joint.beforehand
         return joint[GYROSCOPE, GYROSCOPE], shared @ shared.T * (problem.joint.mode == "prior")
     covariance = noise.covariance + _earth(problem, noise)
     shared = response @ noise.accelerometer
@@ -58,7 +58,7 @@ def _joint_parts(problem: Problem, model: LinearModel, noise: StatedNoise, still
     columns, accelerometer = joint_columns(problem, joint), joint_response(problem, joint)
     through = gyroscope @ columns
     rows = np.concatenate([accelerometer, gyroscope + through @ accelerometer])
-    return rows, np.concatenate([joint.leaning, through @ joint.leaning]) * joint.prior
+    return rows, np.concatenate([joint.beforehand, through @ joint.beforehand])
 
 
 def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) -> tuple[GoodnessOfFit, float]:

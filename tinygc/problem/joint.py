@@ -41,8 +41,9 @@ GIVEN_SIGMA_MG = 0.1
 #: of one that nobody has made: 2 % of scale, 1 % of shear, 60 mg of zero (SENSOR.md's siblings: 2 %, 0.5 %, 65 mg)
 SPREAD_MPS2 = np.zeros(PARAMETERS)
 SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
-#: gravity's length at the site, beside a calibration that has a scale of its own
+#: sigma of gravity's length at the site, beside a calibration that has a scale of its own
 GRAVITY_SIGMA_MPS2 = 20 * MG
+KNOWN_MPS2 = 1e-9 * GRAVITY_SIGMA_MPS2
 #: a given calibration that is as improbable as this no longer holds
 REFUTED_P = 1e-4
 RELINEARISED, ROUNDS = 4, 12
@@ -63,8 +64,9 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG) -> 
     noise = np.array([float(np.mean(log.noise.velocity_random_walk**2)) for log in problem.logs for s in log.stills if s.problem is None])
     white = np.sqrt(noise / np.array([still.duration_s for still in stills]))
     spread = SPREAD_MPS2 if mode == "fit" else np.full(PARAMETERS, sigma_mg * MG)
-    tiny = 1e-9 * GRAVITY_SIGMA_MPS2
-    prior = np.concatenate([spread * units(gravity), PRIOR_SIGMA, [tiny if mode == "fit" else GRAVITY_SIGMA_MPS2]])
+    site = problem.session.config.site
+    length = max(site.gravity_sigma_mps2, KNOWN_MPS2) if mode == "fit" else GRAVITY_SIGMA_MPS2
+    prior = np.concatenate([spread * units(gravity), PRIOR_SIGMA, [length]])
     # The prior's centre: no correction of either sensor, but the bias that a fit begins with.
     centre = np.concatenate([IDENTITY, problem.first.vector, [gravity]])
     x = np.zeros(COUNT)
@@ -120,7 +122,7 @@ def _weighed(
     design[rows:, GRAVITY] = -1.0
     values = np.concatenate([angles.ravel(), np.linalg.norm(corrected(number, force), axis=1) - at[GRAVITY]])
     sigma = np.concatenate([replace(problem.floor, tilt_excess=1.0).sigma.ravel(), white])  # what tilt misses is found here
-    system = System(design, values, 1 / sigma, prior, x, prior[GRAVITY] < GRAVITY_SIGMA_MPS2)
+    system = System(design, values, 1 / sigma, prior, x, vague=prior[GRAVITY] < GRAVITY_SIGMA_MPS2)
     # A known angle has its stop's sigma; what the ends of turns miss by in tilt is none of its.
     stops = np.arange(2, rows, d) if batch.turns is not None else np.arange(0)
     ends = np.setdiff1d(np.arange(rows), stops)

@@ -95,9 +95,10 @@ class JointFit:
         return self.system.prior[ACCELEROMETER]
 
     @property
-    def leaning(self) -> np.ndarray:
-        """(9, 9): how ``x`` follows an error of what is known of it beforehand."""
-        return self.system.leaning[ACCELEROMETER, ACCELEROMETER]
+    def beforehand(self) -> np.ndarray:
+        """(9, 10): how ``x`` follows one sigma of what is known of each of its numbers beforehand, and of gravity's length."""
+        known = [*range(PARAMETERS), GRAVITY]
+        return self.system.leaning[ACCELEROMETER][:, known] * self.system.prior[known]
 
     @property
     def covariance(self) -> np.ndarray:

@@ -73,6 +73,8 @@ def prepare(
     if not isinstance(session, Session):
         session = read_session(session, lambda name: progress(f"reading {name}"))
     source = session.config.accelerometer.source
+    if session.config.accelerometer.own_stills and accelerometer == AUTO:
+        accelerometer = "fit"  # beside these very stills it is no knowledge of its own
     if accelerometer in ("given", "prior") and source == "none":
         raise CalibrationError(
             f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out"
@@ -108,7 +110,7 @@ def _fitted(findings: list[Finding], problem: Problem, own: list[Finding]) -> Pr
     joint = fit_joint(problem, "fit") if problem.session.config.accelerometer.source == "stills" else None
     if joint is None:
         return Prepared(findings, problem)
-    return Prepared([_joint_finding(f, joint) if f in own else f for f in findings], recalibrated(problem, joint))
+    return Prepared([_joint_finding(f, joint) if f in own and f.what == WHAT else f for f in findings], recalibrated(problem, joint))
 
 
 def _joint_finding(finding: Finding, joint: JointFit) -> Finding:

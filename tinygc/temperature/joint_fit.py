@@ -31,7 +31,8 @@ APART_C = 2.0
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """points, the sessions in the body frame of the first; model; covariance of E's terms, the zero's and the lags, as ``parameter_names`` has them.
+    """points, the sessions in the body frame of the first; model; covariance of E's terms, the zero's and the lags, in the order of
+    ``parameter_names``.
 
     E: chi_square, freedom, p_value of the sessions' E about the model; widened: factor of E's variance; p_constant: that E does not follow
     temperature, by chance; turn_on_rps: what the zero changes from session to session beyond noise, NaN where it cannot be told.

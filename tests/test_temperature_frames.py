@@ -1,5 +1,6 @@
 """Sessions at several temperatures whose accelerometers define different body frames: E of all in one."""
 
+import json
 import re
 import tomllib
 from dataclasses import replace
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 import calibrate
 from session.log.config import Accelerometer
 from session.log.folder import read_session
+from session.log.logfile import read_log
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.temperature.joint_fit import join
 from tinygc.temperature.sessions import SessionPoint, in_frame_of_first, point_of, zero_form
@@ -61,3 +63,20 @@ def test_sessions_in_two_frames_do_not_scatter(days):
     np.testing.assert_array_equal(found.points[0].values, points[0].values)
     sigma = np.sqrt(np.diag(points[0].covariance)[MATRIX] + np.diag(points[1].covariance)[MATRIX])
     assert (np.abs(found.model.E_terms[0].ravel() - points[0].values[MATRIX]) < 4 * sigma).all()
+
+
+def test_the_model_holds_the_first_sessions_accelerometer_and_apply_takes_it(days, tmp_path, run):
+    """The force that ``apply`` writes is in E's frame, though the log's own session.toml says nothing of an accelerometer."""
+    code, _, err = run("fit", days / "turned", days / "bare", "--temperature", "--out", tmp_path / "fit")
+    assert code == 0, err
+    table = json.loads((tmp_path / "fit" / "model_thermal.json").read_text())
+    first = point_of(read_session(days / "turned"), None).accelerometer
+    np.testing.assert_array_equal(table["accelerometer"]["matrix"], first.matrix)
+    np.testing.assert_array_equal(table["accelerometer"]["bias_mps2"], first.bias_mps2)
+    session = read_session(days / "bare")
+    log, out = session.logs[0], tmp_path / "out.csv"
+    code, _, err = run("apply", tmp_path / "fit" / "model_thermal.json", log.path, "-o", out, "--json", tmp_path / "x.json")
+    assert code == 0, err
+    assert json.loads((tmp_path / "x.json").read_text())["accelerometer"] == "model"
+    written = read_log(out, session.config.sensor).samples.accel
+    np.testing.assert_allclose(written, first.correct(log.samples.accel), atol=1e-5)

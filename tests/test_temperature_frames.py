@@ -14,8 +14,8 @@ from session.log.config import Accelerometer
 from session.log.folder import read_session
 from session.log.logfile import read_log
 from tinygc.models.linear import MATRIX, LinearModel
-from tinygc.temperature.joint_fit import join
 from tinygc.temperature.sessions import SessionPoint, in_frame_of_first, point_of, zero_form
+from tinygc.temperature.sessions_fit import join
 
 #: 14 mrad
 TURN = Rotation.from_rotvec([0.010, -0.006, 0.008]).as_matrix()

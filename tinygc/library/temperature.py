@@ -11,9 +11,9 @@ from session.log.folder import log_paths, read_session
 from session.log.hashes import input_hashes, sha256_of
 from tinygc.library.fit import Progress
 from tinygc.temperature.axis_fit import ORDERS
-from tinygc.temperature.joint_fit import join
 from tinygc.temperature.rest_fit import RestFit, fit_rests, read_rests
 from tinygc.temperature.sessions import point_of
+from tinygc.temperature.sessions_fit import join
 from tinygc.temperature.thermal_fit import ThermalFit, joined, of_rests_alone
 
 

@@ -46,9 +46,9 @@ def model_table(fit: ThermalFit) -> dict:
         "covariance_units": UNITS,
         "remaining_rps": [None if value != value else value for value in fit.remaining_rps.tolist()],
     }
-    if fit.joint is not None:
+    if fit.sessions is not None:
         # That of the first session, into whose frame all were turned.  Where nothing was turned, E is the identity, and in no frame.
-        more["accelerometer"] = accelerometer_table(fit.joint.points[0].accelerometer)
+        more["accelerometer"] = accelerometer_table(fit.sessions.points[0].accelerometer)
     if fit.rests is not None and fit.rests.accel:
         # The attitude was one: a change of scale and of zero are one there, and the constant is gravity's.
         more["accel_change_mps2"] = zero_terms(fit.rests.accel)[1:].tolist()

@@ -30,7 +30,7 @@ APART_C = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class JointFit:
+class SessionsFit:
     """points, the sessions in the body frame of the first; model; covariance of E's terms, the zero's and the lags, in the order of
     ``parameter_names``.
 
@@ -49,7 +49,7 @@ class JointFit:
     turn_on_rps: float
 
 
-def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int = 5) -> JointFit:
+def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int = 5) -> SessionsFit:
     """One model of all.  FitError without sessions."""
     if not points:
         raise FitError("no session with turns: E needs one, and E over temperature two or more")
@@ -79,7 +79,7 @@ def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int 
         low, high = min(low, cold), max(high, warm)
     model = ThermalModel(E.reshape(-1, 3, 3), zero, lag, reference, (low, high))
     p_value = float(chi2.sf(chi_square, freedom)) if freedom else float("nan")
-    return JointFit(points, model, covariance, chi_square, freedom, p_value, widened, p_constant, turn_on)
+    return SessionsFit(points, model, covariance, chi_square, freedom, p_value, widened, p_constant, turn_on)
 
 
 def _solve_E(points: Sequence[SessionPoint], away: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, float]:

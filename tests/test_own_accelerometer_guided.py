@@ -8,6 +8,7 @@ from conftest import GRAVITY, Table, config
 from guided_streams import guide_of, play, said, simulated
 
 from session.accelerometer.lengths import fit_lengths
+from session.accelerometer.parameters import PARAMETERS, UPPER
 from session.common.units import MG, G
 from session.detect.stills import Noise, Still
 from session.guide.guide import Guide
@@ -118,17 +119,17 @@ def forces(count, seed):
 def test_its_columns_are_the_derivatives():
     """Of the length, and of the end attitude that a turn predicts less the one that gravity shows: by differences."""
     own, step = accel.OwnAccelerometer(RAW, 0.0), 1e-6
-    first, last = forces(2, 5)
+    first, last = forces(2, 5)[:, None]
     q_first = rotation.from_gravity(first)
     q_last = rotation.from_gravity(last)
-    turn = rotation.multiply(rotation.conjugate(q_first), q_last)
-    lengths = own.length_rows(first)
-    tilts = own.tilt_columns(first, last, q_first, q_last)
-    measured = read_by(RAW, np.array([first, last]))
-    for k in range(accel.PARAMETERS):
+    turn = rotation.multiply(rotation.conjugate(q_first), q_last)[0]
+    (lengths,) = own.length_rows(first)
+    (tilts,) = own.tilt_rows(first, last, q_first, q_last)
+    measured = read_by(RAW, np.concatenate([first, last]))
+    for k in range(PARAMETERS):
         matrix, bias = RAW.matrix.copy(), RAW.bias_mps2.copy()
         if k < 6:
-            matrix[accel.UPPER[0][k], accel.UPPER[1][k]] += step
+            matrix[UPPER[0][k], UPPER[1][k]] += step
         else:
             bias[k - 6] += step
         moved = Accelerometer(matrix, bias).correct(measured)
@@ -151,7 +152,7 @@ def test_the_sigmas_of_the_nine_are_those_of_the_fit():
     for seed in range(200):
         measured = read_by(RAW, force) + sigma * np.random.default_rng(seed).normal(size=(20, 3))
         found = fit_lengths(measured, GRAVITY).accelerometer
-        errors.append(np.concatenate([(found.matrix - RAW.matrix)[accel.UPPER], found.bias_mps2 - RAW.bias_mps2]))
-    chi_square = np.mean([error @ np.linalg.inv(covariance) @ error for error in errors]) / accel.PARAMETERS
+        errors.append(np.concatenate([(found.matrix - RAW.matrix)[UPPER], found.bias_mps2 - RAW.bias_mps2]))
+    chi_square = np.mean([error @ np.linalg.inv(covariance) @ error for error in errors]) / PARAMETERS
     # Cauchy's weights, which the fit has against bad stills, cost some of the efficiency of least squares.
     assert 0.9 < chi_square < 1.4

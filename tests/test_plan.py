@@ -14,7 +14,6 @@ from session.accelerometer.parameters import NAMES
 from session.checks.accelerometer import with_own_accelerometer
 from session.log.folder import read_session
 from tinygc.models import linear
-from tinygc.plan import accelerometer
 from tinygc.plan.proposals import (
     Known,
     _greedy,
@@ -52,7 +51,7 @@ def test_the_first_turn_is_for_what_is_known_worst_and_each_helps(short):
     )
     proposals, words = propose(short, 4)
     assert words is None
-    names = [*accelerometer.NAMES, *map(parameter_words, linear.NAMES)]
+    names = [*(f"accelerometer {name}" for name in NAMES), *map(parameter_words, linear.NAMES)]
     assert proposals[0].parameter == names[int(np.argmax(sigma))]
     assert proposals[0].now == pytest.approx(sigma.max(), rel=0.01)
     assert all(proposal.after < proposal.now for proposal in proposals)
@@ -67,7 +66,7 @@ def test_what_the_accelerometer_lacks_is_asked_for(short, number):
     vague = known.covariance.copy()
     vague[which, which] += (100 * known.targets[which]) ** 2
     (proposal,) = _greedy(replace(known, covariance=vague), 1)
-    assert proposal.parameter == accelerometer.NAMES[which]
+    assert proposal.parameter == f"accelerometer {number}"
     assert proposal.now == pytest.approx(np.sqrt(vague[which, which]) / known.targets[which])
     assert proposal.after < 0.2 * proposal.now
     (move,) = (move for move in _moves() if move.words == proposal.words)

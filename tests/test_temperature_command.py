@@ -122,6 +122,19 @@ def test_sensors_are_not_mixed(folder, rests, tmp_path, run):
     assert "sensor.serial is 'SIM-4'" in err
 
 
+def test_one_recording_is_not_two(folder, rests, tmp_path, run):
+    """As the same folder, as a copy of it, and a rest log as a copy."""
+    shutil.copytree(folder, tmp_path / "copy")
+    shutil.copytree(rests, tmp_path / "rests")
+    for one, other, name in ((folder, folder, "log"), (folder, tmp_path / "copy", "log"), (rests, tmp_path / "rests", "rest")):
+        code, _, err = run("fit", one, other, "--temperature", "--out", tmp_path / "fit")
+        assert code == 2
+        assert f"{one / name}0001.csv" in err
+        assert f"{other / name}0001.csv" in err
+        assert "are the same recording" in " ".join(err.split())
+        assert not (tmp_path / "fit").exists()
+
+
 def test_a_folder_with_nothing_says_what_it_lacks(rests, tmp_path, run):
     shutil.copy(rests / "session.toml", tmp_path)
     code, _, err = run("fit", tmp_path, "--temperature")

@@ -11,9 +11,9 @@ from rest_logs import rest_log
 from session.common.errors import FitError
 from tinygc.models.linear import LinearModel
 from tinygc.models.thermal import ThermalModel
-from tinygc.temperature.joint_fit import join
 from tinygc.temperature.rest_fit import fit_rests
 from tinygc.temperature.sessions import SessionPoint, point_of, zero_form
+from tinygc.temperature.sessions_fit import join
 from tinygc.temperature.thermal_fit import joined, of_rests_alone
 from tinygc.temperature.thermal_terms import parameter_names
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from session.common.errors import FitError, FormatError
+from session.common.errors import DataError, FitError, FormatError
 from session.log.config import Sensor, read_config
 from session.log.folder import log_paths, read_session
 from session.log.hashes import input_hashes, sha256_of
 from tinygc.library.fit import Progress
 from tinygc.temperature.axis_fit import ORDERS
-from tinygc.temperature.joint_fit import join
 from tinygc.temperature.rest_fit import RestFit, fit_rests, read_rests
 from tinygc.temperature.sessions import point_of
+from tinygc.temperature.sessions_fit import join
 from tinygc.temperature.thermal_fit import ThermalFit, joined, of_rests_alone
 
 
@@ -34,6 +34,7 @@ def fit_temperature(
     turning = [folder for folder in paths if log_paths(folder, "log")]
     if not rest_paths and not turning:
         raise FormatError(f"{paths[0]}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
+    _refuse_same([*rest_paths, *(path for folder in turning for path in log_paths(folder, "log"))])
     rests: RestFit | None = None
     hashes = {_named(path, paths): sha256_of(path) for path in rest_paths}
     name = paths[0].resolve().name
@@ -50,6 +51,15 @@ def fit_temperature(
         hashes |= {f"{prefix}{file}": digest for file, digest in input_hashes(session).items()}
         points.append(point_of(session, shape, progress))
     return joined(name, join(points, rests, most_order), rests, hashes)
+
+
+def _refuse_same(paths: list[Path]) -> None:
+    """DataError where two logs are one recording: it would count twice, and halve the variances."""
+    seen: dict[str, Path] = {}
+    for path in paths:
+        first = seen.setdefault(sha256_of(path), path)
+        if first is not path:
+            raise DataError(f"{first} and {path} are the same recording, which tells everything once; leave one of them out")
 
 
 def _one_sensor(folders: list[Path]) -> Sensor:

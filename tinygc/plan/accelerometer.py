@@ -1,8 +1,8 @@
 """What a turn and the stills at its ends tell of an accelerometer that nobody has calibrated: nine numbers more, in the same linear terms.
 
-The force is f = M (m - b), M upper triangular (``session.accelerometer``).  In every still its length is gravity's: one row.  Its direction
-is the attitude at both ends of a turn: an error of f at the start turns the attitude that is predicted for the end, one at the end turns
-the attitude that it is compared with.
+The force is f = M (m - b), M upper triangular, in the order and by the derivatives of ``session.accelerometer.parameters``.  In every still
+its length is gravity's: one row.  Its direction is the attitude at both ends of a turn: an error of f at the start turns the attitude that
+is predicted for the end, one at the end turns the attitude that it is compared with.
 """
 
 from __future__ import annotations
@@ -11,18 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.accelerometer.parameters import PARAMETERS, UPPER, length_columns
 from session.common.robust import sigma_of
 from session.common.units import MG, G
 from session.detect.stills import Noise, Still
 from session.log.config import Accelerometer
-from tinygc.attitude import rotation
+from tinygc.problem.joint import tilt_columns
 
-UPPER = np.triu_indices(3)
-PARAMETERS = 9
-NAMES = tuple(
-    f"accelerometer's scale of {'xyz'[i]}" if i == j else f"accelerometer's non-orthogonality of {'xyz'[i]} and {'xyz'[j]}"
-    for i, j in zip(*UPPER, strict=True)
-) + tuple(f"accelerometer's bias of {axis}" for axis in "xyz")
 #: a tilt of 0.05 mrad, which is the target of the gyroscope's misalignments, too
 TARGETS = np.array([50e-6] * 6 + [50e-6 * G] * 3)
 #: what an accelerometer may be off by before any still was seen: 10 %, and 0.6 g (an MPU-9250 had 0.5 g)
@@ -35,41 +30,28 @@ UNCALIBRATED = Accelerometer(source="none")
 
 @dataclass(frozen=True, eq=False)
 class OwnAccelerometer:
-    """accelerometer: as it is known so far, or as it comes; sigma_mps2: of a still beyond white noise, each axis."""
+    """accelerometer: as it is known so far (M upper triangular), or as it comes; sigma_mps2: of a still beyond white noise, each axis."""
 
     accelerometer: Accelerometer
     sigma_mps2: float
 
-    def force_columns(self, force: np.ndarray) -> np.ndarray:
-        """(..., 3, 9) m/s^2 per unit: how each number changes the force, where it is force (..., 3) by what is known."""
-        rows, columns = UPPER
-        centred = force @ np.linalg.inv(self.accelerometer.matrix).T
-        found = np.zeros((*force.shape, PARAMETERS))
-        for k, (i, j) in enumerate(zip(rows, columns, strict=True)):
-            found[..., i, k] = centred[..., j]
-        found[..., :, len(rows) :] = -self.accelerometer.matrix
-        return found
+    @property
+    def x(self) -> np.ndarray:
+        """(9,) as ``session.accelerometer.parameters`` orders them."""
+        return np.concatenate([self.accelerometer.matrix[UPPER], self.accelerometer.bias_mps2])
 
     def length_rows(self, force: np.ndarray) -> np.ndarray:
-        """(..., 9) m/s^2 per unit: how each number changes the force's length."""
-        unit = force / np.linalg.norm(force, axis=-1, keepdims=True)
-        return np.einsum("...i,...ij->...j", unit, self.force_columns(force))
+        """(S, 9) m/s^2 per unit: how each number changes the length of forces (S, 3), as they are by what is known."""
+        return length_columns(self.x, self.accelerometer.measured(force))
 
-    def tilt_columns(self, first: np.ndarray, last: np.ndarray, q_first: np.ndarray, q_last: np.ndarray) -> np.ndarray:
-        """(..., 2, 9) rad per unit: how each number turns the end attitude that is predicted, beside the one that gravity shows.
+    def tilt_rows(self, first: np.ndarray, last: np.ndarray, q_first: np.ndarray, q_last: np.ndarray) -> np.ndarray:
+        """(S, 2, 9) rad per unit: how each number turns the end attitude that is predicted, beside the one that gravity shows.
 
-        first, last (..., 3) m/s^2: the force at both ends by what is known; q_first, q_last (..., 4): the attitudes there, of which the
-        second is the predicted one.
+        first, last (S, 3) m/s^2: the force at both ends by what is known; q_first, q_last (S, 4): the attitudes there, of which the second
+        is the predicted one.
         """
-        return self._tilt(first, q_first) - self._tilt(last, q_last)
-
-    def _tilt(self, force: np.ndarray, q_tb: np.ndarray) -> np.ndarray:
-        """How an attitude from gravity turns about the table's x and y: what moves the force's direction moves it the other way."""
-        length = np.linalg.norm(force, axis=-1)[..., None, None]
-        unit = (force / length[..., 0])[..., None]
-        columns = self.force_columns(force) / length
-        across = rotation.matrix(q_tb) @ (columns - unit * (unit.swapaxes(-1, -2) @ columns))
-        return np.stack([-across[..., 1, :], across[..., 0, :]], axis=-2)
+        start, end = (tilt_columns(q, self.x, self.accelerometer.measured(force)) for q, force in ((q_first, first), (q_last, last)))
+        return (start - end)[:, :2]
 
 
 def as_known(accelerometer: Accelerometer | None, stills: tuple[Still, ...]) -> OwnAccelerometer:

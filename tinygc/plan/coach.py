@@ -20,6 +20,7 @@ from tinygc.closure.bias_wander import BiasWander
 from tinygc.closure.floor import Floor, gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import covariance_from_columns
+from tinygc.fitting.accelerometer import JOINT_NAMES
 from tinygc.models import linear
 from tinygc.plan import accelerometer as accel
 from tinygc.plan.accelerometer import OwnAccelerometer, as_known, length_information
@@ -94,7 +95,7 @@ class Coach:
             return covariance_from_columns(design, floor, wander)
         lengths = np.zeros((design.shape[-1],) * 2)
         if self._progress.stills:
-            lengths[-accel.PARAMETERS :, -accel.PARAMETERS :] = length_information(self._own, self._progress.stills, seen[-1].turn.noise)
+            lengths[linear.PARAMETERS :, linear.PARAMETERS :] = length_information(self._own, self._progress.stills, seen[-1].turn.noise)
         return covariance_from_columns(design, floor, wander, accel.PRIOR_SIGMA, lengths)
 
     @property
@@ -125,7 +126,7 @@ class Coach:
             return gyro
         q_first, q_last = ends(force, turns)
         last = np.array([turn.carries(force) for turn in turns])
-        tilt = self._own.tilt_columns(np.broadcast_to(force, last.shape), last, q_first, q_last) / angle
+        tilt = self._own.tilt_rows(np.broadcast_to(force, last.shape), last, q_first, q_last) / angle
         noise = next(reversed(self._seen.values())).turn.noise
         white = float(np.mean(noise.velocity_random_walk**2)) / STILL_S
         length = self._own.length_rows(last)[:, None] / np.sqrt(white + self._own.sigma_mps2**2)
@@ -155,7 +156,7 @@ class Coach:
             lengths = np.array([still.gravity_mps2 for still in (first, last)])[:, None]
             tilt += 2 * float(np.mean((self._own.sigma_mps2 / lengths) ** 2))
             there = force * lengths
-            at_ends = self._own.tilt_columns(there[0], there[1], attitudes[0, 0], attitudes[0, -1])
+            at_ends = self._own.tilt_rows(there[:1], there[1:], attitudes[:, 0], attitudes[:, -1])[0]
             design = np.concatenate([design, at_ends], axis=1)
         return _Seen(turn, force, design, own + tilt * np.eye(2))
 
@@ -164,5 +165,5 @@ def _said(parameter: int, sigma: float) -> str:
     """A parameter and how far it is from its target."""
     far = "not seen in any turn yet" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
     gyro = parameter < linear.PARAMETERS
-    name = parameter_words(linear.NAMES[parameter]) if gyro else accel.NAMES[parameter - linear.PARAMETERS]
+    name = parameter_words(linear.NAMES[parameter]) if gyro else JOINT_NAMES[parameter - linear.PARAMETERS]
     return f"{name} ({far})"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.accelerometer.parameters import IDENTITY, SCALES, length_columns
+from session.accelerometer.parameters import IDENTITY, PARAMETERS, SCALES, length_columns
 from session.checks.accelerometer import with_own_accelerometer
 from session.checks.alignment import with_aligned_truth
 from session.checks.bridges import with_bridges
@@ -24,6 +24,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.fitting.accelerometer import JOINT_NAMES
 from tinygc.fitting.stated_noise import stated_noise
 from tinygc.fitting.stated_sigmas import stated_joint_covariance
 from tinygc.models import linear
@@ -75,7 +76,7 @@ class Known:
     def names(self) -> list[str]:
         """Of the parameters, as a person says them."""
         gyroscope = [parameter_words(name) for name in linear.NAMES]
-        return gyroscope if len(self.covariance) == linear.PARAMETERS else [*accelerometer.NAMES, *gyroscope]
+        return gyroscope if len(self.covariance) == linear.PARAMETERS else [*JOINT_NAMES[:PARAMETERS], *gyroscope]
 
     @property
     def targets(self) -> np.ndarray:

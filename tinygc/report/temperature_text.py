@@ -12,8 +12,8 @@ from tinygc.models.linear import BIAS
 from tinygc.report.fit_text import _table, findings_table
 from tinygc.temperature.axis_fit import AxisFit
 from tinygc.temperature.hysteresis import Hysteresis
-from tinygc.temperature.joint_fit import APART_C, JointFit
 from tinygc.temperature.rest_fit import RestFit
+from tinygc.temperature.sessions_fit import APART_C, SessionsFit
 from tinygc.temperature.thermal_fit import ThermalFit
 
 #: sigmas from which on a hysteresis is there
@@ -29,8 +29,8 @@ def temperature_report(fit: ThermalFit) -> Group:
         parts += [findings_table(told)] if told else []
         parts += [_axes(fit.rests, "gyro"), _noise(fit.rests)]
         parts += [_axes(fit.rests, "accel")] if fit.rests.accel else []
-    if fit.joint is not None:
-        parts += [_sessions(fit.joint), _over_temperature(fit)]
+    if fit.sessions is not None:
+        parts += [_sessions(fit.sessions), _over_temperature(fit)]
     parts += [Text(line) for line in remarks(fit)]
     return Group(*parts)
 
@@ -44,18 +44,18 @@ def _headline(fit: ThermalFit) -> Text:
         text.append(f"{len(fit.rests.logs)} rest log{'s' * (len(fit.rests.logs) != 1)}, {hours:.2f} h, ")
         coldest, warmest = fit.rests.range_c
         text.append(f"{coldest:.1f} to {warmest:.1f} °C, {up} times up and {down} times down" if np.isfinite(coldest) else "no temperature")
-    if fit.joint is not None:
-        count = len(fit.joint.points)
+    if fit.sessions is not None:
+        count = len(fit.sessions.points)
         text.append(
             f"{'; ' if fit.rests is not None else ''}{count} session{'s' * (count != 1)} with turns; model from {low:.1f} to {high:.1f} °C"
         )
     return text
 
 
-def _sessions(joint: JointFit) -> RenderableType:
+def _sessions(found: SessionsFit) -> RenderableType:
     table = _table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
-    for point in joint.points:
-        zero, there = point.values[BIAS], joint.model.zero(np.full((1, 3), point.temp_c))[0]
+    for point in found.points:
+        zero, there = point.values[BIAS], found.model.zero(np.full((1, 3), point.temp_c))[0]
         said = ", ".join(f"{value / DEG:+.4f}" for value in zero)
         off = ", ".join(f"{value / MDPS:+.2f}" for value in zero - there)
         table.add_row(point.name, str(point.segments), f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})", said, off)
@@ -129,10 +129,10 @@ def _noise(rests: RestFit) -> RenderableType:
 def remarks(fit: ThermalFit) -> list[str]:
     """What to know of the model, in sentences."""
     said = _of_rests(fit.rests) if fit.rests is not None else []
-    if fit.joint is None:
+    if fit.sessions is None:
         said.append("Nothing was turned: E is the identity, and the zero holds what the Earth's rotation adds (up to 4 mdps).")
     else:
-        said += _of_sessions(fit.joint, fit.rests is not None)
+        said += _of_sessions(fit.sessions, fit.rests is not None)
     return [line for line in said if line]
 
 
@@ -150,23 +150,23 @@ def _of_rests(rests: RestFit) -> list[str]:
     return said
 
 
-def _of_sessions(joint: JointFit, with_rests: bool) -> list[str]:
+def _of_sessions(found: SessionsFit, with_rests: bool) -> list[str]:
     said = []
-    order = len(joint.model.E_terms) - 1
-    cold, warm = (way(point.temp_c for point in joint.points) for way in (min, max))
+    order = len(found.model.E_terms) - 1
+    cold, warm = (way(point.temp_c for point in found.points) for way in (min, max))
     if warm - cold <= APART_C:
         said.append(f"E is that of {cold:.0f} °C, and is taken to be the same elsewhere: sessions at other temperatures would tell.")
     elif order == 0:
-        said.append(f"E does not follow temperature as far as these sessions show (p = {joint.p_constant:.2g}).")
+        said.append(f"E does not follow temperature as far as these sessions show (p = {found.p_constant:.2g}).")
     else:
         said.append(
-            f"E follows temperature ({ORDERS[order]}); by chance with p = {joint.p_constant:.1g}. Beyond the sessions it is extrapolated."
+            f"E follows temperature ({ORDERS[order]}); by chance with p = {found.p_constant:.1g}. Beyond the sessions it is extrapolated."
         )
-    if joint.widened > 1:
-        said.append(f"E scatters more than its sigmas say (p = {joint.p_value:.2g}): they are widened by {np.sqrt(joint.widened):.2f}.")
-    if np.isfinite(joint.turn_on_rps):
-        said.append(f"From session to session the zero changes by {joint.turn_on_rps / MDPS:.2g} mdps beyond noise and temperature.")
-    elif not with_rests and len(joint.model.zero_terms) > 1:
+    if found.widened > 1:
+        said.append(f"E scatters more than its sigmas say (p = {found.p_value:.2g}): they are widened by {np.sqrt(found.widened):.2f}.")
+    if np.isfinite(found.turn_on_rps):
+        said.append(f"From session to session the zero changes by {found.turn_on_rps / MDPS:.2g} mdps beyond noise and temperature.")
+    elif not with_rests and len(found.model.zero_terms) > 1:
         said.append("What the zero changes from one switch-on to the next is not known here, and may stand in its slope: add rest logs.")
     return said
 

@@ -29,7 +29,7 @@ def draw(fit: ThermalFit, path: Path) -> None:
 def figure_of(fit: ThermalFit) -> Figure:
     """The picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
     rests = fit.rests
-    rows = (3 if rests is not None else 0) + (1 if fit.joint is not None or (rests is not None and rests.allan is not None) else 0)
+    rows = (3 if rests is not None else 0) + (1 if fit.sessions is not None or (rests is not None and rests.allan is not None) else 0)
     figure, grid = canvas(max(rows, 1), f"{fit.name}: over temperature", [], [])
     grid = np.atleast_2d(grid)
     if rests is not None:
@@ -42,7 +42,7 @@ def figure_of(fit: ThermalFit) -> Figure:
             _allan(rests, last[0])
         else:
             last[0].axis("off")
-        if fit.joint is not None:
+        if fit.sessions is not None:
             _scale(fit, last[1])
         else:
             last[1].axis("off")
@@ -98,7 +98,7 @@ def _allan(rests: RestFit, axes: Axes) -> None:
 
 def _scale(fit: ThermalFit, axes: Axes) -> None:
     """Scale factor errors of the sessions, and the model with one sigma."""
-    assert fit.joint is not None
+    assert fit.sessions is not None
     at = np.linspace(*fit.model.range_c, 60)
     E = fit.model.E(at)
     sigma = np.array([fit.sigma_at(float(temp_c))[0] for temp_c in at])
@@ -106,7 +106,7 @@ def _scale(fit: ThermalFit, axes: Axes) -> None:
         mid = (E[:, i, i] - 1) * 1e6
         axes.plot(at, mid, "-", color=AXES[axis], label=f"E_{axis}{axis}")
         axes.fill_between(at, mid - sigma[:, i, i] * 1e6, mid + sigma[:, i, i] * 1e6, color=AXES[axis], alpha=0.15)
-        for point in fit.joint.points:
+        for point in fit.sessions.points:
             value, error = (point.values[4 * i] - 1) * 1e6, np.sqrt(point.covariance[4 * i, 4 * i]) * 1e6
             axes.errorbar(point.temp_c, value, yerr=error, fmt="o", ms=4, color=AXES[axis])
     axes.set(xlabel="temperature (°C)", ylabel="E − 1 (ppm)", title="Scale factor correction over temperature")

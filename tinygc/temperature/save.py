@@ -9,6 +9,7 @@ from session.files.results import write_whole
 from session.files.writing import result_folder
 from tinygc import models
 from tinygc.explanation.pictures.canvas import can_draw
+from tinygc.models.accelerometer import accelerometer_table
 from tinygc.temperature.thermal_fit import ThermalFit
 from tinygc.temperature.thermal_json import to_json
 from tinygc.temperature.thermal_terms import zero_terms
@@ -34,7 +35,7 @@ def save_thermal(fit: ThermalFit, folder: Path, pictures: bool = True) -> Path:
 
 
 def model_table(fit: ThermalFit) -> dict:
-    """``tinygc-model/1`` with the covariance; and of the accelerometer what exports have a place for."""
+    """``tinygc-model/1`` with the covariance; and of the accelerometer the calibration in whose body frame E is, and its change."""
     more = {
         "method": "thermal",
         "session": fit.name,
@@ -45,6 +46,9 @@ def model_table(fit: ThermalFit) -> dict:
         "covariance_units": UNITS,
         "remaining_rps": [None if value != value else value for value in fit.remaining_rps.tolist()],
     }
+    if fit.sessions is not None:
+        # That of the first session, into whose frame all were turned.  Where nothing was turned, E is the identity, and in no frame.
+        more["accelerometer"] = accelerometer_table(fit.sessions.points[0].accelerometer)
     if fit.rests is not None and fit.rests.accel:
         # The attitude was one: a change of scale and of zero are one there, and the constant is gravity's.
         more["accel_change_mps2"] = zero_terms(fit.rests.accel)[1:].tolist()

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from session.common.errors import FitError
+from session.log.config import Accelerometer
 from session.log.folder import Session
 from session.log.logfile import Log
+from tinygc.fitting.compare_triads import Triad, into_frame_of
 from tinygc.fitting.session import fit_session
 from tinygc.methods.options import FitOptions
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
@@ -21,7 +23,7 @@ Progress = Callable[[str, int, int], None]
 @dataclass(frozen=True, eq=False)
 class SessionPoint:
     """name; temp_c: mean over its logs, from low_c to high_c; values (12,): E row by row, then the zero b = -E^-1 B, rad/s; covariance
-    (12, 12) of them; segments used."""
+    (12, 12) of them; segments used; accelerometer: the calibration that the fit rests on, in whose body frame E is."""
 
     name: str
     temp_c: float
@@ -30,6 +32,7 @@ class SessionPoint:
     values: np.ndarray
     covariance: np.ndarray
     segments: int
+    accelerometer: Accelerometer = field(default_factory=lambda: Accelerometer(source="none"))
 
 
 def point_of(session: Session, shape: ThermalModel | None, progress: Progress = lambda what, done, of: None) -> SessionPoint:
@@ -54,7 +57,19 @@ def point_of(session: Session, shape: ThermalModel | None, progress: Progress = 
     assert isinstance(model, LinearModel)  # that is what least squares fits
     values, covariance = zero_form(model, found.covariance)
     low, high = np.quantile(temp, [0.005, 0.995])
-    return SessionPoint(session.name, mean_c, float(low), float(high), values, covariance, len(found.problem.used))
+    own = found.accelerometer.calibration
+    return SessionPoint(session.name, mean_c, float(low), float(high), values, covariance, len(found.problem.used), own)
+
+
+def in_frame_of_first(points: Sequence[SessionPoint]) -> tuple[SessionPoint, ...]:
+    """All in the first one's body frame, as ``compare`` turns them; a zero is the sensor's own reading, and in no frame."""
+    found = []
+    for point in points:
+        turn = np.eye(12)
+        frames = Triad(calibration=points[0].accelerometer), Triad(calibration=point.accelerometer)
+        turn[MATRIX, MATRIX] = into_frame_of(*frames)[MATRIX, MATRIX]
+        found.append(replace(point, values=turn @ point.values, covariance=turn @ point.covariance @ turn.T))
+    return tuple(found)
 
 
 def _brought_to(log: Log, shape: ThermalModel, mean_c: float) -> Log:

@@ -8,15 +8,15 @@ import numpy as np
 
 from tinygc.models.linear import MATRIX
 from tinygc.models.thermal import ThermalModel
-from tinygc.temperature.joint_fit import JointFit
 from tinygc.temperature.rest_fit import RestFit
+from tinygc.temperature.sessions_fit import SessionsFit
 from tinygc.temperature.thermal_terms import parameter_names, usable_range, zero_covariance, zero_terms
 
 
 @dataclass(frozen=True, eq=False)
 class ThermalFit:
     """model with covariance (n, n) of the numbers that ``names`` calls, SI; remaining_rps (3,): rms of what a sweep that was left out
-    differs from the model, NaN without rest logs; rests, joint: what it was made of, either may be None; sha256 of the files by name;
+    differs from the model, NaN without rest logs; rests, sessions: what it was made of, either may be None; sha256 of the files by name;
     name of the session, or of the first one."""
 
     name: str
@@ -25,7 +25,7 @@ class ThermalFit:
     names: tuple[str, ...]
     remaining_rps: np.ndarray
     rests: RestFit | None
-    joint: JointFit | None
+    sessions: SessionsFit | None
     sha256: dict[str, str]
 
     @property
@@ -60,8 +60,8 @@ def of_rests_alone(name: str, rests: RestFit, sha256: dict[str, str]) -> Thermal
     return ThermalFit(name, model, covariance, parameter_names(0, order), held_out, rests, None, sha256)
 
 
-def joined(name: str, joint: JointFit, rests: RestFit | None, sha256: dict[str, str]) -> ThermalFit:
+def joined(name: str, sessions: SessionsFit, rests: RestFit | None, sha256: dict[str, str]) -> ThermalFit:
     """Of sessions, with rest logs or without."""
-    names = parameter_names(len(joint.model.E_terms) - 1, len(joint.model.zero_terms) - 1)
+    names = parameter_names(len(sessions.model.E_terms) - 1, len(sessions.model.zero_terms) - 1)
     held_out = np.full(3, np.nan) if rests is None else np.array([fit.held_out for fit in rests.gyro])
-    return ThermalFit(name, joint.model, joint.covariance, names, held_out, rests, joint, sha256)
+    return ThermalFit(name, sessions.model, sessions.covariance, names, held_out, rests, sessions, sha256)

@@ -12,8 +12,8 @@ from tinygc.closure.allan import angle_random_walk, bias_instability
 from tinygc.models.linear import BIAS, MATRIX
 from tinygc.temperature.axis_fit import AxisFit
 from tinygc.temperature.hysteresis import Hysteresis
-from tinygc.temperature.joint_fit import JointFit
 from tinygc.temperature.rest_fit import RestFit
+from tinygc.temperature.sessions_fit import SessionsFit
 from tinygc.temperature.thermal_fit import ThermalFit
 
 SCHEMA = "tinygc-temperature/1"
@@ -41,12 +41,12 @@ def to_json(fit: ThermalFit) -> dict:
     }
     if fit.rests is not None:
         table |= of_rests(fit.rests)
-    if fit.joint is not None:
-        table |= of_sessions(fit.joint)
+    if fit.sessions is not None:
+        table |= of_sessions(fit.sessions)
     return table
 
 
-def of_sessions(joint: JointFit) -> dict:
+def of_sessions(sessions: SessionsFit) -> dict:
     """What sessions with turns tell."""
     return {
         "sessions": [
@@ -58,16 +58,16 @@ def of_sessions(joint: JointFit) -> dict:
                 "zero_dps": _numbers(point.values[BIAS] / DEG),
                 "zero_std_dps": _numbers(np.sqrt(np.diag(point.covariance))[BIAS] / DEG),
             }
-            for point in joint.points
+            for point in sessions.points
         ],
         "E_goodness": {
-            "chi_square": joint.chi_square,
-            "freedom": joint.freedom,
-            "p_value": _number(joint.p_value),
-            "widened": joint.widened,
+            "chi_square": sessions.chi_square,
+            "freedom": sessions.freedom,
+            "p_value": _number(sessions.p_value),
+            "widened": sessions.widened,
         },
-        "E_constant_p_value": joint.p_constant,
-        "turn_on_dps": _number(joint.turn_on_rps / DEG),
+        "E_constant_p_value": sessions.p_constant,
+        "turn_on_dps": _number(sessions.turn_on_rps / DEG),
     }
 
 

@@ -1,8 +1,9 @@
 """Sessions at several temperatures, and rest logs, in one model: E(T) and b(T) by generalised least squares.
 
-Each session gives E and its zero with a covariance.  Rest logs give how the zero moves, not where it stands: that is the sessions', since a
-zero changes from one switch-on to the next, and a rest log's holds the Earth's rotation.  What the sessions' zeros scatter beyond their
-sigmas is such a change, and is a variance of its own (Paule & Mandel 1982); what E scatters widens its sigmas (Birge 1932).
+Each session gives E and its zero with a covariance; E is in the body frame of that session's accelerometer, and is turned into the first
+one's.  Rest logs give how the zero moves, not where it stands: that is the sessions', since a zero changes from one switch-on to the next,
+and a rest log's holds the Earth's rotation.  What the sessions' zeros scatter beyond their sigmas is such a change, and is a variance of
+its own (Paule & Mandel 1982); what E scatters widens its sigmas (Birge 1932).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from session.common.errors import FitError
 from tinygc.models.linear import BIAS, MATRIX
 from tinygc.models.thermal import ThermalModel
 from tinygc.temperature.rest_fit import RestFit
-from tinygc.temperature.sessions import SessionPoint
+from tinygc.temperature.sessions import SessionPoint, in_frame_of_first
 from tinygc.temperature.thermal_terms import usable_range, zero_covariance, zero_terms
 
 #: highest order of E that is tried: a sensitivity over temperature is nearly straight (data sheets state a slope)
@@ -29,8 +30,9 @@ APART_C = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class JointFit:
-    """points, the sessions; model; covariance of E's terms, the zero's and the lags, as ``parameter_names`` has them.
+class SessionsFit:
+    """points, the sessions in the body frame of the first; model; covariance of E's terms, the zero's and the lags, in the order of
+    ``parameter_names``.
 
     E: chi_square, freedom, p_value of the sessions' E about the model; widened: factor of E's variance; p_constant: that E does not follow
     temperature, by chance; turn_on_rps: what the zero changes from session to session beyond noise, NaN where it cannot be told.
@@ -47,10 +49,11 @@ class JointFit:
     turn_on_rps: float
 
 
-def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int = 5) -> JointFit:
+def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int = 5) -> SessionsFit:
     """One model of all.  FitError without sessions."""
     if not points:
         raise FitError("no session with turns: E needs one, and E over temperature two or more")
+    points = in_frame_of_first(points)
     temps = np.array([point.temp_c for point in points])
     reference = rests.knots.reference_c if rests is not None else float(np.round((temps.min() + temps.max()) / 2))
     levels = 1 + int(np.count_nonzero(np.diff(np.sort(temps)) > APART_C))
@@ -76,7 +79,7 @@ def join(points: Sequence[SessionPoint], rests: RestFit | None, most_order: int 
         low, high = min(low, cold), max(high, warm)
     model = ThermalModel(E.reshape(-1, 3, 3), zero, lag, reference, (low, high))
     p_value = float(chi2.sf(chi_square, freedom)) if freedom else float("nan")
-    return JointFit(tuple(points), model, covariance, chi_square, freedom, p_value, widened, p_constant, turn_on)
+    return SessionsFit(points, model, covariance, chi_square, freedom, p_value, widened, p_constant, turn_on)
 
 
 def _solve_E(points: Sequence[SessionPoint], away: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, float]:

@@ -1,5 +1,8 @@
 """Sigmas of the accelerometer's numbers in its own triad, whatever frame the matrix before the correction brought along."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import config
@@ -8,9 +11,13 @@ from scipy.spatial.transform import Rotation
 from session.accelerometer.parameters import IDENTITY, NAMES, PARAMETERS, SCALES, after, units
 from session.common.units import MG
 from session.log.config import Accelerometer
+from session.log.folder import read_session
 from tinygc.fitting.accelerometer import AccelerometerFit, jacobian, unobserved_values
 from tinygc.fitting.compare_triads import Triad, compare_triads
+from tinygc.fitting.session import fit_session
+from tinygc.methods.options import FitOptions
 
+SESSION1 = Path(__file__).resolve().parent.parent / "data" / "session1"
 GRAVITY = 9.7946
 BIAS_MPS2 = np.array([0.1, -0.2, 0.3])
 #: each number's own, so that a mixed up axis shows
@@ -75,3 +82,18 @@ def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
     found = compare_triads(triads, [config(), config()]).agreement
     assert found.freedom == PARAMETERS
     assert found.chi_square == pytest.approx((MG / sigma) ** 2, rel=0.03)
+
+
+@pytest.mark.parametrize("mode", ["fit", "prior"])
+def test_a_turn_of_the_body_frame_changes_nothing_of_the_sensor(mode):
+    """data/session1 with another body frame, gyroscope and given matrix alike: the triad's nine numbers and their sigmas stay."""
+    session, options = read_session(SESSION1), FitOptions(methods=("least_squares",), accelerometer=mode)
+    logs = [replace(log, samples=replace(log.samples, gyro=log.samples.gyro @ QUARTER.T)) for log in session.logs]
+    given = session.config.accelerometer
+    config = replace(session.config, accelerometer=replace(given, matrix=QUARTER @ given.matrix))
+    there = fit_session(replace(session, logs=tuple(logs), closures=(), config=config), options).accelerometer
+    here = fit_session(replace(session, closures=()), options).accelerometer
+    assert np.abs((there.values - here.values) / here.sigmas).max() < 0.05
+    np.testing.assert_allclose(there.sigmas, here.sigmas, rtol=0.02)
+    # Of the correction itself they are other numbers' by tens of percent.
+    assert np.abs(np.sqrt(np.diag(there.covariance) / np.diag(here.covariance)) - 1).max() > 0.3

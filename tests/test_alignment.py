@@ -171,6 +171,42 @@ def test_what_is_given_is_used_and_held_against_the_recording():
     assert abs(session.alignment.offset_s + 0.004) < 4 * session.alignment.offset_sigma_s
 
 
+def on_another_clock(wrong, later_s, given):
+    """A session whose truth has stamps that are later by so many seconds, more than any search would reach."""
+    session, _ = made(wrong)
+    (truth,) = session.truths
+    moved = replace(truth, t_ns=truth.t_ns + round(later_s * 1e9)).reread(TruthReading(), TruthReading.of(given))
+    return replace(session, truths=(moved,), config=replace(session.config, truth=given))
+
+
+@pytest.mark.parametrize("later_s", [100.0, -100.0])
+def test_behind_a_given_clock_that_is_far_off_all_else_is_found(later_s):
+    wrong = Wrong(frame="enu", sense="world_to_body", mounting_deg=(0, 0, 90))
+    session, findings = with_aligned_truth(on_another_clock(wrong, later_s, TruthGiven(offset_s=-later_s)))
+    alignment = session.alignment
+    assert {name for name, source in alignment.source.items() if source == "found"} == {"frame", "sense", "mounting"}
+    assert (alignment.reading.frame, alignment.reading.sense, alignment.reading.offset_s) == ("enu", "world_to_body", -later_s)
+    assert abs(alignment.offset_s + later_s) < 4 * alignment.offset_sigma_s < 0.3 * MILLI
+    assert {finding.what: finding.level for finding in findings}["truth's clock"] == "ok"
+    (truth,), (plain,) = session.truths, made(Wrong(mounting_deg=(0, 0, 90)))[0].truths
+    assert apart_deg(truth.q_nb, TruthReading(mounting=alignment.reading.mounting).read(plain.q_nb)) < 1e-4
+
+
+def test_a_given_clock_is_held_against_the_recording_wherever_it_is():
+    """Off by a second: said, and the frame found all the same; by a minute: nothing tells the frame, and not for want of gravity."""
+    wrong = Wrong(frame="enu")
+    session, findings = with_aligned_truth(on_another_clock(wrong, 100.0, TruthGiven(offset_s=-101.0)))
+    assert {finding.what for finding in findings if finding.level == "warning"} == {"truth's clock"}
+    assert abs(session.alignment.offset_s + 100) < 4 * session.alignment.offset_sigma_s
+    assert session.alignment.reading.frame == "enu"
+    session, findings = with_aligned_truth(on_another_clock(wrong, 100.0, TruthGiven(offset_s=-160.0)))
+    said = {finding.what: finding for finding in findings}
+    assert session.alignment.source["frame"] == "assumed"
+    assert "do not go together" in said["truth's frame"].says
+    assert "no specific force" not in said["truth's frame"].says
+    assert said["truth's clock"].level == "note"
+
+
 def test_the_page_of_a_check_says_all_of_it_and_files_need_no_truth_section(tmp_path):
     folder = write(tmp_path, Wrong(late_s=0.00406, sense="world_to_body", frame="enu", mounting_deg=(0, 0, 90)))
     said = {finding.what: finding for finding in check_folder(folder) if finding.what.startswith("truth's")}

@@ -1,6 +1,7 @@
 """Accelerometer and gyroscope estimated together: exact derivatives, numbers recovered, what is wrong left out, what is not told said."""
 
 import dataclasses
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -23,11 +24,12 @@ from tinygc.methods.options import FitOptions
 from tinygc.problem.joint import fit_joint, tilt_columns
 from tinygc.problem.prepared import prepare
 from tinygc.problem.recalibrated import recalibrated
+from tinygc.simulation.unit import SimulatedUnit
 
 ROOT = Path(__file__).resolve().parent.parent
 SESSION1 = ROOT / "data" / "session1"
 sys.path.insert(0, str(ROOT / "benchmarks"))
-from joint_coverage import one_session  # noqa: E402
+from joint_coverage import errors_of, in_triad, one_session  # noqa: E402
 
 LEAST_SQUARES = FitOptions(methods=("least_squares",))
 GRAVITY = 9.7946
@@ -44,6 +46,20 @@ def spoilt(session, matrix, bias_mps2):
         for each in (session.logs, session.closures)
     )
     return with_accelerometer(dataclasses.replace(session, logs=logs, closures=closures), Accelerometer(source="none"))
+
+
+def spoilt_unit(session, matrix, bias_mps2):
+    """The unit that ``spoilt`` makes of the one of data/session1: f = A (m - b) of what was measured, which became matrix m + bias_mps2."""
+    truth, exact = json.loads((SESSION1 / "truth.json").read_text()), session.config.accelerometer
+    return SimulatedUnit(
+        E=np.array(truth["E"]),
+        B=np.array(truth["B_dps"]) * DEG,
+        accel_matrix=exact.matrix @ np.linalg.inv(matrix),
+        accel_bias=matrix @ exact.bias_mps2 + bias_mps2,
+        accel_shift=np.zeros(3),
+        odr_hz=truth["odr_hz"],
+        heading_deg=truth["heading_deg"],
+    )
 
 
 @pytest.fixture(scope="module")
@@ -96,12 +112,19 @@ def test_the_references_of_a_recalibrated_problem_are_those_of_its_forces(sessio
 def test_what_the_issue_asks_of_session1_without_its_calibration(session1):
     """30 mg, 1 % and 5 mrad more, and no [accelerometer]: held out 0.0151 deg with the one given."""
     more = np.eye(3) + np.array([[0.01, 0.005, 0], [0, -0.01, 0.005], [0.005, 0, 0.01]])
-    result = fit_session(spoilt(session1, more, 30 * MG * np.array([1.0, -1.0, 1.0])), LEAST_SQUARES)
+    zero = 30 * MG * np.array([1.0, -1.0, 1.0])
+    result = fit_session(spoilt(session1, more, zero), LEAST_SQUARES)
     assert tilt_rms(result.linear.held_out) / DEG <= 0.0155
     (errors,) = result.run_errors
     assert np.sqrt(np.mean(errors["least_squares"] ** 2)) / DEG <= 0.040
     assert result.joint_covariance.shape == (21, 21)
-    assert np.linalg.eigvalsh(result.joint_covariance).min() > 0
+    unit = spoilt_unit(session1, more, zero)
+    joint = result.problem.joint
+    gyroscope = result.linear.model.vector - in_triad(unit).vector
+    error = np.concatenate([errors_of(joint.x, joint.accelerometer, unit), gyroscope])
+    assert np.abs(error / np.sqrt(np.diag(result.joint_covariance))).max() < 4
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], 21)
+    assert low < error @ np.linalg.solve(result.joint_covariance, error) < high
 
 
 def test_one_bad_still_and_one_knocked_turn_hardly_count(given):

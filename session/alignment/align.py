@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from session.alignment.clock import rough_offset
+from session.alignment.clock import STEP_S, rough_offset
 from session.alignment.fine import Fine, refined
 from session.alignment.frames import Seen, Way, best_way, frame_of, ways
 from session.alignment.spans import Spans, all_spans, carried
@@ -50,10 +50,11 @@ def _alignment(session: Session, given: TruthGiven, told: TruthReading) -> Truth
     if sum(len(one.spans) for one in seen) < FEWEST_SPANS:
         return _unknown(told, source)
     turns = [(one.spans, one.spans.turned(told.read(one.written))) for one in seen]
-    rough = rough_offset([one.gyro for one in seen], [_fewer(*pair) for pair in turns])
+    rough = rough_offset([one.gyro for one in seen], [_fewer(*pair) for pair in turns], told.offset_s)
     if rough is None:
         return _unknown(told, source)
-    start = rough if abs(rough - told.offset_s) > 0 and given.offset_s is None else told.offset_s
+    # What is given is finer than the search, unless the recording contradicts it.
+    start = told.offset_s if abs(rough - told.offset_s) < 1.5 * STEP_S and given.offset_s is not None else rough
     way = best_way(ways(seen, given, start))
     if 1 - way.misfit < EXPLAINED:
         return _unknown(told, source)

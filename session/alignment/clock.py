@@ -11,7 +11,7 @@ import numpy as np
 
 from session.alignment.spans import Carried, Spans, vector
 
-#: a clock that differs by more is another clock: the correlation of two different movements would be trusted
+#: a clock that differs by more from what is known of it is another clock: the correlation of two different movements would be trusted
 REACH_S = 2.0
 #: of the search; the speed of a hand or a vehicle hardly changes within
 STEP_S = 0.01
@@ -21,21 +21,22 @@ ALIKE = 0.7
 AS_GOOD, NEAR = 1.5, 5
 
 
-def rough_offset(gyro: Sequence[Carried], truth: Sequence[tuple[Spans, np.ndarray]]) -> float | None:
+def rough_offset(gyro: Sequence[Carried], truth: Sequence[tuple[Spans, np.ndarray]], around_s: float = 0.0) -> float | None:
     """Seconds to add to the truth's stamps, or None where the speeds are not alike at any; truth: of each log, spans and the quaternions
-    (K, 4) that they turn by."""
-    offsets = STEP_S * np.arange(-round(REACH_S / STEP_S), round(REACH_S / STEP_S) + 1)
+    (K, 4) that they turn by; around_s: the middle of what is searched, an offset that is known beforehand."""
+    steps = STEP_S * np.arange(-round(REACH_S / STEP_S), round(REACH_S / STEP_S) + 1)
+    offsets = around_s + steps
     speeds = [np.linalg.norm(vector(q), axis=1) / (s.end_s - s.begin_s) for s, q in truth]
     sums = [_summed(log) for log in gyro]
     likeness = np.array([_likeness(gyro, sums, truth, speeds, offset) for offset in offsets])
-    # Movements that repeat are alike at many offsets: the nearest to none of those that are as good.
+    # Movements that repeat are alike at many offsets: the nearest to the middle of those that are as good.
     likeness = np.nan_to_num(likeness, nan=-1.0)
     best = float(likeness.max())
     if best < ALIKE:
         return None
     good = np.flatnonzero(1 - likeness <= AS_GOOD * (1 - best))
     peaks = [i for i in good if likeness[i] >= likeness[max(i - NEAR, 0) : i + NEAR + 1].max()]
-    return float(offsets[min(peaks, key=lambda i: abs(offsets[i]))])
+    return float(offsets[min(peaks, key=lambda i: abs(steps[i]))])
 
 
 def _summed(log: Carried) -> np.ndarray:

@@ -85,6 +85,8 @@ def _turned_seen(alignment: TruthAlignment) -> str:
 
 def _clock(alignment: TruthAlignment) -> tuple[str, str, str, str]:
     source, used, says = alignment.source["offset_s"], alignment.reading.offset_s, offset_text(alignment)
+    if source == GIVEN and not np.isfinite(alignment.offset_s):
+        return "note", CLOCK, says, "is truth.offset_s this truth's? what is within 2 s of it is searched"
     if source == GIVEN:
         apart = abs(alignment.offset_s - used) > OFFSET_SIGMAS * alignment.offset_sigma_s
         return ("warning", CLOCK, says, "correct truth.offset_s, or leave it out to have it found") if apart else ("ok", CLOCK, says, "")
@@ -107,6 +109,8 @@ def _attitude(alignment: TruthAlignment) -> list[tuple[str, str, str, str]]:
 
 def _frame(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, str, str]:
     frame, up = alignment.reading.frame, alignment.up
+    if not np.isfinite(alignment.explained):
+        return "note", FRAME, f"{WORLDS[frame]} ({alignment.source['frame']}): truth and gyro do not go together, so nothing tells it", ""
     if up is None:
         return "note", FRAME, f"{WORLDS[frame]} ({alignment.source['frame']}): no specific force to tell it by", ""
     tilt_deg = float(np.degrees(np.arccos(np.clip(-up @ down_of(frame) / max(np.linalg.norm(up), 1e-12), -1, 1))))

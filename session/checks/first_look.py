@@ -80,7 +80,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         *findings,
         *check_noise(where, noise, config.sensor),
         *check_zero_rate(where, good, config.sensor),
-        *check_gravity(where, good, config, noise),
+        *check_gravity(where, good, config, noise, closure_run=log in session.closures),
         *_axes_below(ceiling, log, log.samples.with_accel(force), good, config),
         *check_undersampling(log, good, noise, config),
         *check_impacts(where, log.samples.with_accel(force), good, config.sensor),

@@ -144,12 +144,13 @@ def accel_unit_factor(stills: list[Still], config: Config) -> tuple[float, float
     return candidates[best], lengths[best]
 
 
-def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise | None) -> list[Finding]:
+def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise | None, closure_run: bool = False) -> list[Finding]:
     """Length of gravity in the stills against the site's, and its spread over attitudes.
 
     The length does not depend on attitude, so its mean tests the units and the sensitivity.  Its spread is what the
     pre-calibration leaves: a spread of s turns the measured vertical by about s/g, to be held against what the gyro's own
-    noise adds to a segment (angle random walk x sqrt(duration)).
+    noise adds to a segment (angle random walk x sqrt(duration)).  A closure_run
+    rests in one attitude by protocol, so no others are asked for.
     """
     if not stills:
         return []
@@ -175,7 +176,7 @@ def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise 
     attitudes = attitudes_of(force_of(stills))
     says = f"{spread / MG:.2f} mg over {_attitudes_text(stills, attitudes)}, worth {tilt / DEG:.4f} deg of tilt"
     says += f"; gyro noise per segment {floor / DEG:.4f}"
-    if attitudes < ENOUGH_ATTITUDES and level == "ok":
+    if attitudes < ENOUGH_ATTITUDES and level == "ok" and not closure_run:
         level, do = "note", f"it tells nothing of other attitudes: rest it in {ENOUGH_ATTITUDES} or more, on all sides"
     if len(lengths) > 1:
         findings.append(Finding(level, where, "gravity spread", says, do))

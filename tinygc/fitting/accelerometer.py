@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from session.accelerometer.lengths import LengthFit
-from session.accelerometer.parameters import BIASES, NAMES, PARAMETERS, SCALES, SHEARS, UPPER
+from session.accelerometer.parameters import BIAS, BIASES, IDENTITY, NAMES, PARAMETERS, SCALES, SHEARS, UPPER, after, matrix_of
 from session.common.units import MG
 from session.log.config import Accelerometer
+from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.models import linear
 from tinygc.problem.joint_fit import JointFit
 
@@ -17,13 +18,16 @@ from tinygc.problem.joint_fit import JointFit
 JOINT_NAMES = (*(f"accelerometer {name}" for name in NAMES), *linear.NAMES)
 #: each number's unit for a person, and its size in SI
 UNITS = {"ppm": 1e-6, "mrad": 1e-3, "mg": MG}
+#: of a number of a correction, 1 or m/s^2: the square of it is as small as rounding
+SMALL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class AccelerometerFit:
-    """mode: ``given``, ``fit`` or ``prior``; calibration that is in force; covariance (9, 9) of the numbers, SI, None where it was taken as
-    given; unobserved: names of numbers that stay as they were; p_value: of a given one, that it holds; misses_mps2: by how much each
-    still's length misses gravity's, as measured (where a calibration is given, as given), and after."""
+    """mode: ``given``, ``fit`` or ``prior``; calibration that is in force; covariance (9, 9) of the correction x that led to it, SI, None
+    where it was taken as given; unobserved: names of ``values`` that stay as they were; p_value: of a given one, that it holds;
+    misses_mps2: by how much each still's length misses gravity's, as measured (where a calibration is given, as given), and after; x (9,):
+    the correction itself; where nobody has kept it, none, which it is close to."""
 
     mode: str
     calibration: Accelerometer
@@ -31,6 +35,7 @@ class AccelerometerFit:
     unobserved: tuple[str, ...] = ()
     p_value: float | None = None
     misses_mps2: tuple[np.ndarray, np.ndarray] | None = None
+    x: np.ndarray = field(default_factory=IDENTITY.copy)
 
     @property
     def spread_mps2(self) -> tuple[float, float] | None:
@@ -43,14 +48,20 @@ class AccelerometerFit:
 
         A full matrix is a turn of the body frame and an upper triangle (QR); the triangle is the sensor's.
         """
-        upper = np.linalg.qr(self.calibration.matrix)[1]
-        upper = upper * np.sign(np.diag(upper))[:, None]
-        return np.concatenate([(upper - np.eye(3))[UPPER], self.calibration.bias_mps2])
+        return _values(self.calibration)
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """(9, 9): how ``values`` follow the correction x.
+
+        x is in the frame of the matrix before it: behind a quarter turn, one axis' scale there is another's of the sensor.
+        """
+        return jacobian(self.calibration, self.x)
 
     @property
     def sigmas(self) -> np.ndarray | None:
-        """(9,) of ``values``; a correction close to the identity is known as well as what it makes."""
-        return None if self.covariance is None else np.sqrt(np.diag(self.covariance))
+        """(9,) of ``values``."""
+        return None if self.covariance is None else np.sqrt(np.diag(self.jacobian @ self.covariance @ self.jacobian.T))
 
     def rows(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
         """Key of the JSON, unit, values (3,), sigmas (3,), in that unit, and names, as a table shows them."""
@@ -82,6 +93,28 @@ class AccelerometerFit:
         }
 
 
+def _values(calibration: Accelerometer) -> np.ndarray:
+    """(9,): ``AccelerometerFit.values``."""
+    upper = calibration.frame.T @ calibration.matrix
+    return np.concatenate([(upper - np.eye(3))[UPPER], calibration.bias_mps2])
+
+
+def jacobian(calibration: Accelerometer, x: np.ndarray) -> np.ndarray:
+    """(9, 9): how the numbers of the triad follow a correction x (9,) that led to a calibration."""
+    matrix = np.linalg.solve(matrix_of(x), calibration.matrix)
+    before = Accelerometer(matrix, calibration.bias_mps2 - np.linalg.solve(matrix, x[BIAS]), calibration.source)
+    sides = [[_values(after(x + step, before)) for step in sign * SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
+    return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL)
+
+
+def unobserved_values(joint: JointFit) -> tuple[str, ...]:
+    """Names of the triad's numbers that owe a tenth or more of what their make spreads by to numbers of x that nobody observed."""
+    left = np.isin(NAMES, joint.unobserved)
+    spread = (jacobian(joint.accelerometer, joint.x) * joint.prior) ** 2
+    owed = np.sqrt(spread[:, left].sum(axis=1) / spread.sum(axis=1))
+    return tuple(name for name, share in zip(NAMES, owed, strict=True) if share >= OBSERVED_BELOW)
+
+
 def accelerometer_fit(
     calibration: Accelerometer, joint: JointFit | None, covariance: np.ndarray | None, gravity_mps2: float
 ) -> AccelerometerFit:
@@ -92,9 +125,9 @@ def accelerometer_fit(
     before = joint.before
     if joint.mode == "fit":  # what it was before that is the lengths' own first estimate
         before = np.linalg.norm(calibration.measured(joint.force), axis=1) - gravity_mps2
-    return AccelerometerFit(joint.mode, calibration, own, joint.unobserved, joint.p_value, (before, joint.after))
+    return AccelerometerFit(joint.mode, calibration, own, unobserved_values(joint), joint.p_value, (before, joint.after), joint.x)
 
 
 def of_lengths(found: LengthFit) -> AccelerometerFit:
     """Of the stills' lengths alone, as measured."""
-    return AccelerometerFit("fit", found.accelerometer, found.covariance, found.unobserved, None, (found.before, found.after))
+    return AccelerometerFit("fit", found.accelerometer, found.covariance, found.unobserved, None, (found.before, found.after), found.x)

@@ -32,8 +32,8 @@ _NONE = Accelerometer(source="none")
 
 @dataclass(frozen=True, eq=False)
 class Triad:
-    """mode of the fit; calibration; covariance (9, 9) of its numbers, SI, None where it was taken as given; shared (9, 9): what of it is
-    an error of the calibration that was given; unobserved: names of numbers."""
+    """mode of the fit; calibration; covariance (9, 9) of the correction that led to it, SI, None where it was taken as given; shared
+    (9, 9): what of it is an error of the calibration that was given; unobserved: names of the triad's numbers."""
 
     mode: str = "given"
     calibration: Accelerometer = field(default_factory=lambda: _NONE)
@@ -137,11 +137,13 @@ def compare_triads(triads: list[Triad], configs: list[Config]) -> TriadCompariso
     if len(estimated) < 2 or not seen.any():
         return TriadComparison(tuple(triads), None)
     vectors = np.array([triad.fit.values for triad in estimated])[:, seen]
-    whole = np.array([triad.covariance for triad in estimated])[:, seen][:, :, seen]
+    whole = np.array([triad.covariance for triad in estimated])
     apart = whole
     if all_given_the_same(triads, configs):
         shared = [np.zeros((PARAMETERS, PARAMETERS)) if triad.shared is None else triad.shared for triad in estimated]
-        apart = whole - np.array(shared)[:, seen][:, :, seen]
+        apart = whole - np.array(shared)
+    slope = np.array([triad.fit.jacobian for triad in estimated])[:, seen]
+    whole, apart = (slope @ each @ slope.transpose(0, 2, 1) for each in (whole, apart))
     kept = _told(whole.sum(axis=0), apart.sum(axis=0))
     if not kept.shape[1]:
         return TriadComparison(tuple(triads), None)

@@ -7,7 +7,6 @@ import pytest
 import torch
 from conftest import Turns
 from scipy.spatial.transform import Rotation
-from tinygc.closure.preintegration import preintegrate
 
 from session.common.units import DEG, EARTH_RATE_RPS
 from session.detect.stills import Noise
@@ -17,6 +16,7 @@ from tinygc.attitude.earth import no_earth, vertical_only
 from tinygc.closure.floor import closure_floor
 from tinygc.closure.known_turns import KnownTurns
 from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.nearby import Nearby
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import goodness, parameter_covariance
 from tinygc.models import linear
@@ -136,11 +136,11 @@ def test_torch_gives_the_same_and_its_gradient_is_finite_where_nothing_is_left()
     assert torch.isfinite(rate.grad).all()
 
 
-def test_windows_of_the_swarm_give_the_exact_residual():
+def test_what_the_swarm_sees_is_the_exact_residual():
     batch, axis_b = turned_about(SLANTED, ANGLES)
     batch = stating(batch, axis_b, np.add(ANGLES, 0.3))
-    model = LinearModel.from_vector(PERFECT.vector + 0.3 * TYPICAL)
-    found = preintegrate(batch).residuals(np.stack([model.E, PERFECT.E]), np.stack([model.B, PERFECT.B]))
+    model = LinearModel.from_vector(PERFECT.vector + 0.03 * TYPICAL)
+    found = Nearby.about(PERFECT, batch).residuals(np.stack([model.vector, PERFECT.vector]))
     np.testing.assert_allclose(found[0], closure.segment_residuals(batch, model(batch.rate)), atol=2e-6)
     np.testing.assert_allclose(found[1], closure.segment_residuals(batch, batch.rate), atol=2e-6)
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from session.alignment.align import MOUNTING_RAD, OFFSET_SIGMAS, align
 from session.checks.findings import Finding, xyz_text
 from session.common.units import DEG
 from session.log.folder import Session
@@ -27,6 +25,8 @@ def with_aligned_truth(session: Session) -> tuple[Session, list[Finding]]:
     """
     if session.truths is None:
         return session, []
+    from session.alignment.align import align  # whose SciPy no session without a truth waits for
+
     aligned = align(session)
     alignment = aligned.alignment
     assert alignment is not None  # ``align`` gives one to every session with a truth
@@ -84,6 +84,8 @@ def _turned_seen(alignment: TruthAlignment) -> str:
 
 
 def _clock(alignment: TruthAlignment) -> tuple[str, str, str, str]:
+    from session.alignment.align import OFFSET_SIGMAS
+
     source, used, says = alignment.source["offset_s"], alignment.reading.offset_s, offset_text(alignment)
     if source == GIVEN and not np.isfinite(alignment.offset_s):
         return "note", CLOCK, says, "is truth.offset_s this truth's? what is within 2 s of it is searched"
@@ -125,6 +127,10 @@ def _frame(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, str,
 
 
 def _mounting(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, str, str]:
+    from scipy.spatial.transform import Rotation
+
+    from session.alignment.align import MOUNTING_RAD
+
     says = f"gyro to truth {mounting_text(alignment)}"
     if given.mounting is not None:
         apart = Rotation.from_matrix(given.mounting).inv() * Rotation.from_rotvec(np.nan_to_num(alignment.turned))

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
 
 from session.common.runs import runs_of
 from session.common.units import DEG
@@ -128,6 +127,8 @@ def _beyond(guess: np.ndarray, spread: np.ndarray, end: float) -> tuple[np.ndarr
     lacking = np.maximum(end - guess, 0.0)
     wide = np.maximum(spread, lacking) + 1e-12
     at = (end - guess) / wide
+    from scipy.stats import norm  # takes longer to import than most logs to read, and hardly any log clips
+
     hazard = np.exp(norm.logpdf(at) - norm.logsf(at))
     beyond, off = guess + wide * hazard, wide * np.sqrt(np.maximum(1 + at * hazard - hazard**2, 1e-3))
     jolt = lacking > UNLIKE * spread

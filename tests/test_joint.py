@@ -168,6 +168,20 @@ def test_one_that_no_longer_holds_is_said_and_not_believed(session1):
     assert tilt_rms(kept.linear.held_out) / DEG > 0.03
 
 
+def test_without_local_gravity_the_common_scale_is_as_uncertain_and_no_number_is_called_unobserved(session1):
+    bare = with_accelerometer(session1, Accelerometer(source="none"))
+    known = fit_session(bare, LEAST_SQUARES).accelerometer
+    site = dataclasses.replace(bare.config.site, gravity_mps2=None)
+    unknown = fit_session(dataclasses.replace(bare, config=dataclasses.replace(bare.config, site=site)), LEAST_SQUARES).accelerometer
+    assert known.unobserved == unknown.unobserved == ()
+    scales, shears, biases = [0, 3, 5], [1, 2, 4], [6, 7, 8]
+    np.testing.assert_allclose(unknown.sigmas[scales], 0.02 / 9.80665, rtol=0.05)
+    # f = M (m - b): M as a whole is as uncertain as the length of gravity, an element off the diagonal by its own share of that.
+    np.testing.assert_allclose(unknown.sigmas[shears], np.hypot(known.sigmas, known.values * 0.02 / 9.80665)[shears], rtol=0.05)
+    np.testing.assert_allclose(unknown.sigmas[biases], known.sigmas[biases], rtol=0.05)
+    assert np.abs(unknown.values - known.values)[scales] == pytest.approx(9.80665 / GRAVITY - 1, rel=0.02)  # and that is the truth
+
+
 @pytest.mark.parametrize("mode", ["given", "prior"])
 def test_none_cannot_be_taken_as_given(session1, mode):
     with pytest.raises(CalibrationError, match=r"session\.toml gives no \[accelerometer\] to take as"):

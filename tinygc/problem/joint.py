@@ -78,7 +78,9 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG) -> 
         if np.abs(moved[ACCELEROMETER] / units(gravity)).max() < SETTLED_MPS2:
             break
     found = centre[ACCELEROMETER] + x[ACCELEROMETER]
-    sure = np.sqrt(np.diag(system.covariance))[ACCELEROMETER] < OBSERVED_BELOW * prior[ACCELEROMETER]
+    # Whether stills and turns tell a number is asked for the true length of gravity: that nobody knows it better is another matter.
+    told = replace(system, prior=np.append(prior[:GRAVITY], KNOWN_MPS2)).covariance
+    sure = np.sqrt(np.diag(told))[ACCELEROMETER] < OBSERVED_BELOW * prior[ACCELEROMETER]
     now = corrected(found, force)
     return JointFit(
         mode=mode,

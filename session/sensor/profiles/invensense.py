@@ -5,7 +5,7 @@ Their sensitivities are rounded in the data sheets, 16.4 LSB per dps for 32768 /
 
 from __future__ import annotations
 
-from session.sensor.profiles.profile import Divided, Figure, Profile, Thermometer
+from session.sensor.profiles.profile import Divided, Figure, Profile, Thermometer, remembered
 
 GYRO: dict[float, float] = {fs: 1000 / lsb for fs, lsb in {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}.items()}
 GYRO_FINE: dict[float, float] = {fs: 1000 / lsb for fs, lsb in {15.625: 2097.2, 31.25: 1048.6, 62.5: 524.3, 125: 262.0}.items()} | GYRO
@@ -19,10 +19,6 @@ _MPU_6050 = "data sheet (InvenSense, PS-MPU-6000A-00 Rev 3.4)"
 _MPU_9250 = "data sheet (InvenSense, PS-MPU-9250A-01 Rev 1.0)"
 _ICM_20948 = "data sheet (TDK, DS-000189 Rev 1.3)"
 _ICM_42688 = "data sheet (TDK, DS-000347)"
-
-
-def _remembered(value: float) -> Figure:
-    return Figure(value, "its data sheet, remembered", read=False)
 
 
 PROFILES = (
@@ -83,9 +79,9 @@ PROFILES = (
         units=f"{_ICM_20948}; the thermometer's is remembered",
         thermometer=MPU_9250_THERMOMETER,
         divided=(Divided(1125.0), Divided(9000.0, 1)),
-        gyro_noise_mdps_rthz=_remembered(15.0),
+        gyro_noise_mdps_rthz=remembered(15.0),
         accel_noise_ug_rthz=Figure(230.0, _ICM_20948),
-        zero_rate_dps=_remembered(5.0),
+        zero_rate_dps=remembered(5.0),
         works_c=WORKS_C,
     ),
     Profile(
@@ -98,7 +94,7 @@ PROFILES = (
         odr_hz=(12.5, 25.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0, 16000.0, 32000.0),
         gyro_noise_mdps_rthz=Figure(2.8, _ICM_42688),
         accel_noise_ug_rthz=Figure(70.0, _ICM_42688),
-        zero_rate_dps=_remembered(0.5),
+        zero_rate_dps=remembered(0.5),
         works_c=WORKS_C,
     ),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from session.sensor.profiles.profile import REGISTER_SPAN, Figure, Profile, Thermometer
+from session.sensor.profiles.profile import REGISTER_SPAN, Figure, Profile, Thermometer, remembered
 
 WORKS_C = (-40.0, 85.0)
 
@@ -15,10 +15,6 @@ def _to_span(*full_scales: float) -> dict[float, float]:
     return {fs: 1000 * fs / REGISTER_SPAN for fs in full_scales}
 
 
-def _remembered(value: float) -> Figure:
-    return Figure(value, "its data sheet, remembered", read=False)
-
-
 PROFILES = (
     Profile(
         name="BMI088",
@@ -27,10 +23,10 @@ PROFILES = (
         units=f"{_BMI088}; its temperature is the 11-bit number, not the two registers as they lie",
         thermometer=Thermometer(8.0, 23.0),
         odr_hz=(100.0, 200.0, 400.0, 1000.0, 2000.0),
-        gyro_noise_mdps_rthz=_remembered(14.0),
-        accel_noise_ug_rthz=_remembered(175.0),
-        gyro_bias_instability_dph=_remembered(2.0),
-        zero_rate_dps=_remembered(1.0),
+        gyro_noise_mdps_rthz=remembered(14.0),
+        accel_noise_ug_rthz=remembered(175.0),
+        gyro_bias_instability_dph=remembered(2.0),
+        zero_rate_dps=remembered(1.0),
         works_c=WORKS_C,
     ),
     Profile(
@@ -53,10 +49,10 @@ PROFILES = (
         units="Linux driver adis16400.c (±1000 dps, ±18 g); the smaller ranges are remembered",
         thermometer=Thermometer(1 / 0.07386, 31.0),
         odr_hz=(819.2, 409.6, 204.8, 102.4, 51.2, 25.6, 12.8, 6.4),
-        gyro_noise_mdps_rthz=_remembered(13.5),
-        accel_noise_ug_rthz=_remembered(230.0),
-        gyro_bias_instability_dph=_remembered(14.5),
-        zero_rate_dps=_remembered(0.5),
+        gyro_noise_mdps_rthz=remembered(13.5),
+        accel_noise_ug_rthz=remembered(230.0),
+        gyro_bias_instability_dph=remembered(14.5),
+        zero_rate_dps=remembered(0.5),
         works_c=WORKS_C,
     ),
     Profile(

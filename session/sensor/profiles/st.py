@@ -5,7 +5,9 @@ Their registers go further than the full scale: 32767 counts of 17.5 mdps are 57
 
 from __future__ import annotations
 
-from session.sensor.profiles.profile import Figure, Profile, Thermometer
+from dataclasses import replace
+
+from session.sensor.profiles.profile import Figure, Profile, Thermometer, remembered
 
 GYRO: dict[float, float] = {125: 4.375, 250: 8.75, 500: 17.5, 1000: 35.0, 2000: 70.0}
 GYRO_4000: dict[float, float] = GYRO | {4000: 140.0}
@@ -16,12 +18,20 @@ INDUSTRIAL_C, CONSUMER_C = (-40.0, 105.0), (-40.0, 85.0)
 
 _DHCX = "data sheet of its sibling ISM330DHCX (ST, DS13012 Rev 6)"
 _OWN_DHCX = "data sheet (ST, DS13012 Rev 6)"
-_REMEMBERED = "its data sheet, remembered"
 
 
-def _remembered(value: float) -> Figure:
-    return Figure(value, _REMEMBERED, read=False)
-
+_LSM6DSO = Profile(
+    name="LSM6DSO",
+    gyro=GYRO,
+    accel=ACCEL,
+    units="ST's driver lsm6dso_reg.c; data sheet (ST, DS12140 Rev 2)",
+    thermometer=FINE,
+    odr_hz=ODR_HZ,
+    gyro_noise_mdps_rthz=remembered(3.8),
+    accel_noise_ug_rthz=remembered(70.0),
+    zero_rate_dps=remembered(1.0),
+    works_c=CONSUMER_C,
+)
 
 PROFILES = (
     Profile(
@@ -68,34 +78,12 @@ PROFILES = (
         units="the LSM6DSx family's, remembered",
         thermometer=FINE,
         odr_hz=ODR_HZ,
-        gyro_noise_mdps_rthz=_remembered(3.8),
-        accel_noise_ug_rthz=_remembered(75.0),
+        gyro_noise_mdps_rthz=remembered(3.8),
+        accel_noise_ug_rthz=remembered(75.0),
         works_c=CONSUMER_C,
     ),
-    Profile(
-        name="LSM6DSO",
-        gyro=GYRO,
-        accel=ACCEL,
-        units="ST's driver lsm6dso_reg.c; data sheet (ST, DS12140 Rev 2)",
-        thermometer=FINE,
-        odr_hz=ODR_HZ,
-        gyro_noise_mdps_rthz=_remembered(3.8),
-        accel_noise_ug_rthz=_remembered(70.0),
-        zero_rate_dps=_remembered(1.0),
-        works_c=CONSUMER_C,
-    ),
-    Profile(
-        name="LSM6DSOX",
-        gyro=GYRO,
-        accel=ACCEL,
-        units="that of the LSM6DSO, remembered",
-        thermometer=FINE,
-        odr_hz=ODR_HZ,
-        gyro_noise_mdps_rthz=_remembered(3.8),
-        accel_noise_ug_rthz=_remembered(70.0),
-        zero_rate_dps=_remembered(1.0),
-        works_c=CONSUMER_C,
-    ),
+    _LSM6DSO,
+    replace(_LSM6DSO, name="LSM6DSOX", units="that of the LSM6DSO, remembered"),
     Profile(
         name="LSM6DSR",
         gyro=GYRO_4000,
@@ -104,9 +92,9 @@ PROFILES = (
         also=("LSM6DSRX",),
         thermometer=FINE,
         odr_hz=ODR_HZ,
-        gyro_noise_mdps_rthz=_remembered(5.0),
-        accel_noise_ug_rthz=_remembered(60.0),
-        zero_rate_dps=_remembered(1.0),
+        gyro_noise_mdps_rthz=remembered(5.0),
+        accel_noise_ug_rthz=remembered(60.0),
+        zero_rate_dps=remembered(1.0),
         works_c=CONSUMER_C,
     ),
     Profile(
@@ -117,9 +105,9 @@ PROFILES = (
         also=("LSM6DSM", "LSM6DS3TR-C"),
         thermometer=FINE,
         odr_hz=ODR_HZ,
-        gyro_noise_mdps_rthz=_remembered(4.0),
-        accel_noise_ug_rthz=_remembered(80.0),
-        zero_rate_dps=_remembered(3.0),
+        gyro_noise_mdps_rthz=remembered(4.0),
+        accel_noise_ug_rthz=remembered(80.0),
+        zero_rate_dps=remembered(3.0),
         works_c=CONSUMER_C,
     ),
     Profile(
@@ -142,7 +130,7 @@ PROFILES = (
         units="data sheet (ST, DocID025715 Rev 3); ±16 g is coarser, which ST confirms",
         thermometer=COARSE,
         odr_hz=(14.9, 59.5, 119.0, 238.0, 476.0, 952.0),
-        zero_rate_dps=_remembered(30.0),
+        zero_rate_dps=remembered(30.0),
         works_c=CONSUMER_C,
     ),
 )

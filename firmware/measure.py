@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 TOOLS = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
 MACHINE = ("-M", "netduinoplus2", "-display", "none", "-monitor", "none")
-RUN_S = 120
+RUN_S = 600  #: of some 5 s on a machine that does nothing else
 #: functions of a model that belong to its self-test, not to its use
 SELF_TEST = {"tinygc_self_test"}
 
@@ -104,12 +105,20 @@ def run(elf: Path, inputs: np.ndarray, folder: Path) -> Measured:
 
 
 class Emulator:
-    """The firmware under QEMU; ``ports``: the pseudo-terminals of the host and of the sensor.  Use it in a ``with``."""
+    """The firmware under QEMU; ``ports``: the pseudo-terminals of the host and of the sensor.  Use it in a ``with``.
 
-    def __init__(self, elf: Path):
+    start: what starts the process, as ``subprocess.Popen`` does.  RuntimeError where QEMU does not name its ports.
+    """
+
+    def __init__(self, elf: Path, start: Callable[..., subprocess.Popen] = subprocess.Popen):
         command = ["qemu-system-arm", *MACHINE, "-serial", "pty", "-serial", "pty", "-kernel", str(elf)]
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        self.ports = tuple(re.search(r"/dev/\S+", self._process.stdout.readline())[0] for _ in range(2))
+        self._process = start(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        said = [self._process.stdout.readline() for _ in range(2)]
+        ports = [re.search(r"/dev/\S+", line) for line in said]
+        if not all(ports):
+            self.__exit__()
+            raise RuntimeError(f"QEMU said {''.join(said)!r}; expected the names of two pseudo-terminals")
+        self.ports = tuple(port[0] for port in ports)
 
     def __enter__(self) -> Emulator:
         return self

@@ -7,6 +7,7 @@ import importlib.util
 import os
 import shutil
 import sys
+import threading
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as calibrate.py has it; before NumPy is there
@@ -17,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
-ASSERTING = ["commandline", "dialect_logs", "exports_read_back", "four_readings", "html_pages", "looks", "recording_wires"]
+ASSERTING = ["commandline", "dialect_logs", "exports_read_back", "four_readings", "html_pages", "looks", "processes", "recording_wires"]
 pytest.register_assert_rewrite(*ASSERTING)  # whose assertions are the tests'
 
 import calibrate  # noqa: E402
@@ -49,6 +50,15 @@ def pytest_pycollect_makemodule(module_path, parent):
     if module_path.name in POSIX_ONLY and importlib.util.find_spec("termios") is None:
         return _NotHere.from_parent(parent, path=module_path)
     return None
+
+
+@pytest.fixture(autouse=True)
+def no_reader_is_left():
+    """One whose test has failed would wait for its port to come back, and take what the next test sends."""
+    yield
+    for thread in threading.enumerate():
+        if thread.name == "port-reader":
+            thread._target.__self__.close()
 
 
 @pytest.fixture(scope="session")

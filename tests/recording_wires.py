@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pty
 import threading
 import time
 import tty
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+from processes import CALIBRATE, DEVNULL, PIPE, heard, started, until
 
 from session.recording.decoding import stream
 from session.recording.logwriter import LogWriter
 from session.recording.recorder import Recorder
 from session.stream.decoder import StreamDecoder
+from tinygc.simulation.board.board import Clock
+from tinygc.simulation.board.terminal import Terminal
 
-PATIENCE_S = 10.0
+LEAD_S = 3  #: of the virtual boards
+#: of a board whose reader may be late by any time
+MEMORY = 2**30
 CONFIG = """schema = "tinygc-session/1"
 [sensor]
 odr_hz = 1667
@@ -32,12 +40,71 @@ def make_wire():
         os.close(file)
 
 
-def until(condition, poll=lambda: time.sleep(0.005)) -> None:
-    """Wait for something that must happen."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, "waited in vain"
-        poll()
+@contextlib.contextmanager
+def virtual_boards(folder: Path) -> Iterator[Callable[..., Path]]:
+    """Starts boards: ``start("--frames", name="port")`` gives the port; its session.toml is ``folder/bench.toml``."""
+    with contextlib.ExitStack() as running:
+
+        def start(*words, name: str = "port") -> Path:
+            port = folder / name
+            more = [*words, *(() if "--lead" in words else ("--lead", LEAD_S)), "--memory", MEMORY]
+            command = [*CALIBRATE, "board", "--link", port, "--config", folder / "bench.toml", *more]
+            process = running.enter_context(started(command, text=True, stdout=PIPE, stderr=DEVNULL))
+            assert heard(process.stdout, lambda line: True) == [f"{port}\n"]
+            return port
+
+        yield start
+
+
+def _wait() -> None:
+    time.sleep(0.0005)  # there are many waits, each of them short
+
+
+class CountedTerminal(Terminal):
+    """taken: bytes, since the cable was last plugged, that the system has for a reader, who may not have read them yet."""
+
+    taken = 0
+
+    def plug(self) -> None:
+        super().plug()
+        self.taken = 0
+
+    def write(self, data: bytes) -> bool:
+        waited = len(self._waiting)
+        fits = super().write(data)
+        if self.has_reader:
+            self.taken += waited + (len(data) if fits else 0) - len(self._waiting)
+        return fits
+
+    @property
+    def waits(self) -> bool:
+        """Whether there is more than the system takes."""
+        return bool(self._waiting)
+
+
+class PatientClock(Clock):
+    """Simulated time for a board: it passes when its reader has read all, or has noticed that the cable is out."""
+
+    def __init__(self, terminal: CountedTerminal, recorder: Recorder):
+        self._terminal, self._recorder, self._now_s = terminal, recorder, 0.0
+        self._before = 0  # bytes read before the cable was plugged
+
+    def now_s(self) -> float:
+        return self._now_s
+
+    def sleep(self, seconds: float) -> None:
+        self._now_s += seconds
+        terminal = self._terminal
+        if not os.path.lexists(terminal.name):
+            until(lambda: not self._recorder.connected, _wait, "noticing")
+            self._before = self._recorder.raw.size
+            return
+        until(lambda: terminal.has_reader, _wait, "a reader")
+        until(self._all_is_read, _wait, "its reading")
+
+    def _all_is_read(self) -> bool:
+        self._terminal.write(b"")
+        return not self._terminal.waits and self._recorder.raw.size >= self._before + self._terminal.taken
 
 
 def send(file: int, data: bytes) -> None:

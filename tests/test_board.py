@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import threading
-import time
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from processes import CALIBRATE, PATIENCE_S, PIPE, heard, started
+from recording_wires import CountedTerminal, PatientClock
 from streams import INFO, samples, smooth_registers
 
 import calibrate
@@ -32,15 +30,14 @@ RUNS = {"speed": 4.0, "lead_s": 1.0, "tail_s": 0.5}
 
 
 def recorded_from(tmp_path, source=SOURCE, **settings):
-    """Run a board and a recorder until the board is done: the board, the recorder (closed), the events."""
-    with Terminal(tmp_path / "port") as terminal:
-        board = Board(source, terminal, **{**RUNS, **settings})
+    """Run a board and a recorder, in simulated time, until the board is done: the board, the recorder (closed), the events."""
+    with CountedTerminal(tmp_path / "port") as terminal:
         recorder, events = Recorder(tmp_path / "s", str(terminal.name)), []
-        thread = threading.Thread(target=board.run, daemon=True)
+        board = Board(source, terminal, **{**RUNS, **settings}, clock=(clock := PatientClock(terminal, recorder)))
+        thread = threading.Thread(target=lambda: (board.run(), clock.sleep(0.0)), daemon=True)
         thread.start()
         while thread.is_alive():
             events += recorder.poll(0.02)
-        time.sleep(0.2)
         events += recorder.poll(0)
         recorder.close()
     return board, recorder, events
@@ -95,11 +92,11 @@ def test_a_reader_that_does_not_read_is_not_waited_for(tmp_path):
         assert not terminal.write(b"nobody")
         reader = os.open(terminal.name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
         assert terminal.has_reader
-        began = time.monotonic()
-        for _ in range(2000):
-            terminal.write(bytes(1000))
+        writer = threading.Thread(target=lambda: [terminal.write(bytes(1000)) for _ in range(2000)], daemon=True)
+        writer.start()
+        writer.join(PATIENCE_S)
+        assert not writer.is_alive()  # who waits for this reader waits for ever
         assert terminal.dropped > 1000
-        assert time.monotonic() - began < 5
         os.close(reader)
         assert not terminal.has_reader
         reader = os.open(terminal.name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)  # opened again
@@ -149,14 +146,14 @@ def test_faults_that_are_none(text, capsys):
 @pytest.mark.slow
 def test_the_command_streams_until_it_is_told_to_stop(tmp_path):
     link = tmp_path / "port"
-    command = [sys.executable, "calibrate.py", "board", "--segments", "1", "--link", str(link), "--config", str(tmp_path / "c.toml")]
-    board = subprocess.Popen([*command, "--json", str(tmp_path / "j")], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert board.stdout.readline() == f"{link}\n"
-    reader = os.open(link, os.O_RDONLY | os.O_NOCTTY)
-    assert sum(len(os.read(reader, 100)) for _ in range(40)) > 400
-    board.send_signal(signal.SIGINT)
-    _, said = board.communicate(timeout=20)
-    os.close(reader)
+    command = [*CALIBRATE, "board", "--segments", "1", "--link", link, "--config", tmp_path / "c.toml", "--json", tmp_path / "j"]
+    with started(command, stdout=PIPE, stderr=PIPE, text=True) as board:
+        assert heard(board.stdout, lambda line: True) == [f"{link}\n"]
+        reader = os.open(link, os.O_RDONLY | os.O_NOCTTY)
+        assert sum(len(os.read(reader, 100)) for _ in range(40)) > 400
+        board.send_signal(signal.SIGINT)
+        _, said = board.communicate()
+        os.close(reader)
     assert board.returncode == 130
     assert "Traceback" not in said
     assert "samples sent" in said

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import re
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import ROOT
 from exported_models import MODELS, WHOLE, as_inputs, random_inputs
+from processes import CALIBRATE, PATIENCE_S, PIPE, run, started, until
 
 sys.path.insert(0, str(ROOT / "firmware"))
 
 import measure
+import play
 from play import Board, read_registers
 
 from session.common.errors import DeviceError, FormatError
@@ -94,16 +95,21 @@ def board(tmp_path_factory):
         pytest.skip(MISSING)
     folder = tmp_path_factory.mktemp("board")
     elf = measure.build("tinygc.elf", write_model(folder / "model", "tinygc_denoised"), folder, SERIAL="4711")
-    with measure.Emulator(elf) as emulator:
-        yield emulator
+    with contextlib.ExitStack() as running:
+        start = lambda command, **how: running.enter_context(started(command, limit_s=4 * PATIENCE_S, **how))  # noqa: E731
+        yield running.enter_context(measure.Emulator(elf, start))
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """A busy machine lets the emulator wait for as long as it likes."""
+    monkeypatch.setattr(play, "SILENCE_S", PATIENCE_S)
 
 
 def test_the_stand_in_can_be_recorded_at_once(board, tmp_path):
     """Nobody has spoken to the board: it streams at the sensor's pace, without a gap, and says what it is."""
     recorder = Recorder(tmp_path, board.ports[0])
-    end = time.monotonic() + 20
-    while recorder.decoder.samples < 300 and time.monotonic() < end:
-        recorder.poll()
+    until(lambda: recorder.decoder.samples >= 300, recorder.poll, "300 samples")
     recorder.close()
     decoder = recorder.decoder
     assert decoder.samples >= 300
@@ -122,20 +128,11 @@ def test_recorded_from_the_board_and_calibrated_there_equals_calibrated_here(boa
     test = link.hello()
     assert (test.failed, test.worst, test.model) == (0, 0.0, program(WHOLE).identity)
     folder = tmp_path / "recorded"
-    command = [sys.executable, ROOT / "calibrate.py", "record", "--port", board.ports[0], "--out", folder]
-    record = subprocess.Popen(
-        [*command, "--segments", "1", "--no-coach", "--mute"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    try:
-        end = time.monotonic() + 30
-        while not (folder / "raw.times").exists() or "open" not in (folder / "raw.times").read_text():
-            assert time.monotonic() < end
-            time.sleep(0.05)
+    command = [*CALIBRATE, "record", "--port", board.ports[0], "--out", folder, "--segments", 1, "--no-coach", "--mute"]
+    with contextlib.closing(link), started(command, stderr=PIPE, stdout=PIPE, text=True) as record:
+        until(lambda: (folder / "raw.times").exists() and "open" in (folder / "raw.times").read_text(), what="an open port")
         rates = link.calibrate(t_us, registers)
-        said, trouble = record.communicate(timeout=60)
-    finally:
-        record.kill()
-        link.close()
+        said, trouble = record.communicate()
     assert record.returncode == 0, trouble
     assert "1 of 1 segments" in said
 
@@ -189,15 +186,15 @@ def test_play_writes_the_rates_that_the_board_answers(board, tmp_path):
     rows = np.column_stack([t_us, registers])[:208]
     np.savetxt(log, rows, fmt="%d", delimiter=",", header="t_us,gx,gy,gz,ax,ay,az,temp", comments="")
     command = [sys.executable, ROOT / "firmware" / "play.py", board.ports[1], log, "-o"]
-    ran = subprocess.run([*command, out], capture_output=True, text=True, check=False)
+    ran = run([*command, out], capture_output=True, text=True)
     assert (ran.returncode, ran.stderr) == (0, "")
     assert f"model {program(WHOLE).identity:08x}, self-test passed, worst 0 rad/s" in ran.stdout
     table = np.loadtxt(out, delimiter=",", skiprows=1)
     np.testing.assert_array_equal(table[:, 0], t_us[:208])
     np.testing.assert_array_equal(table[:, 1:].astype(np.float32), program(WHOLE).run(SENSOR.inputs(registers[:208])))
-    ran = subprocess.run(command[:3], capture_output=True, text=True, check=False)  # the self-test alone
+    ran = run(command[:3], capture_output=True, text=True)  # the self-test alone
     assert (ran.returncode, ran.stderr, ran.stdout.count("\n")) == (0, "", 1)
-    ran = subprocess.run([*command, tmp_path / "no" / "rates.csv"], capture_output=True, text=True, check=False)
+    ran = run([*command, tmp_path / "no" / "rates.csv"], capture_output=True, text=True)
     assert ran.returncode == 2
     assert ran.stderr.count("\n") == 1
 
@@ -228,7 +225,7 @@ def c_frames(tmp_path_factory):
         pytest.skip("not installed: gcc")
     library = tmp_path_factory.mktemp("frames") / "frames.so"
     flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover", "-shared", "-fPIC"]
-    subprocess.run(["gcc", *flags, ROOT / "firmware" / "frames.c", "-o", library], check=True)
+    run(["gcc", *flags, ROOT / "firmware" / "frames.c", "-o", library], check=True)
     return ctypes.CDLL(str(library))
 
 

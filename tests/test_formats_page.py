@@ -2,12 +2,9 @@
 
 import dataclasses
 import json
-import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import get_type_hints
 
@@ -15,6 +12,7 @@ import numpy as np
 import pytest
 from conftest import DEG, SESSION_TOML, Table, write_session
 from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers
+from processes import CALIBRATE, DEVNULL, PIPE, heard, run, started
 
 import calibrate
 from session.log.config import Config
@@ -251,16 +249,14 @@ def test_challenge_and_what_it_keeps(tmp_path):
 @pytest.mark.slow
 def test_board_record_and_ports(tmp_path):
     pytest.importorskip("termios", reason="the virtual board needs a pseudo-terminal")
-    command, port = [sys.executable, str(ROOT / "calibrate.py")], tmp_path / "port"
-    board = [*command, "board", "--rate", "104", "--segments", "6", "--speed", "8", "--lead", "3", "--frames", "--link", str(port)]
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    how = {"cwd": ROOT, "env": environment, "text": True, "stderr": subprocess.DEVNULL}
-    with subprocess.Popen([*board, "--json", str(tmp_path / "board.json")], stdout=subprocess.PIPE, **how) as process:
-        process.stdout.readline()  # its port is there
-        words = ["--port", str(port), "--out", str(tmp_path / "s"), "--segments", "1", "--no-coach", "--quiet", "--json", "-"]
-        recorded = subprocess.run([*command, "record", *words], stdout=subprocess.PIPE, timeout=240, **how)
+    port = tmp_path / "port"
+    board = [*CALIBRATE, "board", "--rate", "104", "--segments", "6", "--speed", "8", "--lead", "3", "--frames", "--link", port]
+    with started([*board, "--json", tmp_path / "board.json"], text=True, stdout=PIPE, stderr=DEVNULL) as process:
+        heard(process.stdout, lambda line: True)  # its port is there
+        words = ["--port", port, "--out", tmp_path / "s", "--segments", 1, "--no-coach", "--quiet", "--json", "-"]
+        recorded = run([*CALIBRATE, "record", *words], text=True, stdout=PIPE)
         process.send_signal(signal.SIGINT)
-        process.wait(20)
+        process.wait()
     table = json.loads(recorded.stdout)
     assert table["done"]
     assert_on_page(table, "tinygc-record/1")

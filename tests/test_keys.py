@@ -1,12 +1,10 @@
 """Keys while recording: what is typed, one at a time and without an echo; none where there is no terminal; the terminal is set back."""
 
 import os
-import subprocess
 import sys
-import time
 
 import pytest
-from conftest import ROOT
+from processes import CALIBRATE, check_output, until
 
 from session.guide.keys import Keys
 from session.guide.typing_line import LONGEST_NOTE, TypingLine, Wish
@@ -27,10 +25,7 @@ def terminal(monkeypatch):
 
 def typed(keys: Keys, master: int, data: bytes) -> str:
     os.write(master, data)
-    found, deadline = "", time.monotonic() + 5
-    while not found and time.monotonic() < deadline:
-        found = keys()
-    return found
+    return until(keys, what="a key")
 
 
 def test_keys_come_at_once_without_an_echo_and_the_terminal_is_set_back(terminal):
@@ -73,7 +68,7 @@ def test_without_a_terminal_there_are_none(monkeypatch):
 
 
 def test_help_says_so():
-    said = subprocess.run([sys.executable, "calibrate.py", "record", "--help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    said = check_output([*CALIBRATE, "record", "--help"], text=True)
     assert "Where standard input is no terminal there are no keys" in " ".join(said.split())
 
 

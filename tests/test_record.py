@@ -1,15 +1,15 @@
 """``record`` end to end: a virtual board on a pseudo-terminal, the recorder, the files; what it does when things go wrong."""
 
 import json
-import os
 import re
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import CALIBRATE, PIPE, calibrate, check_output, heard, started
+from recording_wires import LEAD_S, virtual_boards
 
 from session.log.config import Config
 from session.log.folder import Session, read_session
@@ -22,44 +22,14 @@ from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
-ROOT = Path(__file__).resolve().parent.parent
-CALIBRATE = [sys.executable, str(ROOT / "calibrate.py")]
-LEAD_S = 3
 #: more turns than any test needs, however late the recorder comes
 SLOW_SENSOR = ("--rate", 104, "--segments", 120, "--speed", 8)
-PATIENCE_S = 240  #: of a machine with other work
-
-
-def calibrate(*words, **options) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [*CALIBRATE, *map(str, words)], capture_output=True, text=True, cwd=ROOT, timeout=PATIENCE_S, env=environment(), **options
-    )
-
-
-def environment() -> dict:
-    return os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
 
 
 @pytest.fixture
 def board(tmp_path):
-    """Starts a virtual board: ``board("--frames")`` gives its port; its session.toml is ``tmp_path/bench.toml``."""
-    running = []
-
-    def start(*words) -> Path:
-        port = tmp_path / "port"
-        command = [*CALIBRATE, "board", "--link", port, "--config", tmp_path / "bench.toml", "--lead", str(LEAD_S), *words]
-        process = subprocess.Popen(
-            list(map(str, command)), cwd=ROOT, env=environment(), text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        )
-        running.append(process)
-        process.stdout.readline()  # its port is there
-        return port
-
-    yield start
-    for process in running:
-        process.send_signal(signal.SIGINT)
-        process.wait(20)
-        process.stdout.close()
+    with virtual_boards(tmp_path) as start:
+        yield start
 
 
 def closures(samples: Samples, config: Config) -> tuple[np.ndarray, np.ndarray]:
@@ -123,16 +93,10 @@ def test_a_pulled_cable_costs_one_turn_and_no_more(board, tmp_path):
 def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
     port = board(*SLOW_SENSOR)
     words = ["record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 5]
-    process = subprocess.Popen(
-        [*CALIBRATE, *map(str, words)], cwd=ROOT, env=environment(), text=True, stderr=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    seen = []
-    for line in process.stderr:
-        seen.append(line)
-        if "turn 2 accepted" in line:
-            process.send_signal(signal.SIGINT)
-            break
-    stdout, stderr = process.communicate(timeout=PATIENCE_S)
+    with started([*CALIBRATE, *words], text=True, stderr=PIPE, stdout=PIPE) as process:
+        heard(process.stderr, lambda line: "turn 2 accepted" in line)
+        process.send_signal(signal.SIGINT)
+        stdout, stderr = process.communicate()
     assert process.returncode == 130
     assert "everything received is kept. To go on: calibrate.py record --resume --out" in stderr
     assert "Traceback" not in stderr
@@ -200,4 +164,4 @@ def test_a_range_that_contradicts_the_board_ends_it_with_the_bytes_kept(board, t
 
 def test_the_recorder_never_loads_torch():
     code = "import sys; import tinygc.plan.coach, session.guide.guided_session, session.guide.screen; print('torch' in sys.modules)"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT, env=environment()).strip() == "False"
+    assert check_output([sys.executable, "-c", code], text=True).strip() == "False"

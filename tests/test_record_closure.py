@@ -4,13 +4,11 @@ import json
 import os
 import pty
 import signal
-import subprocess
-import time
 from dataclasses import replace
 
 import pytest
-from conftest import ROOT
-from test_record import CALIBRATE, LEAD_S, PATIENCE_S, calibrate, environment
+from processes import CALIBRATE, PIPE, calibrate, heard, started, until
+from recording_wires import virtual_boards
 
 from session.log.config import read_config
 from session.log.folder import read_session
@@ -22,28 +20,13 @@ from tinygc.simulation.write import config_text, write_files
 
 SENSOR = ("--rate", 104, "--closure", 24, "--raw-accelerometer")
 PLANNED = ("--closure", 15)
+PAUSED_BYTES = 30_000  #: some seconds of the board's time
 
 
 @pytest.fixture
 def boards(tmp_path):
-    """Starts a virtual board: ``boards("a", "--frames")`` gives its port; its session.toml is ``tmp_path/bench.toml``."""
-    running = []
-
-    def start(name, *words):
-        command = [*CALIBRATE, "board", "--link", tmp_path / name, "--config", tmp_path / "bench.toml", "--speed", 8]
-        words = words if "--lead" in words else (*words, "--lead", LEAD_S)
-        process = subprocess.Popen(
-            list(map(str, [*command, *words])), cwd=ROOT, env=environment(), text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-        )
-        running.append(process)
-        process.stdout.readline()  # its port is there
-        return tmp_path / name
-
-    yield start
-    for process in running:
-        process.send_signal(signal.SIGINT)
-        process.wait(20)
-        process.stdout.close()
+    with virtual_boards(tmp_path) as start:
+        yield lambda name, *words: start(*words, "--speed", 8, name=name)
 
 
 def recorded_twice(tmp_path):
@@ -92,16 +75,11 @@ def test_a_cable_pulled_in_the_run_and_ctrl_c_after_it_lose_nothing(boards, tmp_
     session, run = recorded_twice(tmp_path)
     folder, port = tmp_path / "s", boards("a", session, "--faults", "unplug=34")
     words = ["record", "--out", folder, "--like", session, "--segments", 3, *PLANNED]
-    process = subprocess.Popen(
-        [*CALIBRATE, *map(str, words), "--port", str(port)], cwd=ROOT, env=environment(), text=True, stderr=subprocess.PIPE
-    )
-    seen = ""
-    for line in process.stderr:
-        seen += line
-        if "now the closure run" in seen and "a new log begins" in seen.split("now the closure run")[1]:
-            process.send_signal(signal.SIGINT)
-            break
-    seen += process.communicate(timeout=PATIENCE_S)[1]
+    with started([*CALIBRATE, *words, "--port", port], text=True, stderr=PIPE) as process:
+        heard(process.stderr, lambda line: "now the closure run" in line)
+        heard(process.stderr, lambda line: "a new log begins" in line)
+        process.send_signal(signal.SIGINT)
+        _, seen = process.communicate()
     assert process.returncode == 130, seen
     assert f"--resume --out {folder} --port {port} --closure 15" in seen
     assert not list(folder.glob("closure*"))
@@ -129,24 +107,20 @@ def test_keys_on_a_terminal(boards, tmp_path):
     port = boards("a", "--rate", 104, "--segments", 60)
     words = ["record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 10, "--no-coach"]
     master, slave = pty.openpty()
-    process = subprocess.Popen(
-        [*CALIBRATE, *map(str, words)], cwd=ROOT, env=environment(), text=True, stdin=slave, stderr=subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    os.close(slave)
-    todo = [("turn 2 accepted", b"d"), ("turn 4 accepted", b"nthe table creaks\r"), ("turn 5 accepted", b"p")]
-    seen = ""
-    for line in process.stderr:
-        seen += line
-        if todo and todo[0][0] in line:
-            os.write(master, todo.pop(0)[1])
-        if "paused: what comes" in line:
-            time.sleep(1.0)
-            os.write(master, b"p")
-    stdout, _ = process.communicate(timeout=PATIENCE_S)
-    os.close(master)
+    raw = tmp_path / "s" / "raw.bin"
+    with started([*CALIBRATE, *words], text=True, stdin=slave, stderr=PIPE, stdout=PIPE) as process:
+        os.close(slave)
+        for word, keys in (("turn 2 accepted", b"d"), ("turn 4 accepted", b"nthe table creaks\r"), ("turn 5 accepted", b"p")):
+            heard(process.stderr, lambda line, word=word: word in line)
+            os.write(master, keys)
+        heard(process.stderr, lambda line: "paused: what comes" in line)
+        before = raw.stat().st_size
+        until(lambda: raw.stat().st_size > before + PAUSED_BYTES, what="bytes in the pause")
+        os.write(master, b"p")
+        stdout, seen = process.communicate()
+        os.close(master)
     assert process.returncode == 0, seen
     assert "10 of 10 segments" in stdout
-    assert not todo
     config = read_config(tmp_path / "s" / "session.toml")
     assert list(config.notes.values()) == ["the table creaks"]
     (row,) = config.exclude

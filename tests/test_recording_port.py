@@ -5,11 +5,11 @@ from __future__ import annotations
 import errno
 import os
 import termios
-import time
 
 import pytest
 import serial
-from recording_wires import PATIENCE_S, make_wire, replayed, until
+from processes import PATIENCE_S, until
+from recording_wires import make_wire, replayed
 from streams import frame_list, sent
 
 from session.common.errors import DeviceError, StorageError
@@ -23,18 +23,20 @@ from tinygc.simulation.board.terminal import Terminal
 wire = pytest.fixture(make_wire, name="wire")
 
 
-def test_a_pulled_cable_and_the_next_connection(tmp_path):
+def test_a_pulled_cable_and_the_next_connection(tmp_path, monkeypatch):
     first, second = sent(400), sent(400, 0, seed=1)
     with Terminal(tmp_path / "port") as terminal:
         recorder, events = Recorder(tmp_path / "s", str(terminal.name)), []
         poll = lambda: events.extend(recorder.poll(0.02))  # noqa: E731
+        opens, tried = recorder.port._open, []
+        monkeypatch.setattr(recorder.port, "_open", lambda: tried.append(True) or opens())
         until(lambda: recorder.connected, poll)
         assert terminal.write(b"".join(frame_list(*first)) + frame_list(*first)[0][:9])
         until(lambda: recorder.decoder.samples == 400, poll)
         terminal.unplug()
         until(lambda: not recorder.connected, poll)
         assert recorder.why
-        time.sleep(0.4)
+        until(lambda: tried, poll, "a try to open the port that is not there")
         terminal.plug()
         until(lambda: recorder.connected, poll)
         assert terminal.write(b"".join(frame_list(*second)))

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import multiprocessing
 import os
+import select
 import signal
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from recording_wires import make_wire, record, replayed, until
+from processes import PATIENCE_S, until
+from recording_wires import make_wire, record, replayed
 from streams import decode, frame_list, samples, sent
 
 from session.common.errors import StorageError
@@ -25,10 +27,14 @@ wire = pytest.fixture(make_wire, name="wire")
 other_wire = pytest.fixture(make_wire, name="other_wire")
 
 
+LAST_WORD = b"no frame has these words in it"
+
+
 def _record_for_ever(folder: Path, name: str) -> None:
-    recorder = Recorder(folder, name)
-    while True:
+    parent, recorder = os.getppid(), Recorder(folder, name)
+    while os.getppid() == parent:  # else the test has been killed
         recorder.poll(0.01)
+    os._exit(0)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -38,22 +44,21 @@ def test_killed_at_a_random_moment(seed, tmp_path, wire):
     rng = np.random.default_rng(seed)
     t_us, registers = sent(40_000)
     data = memoryview(b"".join(frame_list(t_us, registers)))
+    enough = rng.uniform(0, 0.5) * len(data)  # how far it then is, is chance
     child = multiprocessing.get_context("fork").Process(target=_record_for_ever, args=(tmp_path / "s", name), daemon=True)
     child.start()
     until(lambda: (tmp_path / "s" / "raw.times").exists() and read_marks(tmp_path / "s" / "raw.bin"))
     os.set_blocking(master, False)
-    written, deadline = 0, time.monotonic() + 30
-    begun = False
-    while time.monotonic() < deadline:
-        if not begun and (tmp_path / "s" / "raw.bin").stat().st_size:
-            begun, deadline = True, time.monotonic() + rng.uniform(0.0, 0.13)
-        try:
-            written += os.write(master, data[written : written + int(rng.integers(1, 2000))])
-        except BlockingIOError:
-            time.sleep(0.001)
-    os.kill(child.pid, signal.SIGKILL)
-    child.join()
-    left = _left_in(name)
+    written, raw = 0, tmp_path / "s" / "raw.bin"
+    try:
+        while written < enough or raw.stat().st_size < 25:
+            assert select.select([], [master], [], PATIENCE_S)[1], "nobody reads"
+            with contextlib.suppress(BlockingIOError):
+                written += os.write(master, data[written : written + int(rng.integers(1, 2000))])
+    finally:
+        os.kill(child.pid, signal.SIGKILL)
+        child.join()
+    left = _left_in(master, name)
     kept = (tmp_path / "s" / "raw.bin").read_bytes()
     assert kept == bytes(data[: len(kept)])
     assert 0 <= written - len(kept) - left <= 4096
@@ -65,20 +70,18 @@ def test_killed_at_a_random_moment(seed, tmp_path, wire):
     assert log.startswith((tmp_path / "s" / "log0001.csv").read_bytes() if (tmp_path / "s" / "log0001.csv").exists() else b"")
 
 
-def _left_in(name: str) -> int:
-    """Bytes that nobody has read."""
-    slave = os.open(name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
-    total = quiet = 0
-    while quiet < 3:
-        try:
-            got = len(os.read(slave, 65536))
-        except BlockingIOError:
-            got = 0
-        total += got
-        quiet = 0 if got else quiet + 1
-        time.sleep(0.0 if got else 0.005)
+def _left_in(master: int, name: str) -> int:
+    """Bytes that nobody has read: those before a word that is sent now."""
+    slave = os.open(name, os.O_RDONLY | os.O_NOCTTY)
+    left, to_send = b"", LAST_WORD
+    while not left.endswith(LAST_WORD):
+        if to_send:
+            with contextlib.suppress(BlockingIOError):
+                to_send = to_send[os.write(master, to_send) :]
+        assert select.select([slave], [], [], PATIENCE_S)[0], "the word has not come through"
+        left += os.read(slave, 65536)
     os.close(slave)
-    return total
+    return len(left) - len(LAST_WORD)
 
 
 def test_resumed_after_a_kill(wire, tmp_path):

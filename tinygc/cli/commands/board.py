@@ -41,6 +41,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--tail", type=seconds, metavar="S", help="still time behind it, then stop (go on for ever)")
     command.add_argument("--uptime", type=seconds, default=0.0, metavar="S", help="device time at the start (%(default)g)")
     command.add_argument("--faults", default="", metavar="NAME=X,…", help="lost, torn, flip: probability; garbage: bytes; reset, unplug: s")
+    command.add_argument(
+        "--memory",
+        type=count(1),
+        metavar="BYTES",
+        help="what it holds back while its reader is busy (65536, times --speed if that is above 1)",
+    )
     command.add_argument("--link", type=Path, metavar="PATH", help="name of the port (tinygc-board in the temporary folder)")
     command.add_argument("--config", type=Path, metavar="FILE", help="write the session.toml that belongs to the stream")
 
@@ -81,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     if args.config and source.config:
         args.config.write_text(source.config, encoding="utf-8")
     # A faster board must hold back more, for a host that is as fast as ever.
-    with Terminal(args.link, round(MEMORY_BYTES * max(1.0, args.speed))) as terminal:
+    with Terminal(args.link, args.memory or round(MEMORY_BYTES * max(1.0, args.speed))) as terminal:
         if not args.quiet and str(args.json) != "-":
             print(terminal.name, flush=True)
         say(f"{source.info.text}: open it with another program; Ctrl-C ends")

@@ -23,12 +23,24 @@ RESET_S = 0.5  #: a board starts up in about this time
 UNPLUGGED_S = 1.0  #: host time that a pulled cable stays out
 
 
+class Clock:
+    """The host's."""
+
+    def now_s(self) -> float:
+        """Seconds since any moment."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Let so much time pass."""
+        time.sleep(seconds)
+
+
 @dataclass
 class Board:
     """frames: instead of text lines; physical: the lines are in dps, g and degC.
 
     lead_s: still time between the first reader and the session; tail_s: still time behind it, then ``run`` returns; None: never
-    returns; uptime_s: device time at the start (its 32 bits wrap after 71.6 minutes).
+    returns; uptime_s: device time at the start (its 32 bits wrap after 71.6 minutes); clock: what time passes by.
 
     Counts: sent (samples that were put on the wire, or spoilt by the faults), starts (of the device).
     """
@@ -44,6 +56,7 @@ class Board:
     faults: Faults = field(default_factory=Faults)
     seed: int = 0
     say: Callable[[str], None] = lambda what: None
+    clock: Clock = field(default_factory=Clock)
     sent: int = 0
     starts: int = 0
 
@@ -54,19 +67,19 @@ class Board:
         lead, length = round(self.lead_s * odr_hz), len(self.source.rows)
         last = None if self.tail_s is None else length + round(self.tail_s * odr_hz)
         self._position = -lead  # of the next sample in the source
-        began, self._begun, told = time.monotonic(), False, False
+        began, self._begun, told = self.clock.now_s(), False, False
         self._reset_at, self._unplug_at = (self._next(period) for period in (self.faults.reset, self.faults.unplug))
         self._plug_at = np.inf  # host time
         self._start(self.uptime_s)
         while last is None or self._position < last:
-            time.sleep(TICK_S)
+            self.clock.sleep(TICK_S)
             if not self._begun:
                 if not self.terminal.has_reader:
                     continue
-                self._begun, began = True, time.monotonic()
+                self._begun, began = True, self.clock.now_s()
                 self.say(f"a reader is there: {self.lead_s:g} s still, then the session")
                 self._start(self.uptime_s)
-            due = -lead + int((time.monotonic() - began) * odr_hz * self.speed)
+            due = -lead + int((self.clock.now_s() - began) * odr_hz * self.speed)
             # A board that the machine let wait catches up in small steps: a burst would overrun its own memory.
             due = min(due, self._position + max(64, int(CATCH_UP_S * odr_hz * self.speed)))
             self._send(due if last is None else min(due, last))
@@ -127,8 +140,8 @@ class Board:
         if self._position >= self._unplug_at:
             self.say("the cable is pulled")
             self.terminal.unplug()
-            self._unplug_at, self._plug_at = np.inf, time.monotonic() + UNPLUGGED_S
-        elif time.monotonic() >= self._plug_at:
+            self._unplug_at, self._plug_at = np.inf, self.clock.now_s() + UNPLUGGED_S
+        elif self.clock.now_s() >= self._plug_at:
             self.say("the cable is back, and the board starts up")
             self.terminal.plug()
             self._unplug_at, self._plug_at = self._next(self.faults.unplug), np.inf

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import os
-import select
 import shutil
-import subprocess
-import time
 from pathlib import Path
 
+from processes import DEVNULL, PATIENCE_S, started
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
-PATIENCE_S = 30.0
 
 
 def browser_path() -> str | None:
@@ -25,26 +25,22 @@ class Browser:
     def __init__(self, path: str, profile: Path):
         command_end, self._write = os.pipe()
         self._read, answer_end = os.pipe()
+        # The browser reads from 3 and writes to 4.  Out of their way: any of these may be 3 or 4.
+        high = [fcntl.fcntl(end, fcntl.F_DUPFD, 20) for end in (command_end, answer_end)]
         arguments = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", f"--user-data-dir={profile}"]
-
-        def place():
-            # The browser reads from 3 and writes to 4.  Copied out of the way first: either may be 3 or 4 already.
-            taken, given = os.dup(command_end), os.dup(answer_end)
-            taken, given = (os.dup2(fd, free) for fd, free in ((taken, 63), (given, 62)))
-            os.dup2(taken, 3)
-            os.dup2(given, 4)
-
-        self._process = subprocess.Popen(
-            [path, *arguments, "--remote-debugging-pipe", "about:blank"],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            preexec_fn=place,
-            close_fds=False,
-        )
-        os.close(command_end)
-        os.close(answer_end)
+        self._running = contextlib.ExitStack()
+        command = ["bash", "-c", f'exec "$@" 3<&{high[0]} 4>&{high[1]}', "bash", path, *arguments, "--remote-debugging-pipe", "about:blank"]
+        self._running.enter_context(started(command, 4 * PATIENCE_S, stdout=DEVNULL, stderr=DEVNULL, pass_fds=high))
+        for end in (command_end, answer_end, *high):
+            os.close(end)
         self._buffer, self._number, self.events = b"", 0, []
+        try:
+            self._begin()
+        except BaseException:
+            self.__exit__()
+            raise
+
+    def _begin(self) -> None:
         target = self._ask("Target.createTarget", {"url": "about:blank"}, None)["targetId"]
         self._session = self._ask("Target.attachToTarget", {"targetId": target, "flatten": True}, None)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
@@ -54,8 +50,7 @@ class Browser:
         return self
 
     def __exit__(self, *_) -> None:
-        self._process.kill()
-        self._process.wait()
+        self._running.close()
         os.close(self._write)
         os.close(self._read)
 
@@ -66,9 +61,8 @@ class Browser:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.ask("Emulation.setEmulatedMedia", {"features": [scheme]})
         self.ask("Page.navigate", {"url": path.resolve().as_uri()})
-        stop = time.monotonic() + PATIENCE_S
         while not any(event["method"] == "Page.loadEventFired" for event in self.events):
-            self._receive(stop)
+            self._receive()
 
     def evaluate(self, expression: str):
         """The value of a JavaScript expression in the page."""
@@ -92,20 +86,18 @@ class Browser:
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters} | ({"sessionId": session} if session else {})
         os.write(self._write, json.dumps(message).encode() + b"\0")
-        stop = time.monotonic() + PATIENCE_S
         while True:
-            answer = self._receive(stop)
+            answer = self._receive()
             if answer.get("id") == self._number:
                 if "error" in answer:
                     raise AssertionError(f"{method}: {answer['error']}")
                 return answer["result"]
 
-    def _receive(self, stop: float) -> dict:
+    def _receive(self) -> dict:
         while b"\0" not in self._buffer:
-            ready, _, _ = select.select([self._read], [], [], max(0.0, stop - time.monotonic()))
-            data = os.read(self._read, 1 << 20) if ready else b""
+            data = os.read(self._read, 1 << 20)
             if not data:
-                raise TimeoutError("the browser does not answer")
+                raise EOFError("the browser has ended, or was killed since it did not answer")
             self._buffer += data
         line, self._buffer = self._buffer.split(b"\0", 1)
         message = json.loads(line)

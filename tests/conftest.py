@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import importlib.util
 import os
+import random
 import shutil
 import sys
 import threading
@@ -14,6 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as calibrate.py has it; be
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,6 +39,41 @@ POSIX_ONLY = {
     f"test_{name}.py"
     for name in ["board", "decisions", "firmware", "record", "recording", "recording_clock", "recording_port", "recording_survives"]
 }
+
+
+# The same examples each time, however slow the machine is.
+settings.register_profile("anywhere", deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("anywhere")
+_DRAWN: dict[int, tuple[np.random.Generator, dict]] = {}  # generators of the tests' own modules, as they were when these were loaded
+
+
+def pytest_addoption(parser):
+    parser.addoption("--shuffle", type=int, metavar="SEED", help="files, and the tests of each, in an order drawn from this seed")
+
+
+def pytest_collection_modifyitems(config, items):
+    seed = config.getoption("--shuffle")
+    if seed is not None:
+        files: dict[Path, list] = {}
+        for item in items:
+            files.setdefault(item.path, []).append(item)
+        draw = random.Random(seed)
+        order = draw.sample(list(files), len(files))
+        items[:] = [item for path in order for item in draw.sample(files[path], len(files[path]))]
+
+
+def pytest_collection_finish():
+    for module in list(sys.modules.values()):
+        if Path(getattr(module, "__file__", None) or "").parent == ROOT / "tests":
+            generators = [value for value in vars(module).values() if isinstance(value, np.random.Generator)]
+            _DRAWN.update({id(each): (each, each.bit_generator.state) for each in generators if id(each) not in _DRAWN})
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup():
+    """What a test draws does not depend on which ran before."""
+    for generator, state in _DRAWN.values():
+        generator.bit_generator.state = state
 
 
 class _NotHere(pytest.Module):

@@ -3,10 +3,10 @@
 import gzip
 import json
 import os
-import subprocess
 import sys
 
 import numpy as np
+import processes
 import pytest
 from conftest import DEG, ROOT, SESSION_TOML, write_session
 from models_in_use import LINEAR, MODELS, RATE_HZ, SAMPLES, physics, smoothing
@@ -130,7 +130,7 @@ def test_bad_input_gets_one_line_and_leaves_no_output(arguments, words, folder, 
 def piped(tmp_path, data, *arguments):
     """The command with bytes on its standard input."""
     command = [sys.executable, ROOT / "calibrate.py", "apply", *arguments]
-    return subprocess.run(command, input=data, capture_output=True, cwd=tmp_path, timeout=60)
+    return processes.run(command, input=data, capture_output=True, cwd=tmp_path)
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -168,9 +168,9 @@ def test_a_bad_stream_gets_one_line(data, arguments, words, folder, tmp_path):
 def test_a_pipe_is_written_to_and_not_put_away(folder, tmp_path):
     """What stands where the output goes and is no file (a pipe, /dev/null) stays what it is."""
     os.mkfifo(tmp_path / "out.pipe")
-    with (tmp_path / "read").open("wb") as file, subprocess.Popen(["cat", tmp_path / "out.pipe"], stdout=file) as reader:
+    with (tmp_path / "read").open("wb") as file, processes.started(["cat", tmp_path / "out.pipe"], stdout=file) as reader:
         assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.pipe", "--force") == 0
-        reader.wait(timeout=30)
+        reader.wait()
     assert (tmp_path / "out.pipe").is_fifo()
     assert (tmp_path / "read").read_bytes().count(b"\n") == len(SAMPLES) + 2  # the header, and the comment below it
     assert [path.name for path in tmp_path.glob(".*partial")] == []

@@ -91,13 +91,14 @@ def test_another_calibration_is_turned_into_the_models_body_frame():
 
 
 def test_a_stream_has_the_models_calibration_and_full_scales(folder, tmp_path):
-    import subprocess
     import sys
+
+    import processes
 
     path = model_file(tmp_path / "m.json", OWN, sensor=sensor_table(Sensor("", "", RATE_HZ, 500, 4)))
     assert applied(path, folder / "log0001.csv", "-o", tmp_path / "out.csv") == 0
     command = [sys.executable, ROOT / "calibrate.py", "apply", path, "-", "-o", "-"]
-    done = subprocess.run(command, input=(folder / "log0001.csv").read_bytes(), capture_output=True, cwd=tmp_path, timeout=60)
+    done = processes.run(command, input=(folder / "log0001.csv").read_bytes(), capture_output=True, cwd=tmp_path)
     assert (done.returncode, done.stdout) == (0, (tmp_path / "out.csv").read_bytes())
     assert b"sharpened by stills and turns" in done.stderr
 

@@ -1,13 +1,12 @@
 """The command line: one clear line and exit code 2 for whatever is wrong; results that other programs can read."""
 
 import json
-import os
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import processes
 import pytest
 from commandline import HEADER, QUICK, refused, spoil
 from conftest import ROOT
@@ -21,8 +20,7 @@ from tinygc.methods.registry import CHOSEN as METHODS
 def command_line(*arguments, shell="", **environment):
     """The command line in a process and shell of its own; ``shell`` is what follows the command, such as a redirection."""
     words = " ".join(shlex.quote(str(word)) for word in (sys.executable, ROOT / "calibrate.py", *arguments))
-    settings = {**os.environ, **environment}
-    return subprocess.run(["bash", "-c", f"{words} {shell}"], capture_output=True, env=settings)
+    return processes.run(["bash", "-c", f"{words} {shell}"], capture_output=True, env=processes.environment(**environment))
 
 
 def test_an_encoding_without_our_signs_is_no_error(folder):
@@ -184,7 +182,7 @@ def test_report_names_methods_floor_and_parameters(run, folder):
 def test_piped_output_is_plain_text_and_progress_is_apart(folder):
     """No terminal: no escape sequences anywhere, and nothing but the report on standard output."""
     command = [sys.executable, ROOT / "calibrate.py", "fit", folder, "--methods", "least_squares"]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = processes.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "\x1b" not in done.stdout + done.stderr
     assert "reading log0001.csv" in done.stderr
@@ -194,14 +192,14 @@ def test_piped_output_is_plain_text_and_progress_is_apart(folder):
 
 def test_a_reader_that_has_gone_is_no_error(folder):
     script = f"{sys.executable} {ROOT / 'calibrate.py'} check {folder} | true; exit ${{PIPESTATUS[0]}}"
-    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True)
+    done = processes.run(["bash", "-c", script], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
 
 
 def modules_after(code):
     script = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import calibrate\n{code}\nprint(' '.join(sys.modules), file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    done = processes.run([sys.executable, "-c", script], capture_output=True, text=True)
     return set(done.stderr.strip().split("\n")[-1].split())
 
 

@@ -3,10 +3,10 @@
 import json
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
+import processes
 import pytest
 import yaml
 
@@ -167,8 +167,8 @@ def test_the_python_and_the_c_that_apply_a_model_agree(in_a_fitted_checkout, tmp
             'printf("%.9g %.9g %.9g\\n", omega[0], omega[1], omega[2]);\n}\n}\n'
         )
         (tmp_path / "apply.c").write_text(program)
-        subprocess.run(["gcc", "-std=c99", "-Wall", "-Werror", "-o", tmp_path / "apply", tmp_path / "apply.c"], check=True)
-        answered = np.loadtxt(subprocess.run([tmp_path / "apply"], capture_output=True, text=True, check=True).stdout.split("\n"))
+        processes.run(["gcc", "-std=c99", "-Wall", "-Werror", "-o", tmp_path / "apply", tmp_path / "apply.c"], check=True)
+        answered = np.loadtxt(processes.run([tmp_path / "apply"], capture_output=True, text=True, check=True).stdout.split("\n"))
         np.testing.assert_allclose(answered, expected, rtol=0, atol=2e-6)
 
 

@@ -7,11 +7,11 @@ import dataclasses
 import json
 import re
 import shutil
-import subprocess
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+import processes
 import pytest
 import torch
 from exported_models import CARRIED, KNOWN, LINEAR, MODELS, NET, RNG, WHOLE, as_inputs, claim, physics, random_inputs
@@ -42,7 +42,7 @@ class Compiled:
         for name, text in files.items():
             (folder / name).write_text(text, encoding="ascii")
         command = ["gcc", *(flags or FLAGS.split()), "-O2", "-shared", "-fPIC", folder / "tinygc_model.c", "-o", folder / "model.so"]
-        made = subprocess.run(command, capture_output=True, text=True, check=False)
+        made = processes.run(command, capture_output=True, text=True)
         assert made.returncode == 0, made.stderr
         self.library = ctypes.CDLL(str(folder / "model.so"))
         self.state_bytes = int(re.search(r"state_is_(\d+)_bytes", files["tinygc_model.c"])[1])
@@ -185,7 +185,7 @@ def test_pytorch_in_single_precision_agrees(top_dps, limit):
 def test_it_compiles_without_a_word_and_needs_no_library(name, flags, tmp_path):
     files = source_files(program(MODELS[name]), None, "A test.", {})
     Compiled(tmp_path, files, *FLAGS.split(), *flags.split())
-    text = subprocess.run(["nm", tmp_path / "model.so"], capture_output=True, text=True, check=True).stdout
+    text = processes.run(["nm", tmp_path / "model.so"], capture_output=True, text=True, check=True).stdout
     undefined = {line.split()[-1] for line in text.splitlines() if " U " in line}
     assert undefined == set()
     assert re.findall(r"#include.*", "".join(files.values())) == ["#include <stdint.h>", '#include "tinygc_model.h"']

@@ -46,13 +46,12 @@ def test_the_example_of_contributing_exports_and_passes_its_own_test():
 
 
 def test_importing_the_package_loads_nothing_heavy():
-    import subprocess
     import sys
 
-    from conftest import ROOT
+    import processes
 
     code = "import sys, tinygc; print(sorted({'torch', 'scipy', 'numpy', 'rich'} & set(sys.modules)))"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT).strip() == "[]"
+    assert processes.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
     assert callable(tinygc.load)
 
 
@@ -133,7 +132,8 @@ def test_xio_compiled_with_fusions_own_types_and_formula(name, tmp_path):
     """x-io's FusionCalibrationInertial, in single precision, by a C compiler: 1e-6 of the rate."""
     import ctypes
     import shutil
-    import subprocess
+
+    import processes
 
     if shutil.which("gcc") is None:
         pytest.skip("not installed: gcc")
@@ -152,7 +152,7 @@ def test_xio_compiled_with_fusions_own_types_and_formula(name, tmp_path):
                 }
         }"""
     )
-    subprocess.run(["gcc", "-std=c99", "-shared", "-fPIC", "there.c", "-o", "there.so"], cwd=tmp_path, check=True)
+    processes.run(["gcc", "-std=c99", "-shared", "-fPIC", "there.c", "-o", "there.so"], cwd=tmp_path, check=True)
     measured = (MEASURED / DEG).astype(np.float32)
     rates_dps = np.zeros_like(measured)
     library = ctypes.CDLL(str(tmp_path / "there.so"))

@@ -4,9 +4,9 @@ import ctypes
 import json
 import re
 import shutil
-import subprocess
 
 import numpy as np
+import processes
 import pytest
 import yaml
 from exports_read_back import FORCE, LINEAR, MEASURED, context, physics, rates
@@ -145,7 +145,7 @@ def test_c_calibrates_force_of_floats_and_of_registers(name, with_registers, tmp
     for file, text in files.items():
         (tmp_path / file).write_text(text)
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-shared", "-fPIC"]
-    subprocess.run(["gcc", *flags, "tinygc_model.c", "-o", "there.so"], cwd=tmp_path, check=True)
+    processes.run(["gcc", *flags, "tinygc_model.c", "-o", "there.so"], cwd=tmp_path, check=True)
     library = ctypes.CDLL(str(tmp_path / "there.so"))
     measured, there = FORCE[:500].astype(np.float32), np.zeros((500, 3), np.float32)
     for n in range(500):

@@ -5,13 +5,13 @@ same package, ``session`` as a whole for those of ``tinygc``, or ``nothing``.  I
 """
 
 import ast
-import subprocess
 import sys
 from collections.abc import Iterable
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
+import processes
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -187,7 +187,7 @@ def test_the_bench_side_names_neither_the_estimators_nor_torch():
 def test_recording_never_loads_the_estimators():
     modules = sorted(module for module in graph() if module.split(".")[0] == "session")
     code = f"import sys, {', '.join(modules)}; print(sorted({{'torch', 'tinygc'}} & set(sys.modules)))"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT).strip() == "[]"
+    assert processes.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
 
 
 # The rules themselves

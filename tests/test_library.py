@@ -3,10 +3,10 @@
 import json
 import re
 import runpy
-import subprocess
 import sys
 
 import numpy as np
+import processes
 import pytest
 from conftest import DEG, ROOT
 
@@ -154,7 +154,7 @@ def test_full_scales_that_nobody_gave_hold_what_was_measured():
 
 def test_the_package_loads_nothing_heavy_before_it_is_asked():
     code = "import sys, tinygc; print(sorted({'numpy', 'torch', 'scipy', 'rich'} & set(sys.modules)))"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True, cwd=ROOT).strip() == "[]"
+    assert processes.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
 
 
 def test_all_names_are_there_and_no_other():

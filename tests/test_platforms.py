@@ -6,10 +6,10 @@ own back end: a stand-in of the same names is put in its place.
 
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
+import processes
 import pytest
 
 from session.recording.rawfile import RawFile, read_marks
@@ -47,12 +47,12 @@ sys.modules.update({"serial": serial, "serial.tools": tools, "serial.tools.list_
 """
 
 
-def hidden(code: str, **more) -> subprocess.CompletedProcess:
+def hidden(code: str, **more) -> processes.CompletedProcess:
     """Run Python in which the POSIX modules are not there."""
-    return subprocess.run([sys.executable, "-c", HIDE + code], cwd=ROOT, capture_output=True, text=True, timeout=300, **more)
+    return processes.run([sys.executable, "-c", HIDE + code], capture_output=True, text=True, **more)
 
 
-def calibrate(*arguments) -> subprocess.CompletedProcess:
+def calibrate(*arguments) -> processes.CompletedProcess:
     return hidden(f"import calibrate; sys.exit(calibrate.main({[str(argument) for argument in arguments]!r}))")
 
 

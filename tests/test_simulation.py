@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from dataclasses import replace
 
 import numpy as np
+import processes
 import pytest
 from conftest import product, turned
 from scipy.spatial.transform import Rotation
@@ -276,4 +276,4 @@ def test_wrong_options_are_named(wrong, message):
 
 def test_simulating_never_loads_torch():
     code = "import tinygc.simulation, sys; print('torch' in sys.modules)"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "False"
+    assert processes.check_output([sys.executable, "-c", code], text=True).strip() == "False"

@@ -18,7 +18,7 @@ FRAMES = b"".join(frame_list(T_US, REGISTERS))
 LINES = b"".join(line_list(T_US, REGISTERS))
 HEADER = b"t_us,gx,gy,gz,ax,ay,az,temp\n"
 INFO_FRAME = frames.encode_info(0, INFO)
-SETTINGS = settings(max_examples=120, deadline=None, derandomize=True)
+SETTINGS = settings(max_examples=120)
 
 cuts = st.lists(st.integers(0, 3000), max_size=12)
 #: bytes that mean something to the decoder, more often than others

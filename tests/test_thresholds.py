@@ -1,9 +1,9 @@
 """The benchmark of thresholds names constants that are there, and changes them wherever they are used."""
 
 import importlib
-import subprocess
 import sys
 
+import processes
 import pytest
 from conftest import ROOT
 
@@ -38,5 +38,5 @@ def test_a_constant_is_changed_where_it_was_imported_to(thresholds):
 
 
 def test_the_benchmark_says_what_it_does():
-    found = subprocess.run([sys.executable, f"{BENCHMARKS}/thresholds.py", "--help"], capture_output=True, text=True, cwd=ROOT, check=True)
+    found = processes.run([sys.executable, f"{BENCHMARKS}/thresholds.py", "--help"], capture_output=True, text=True, check=True)
     assert "mends, naming, strong, truth" in found.stdout

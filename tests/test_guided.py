@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import Table, config
+from processes import PATIENCE_S
 
 from session.common.errors import CalibrationError
 from session.guide.guide import Guide
@@ -17,6 +18,13 @@ from session.stream.events import Chunk, Info, Trouble
 
 INFO = Info(500.0, 4.0, 208.0, "1")
 SESSION = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(120, (0, 1, 0), 3).rest(2.5).turn(120, (0, 0, 1), 3).rest(3)
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """However busy the machine is: nothing is silent, and no coach late, unless a test wants it so."""
+    monkeypatch.setattr("session.guide.guided_session.SILENT_S", PATIENCE_S)
+    monkeypatch.setattr("session.guide.guided_session.LAST_WORD_S", PATIENCE_S)
 
 
 class Port:

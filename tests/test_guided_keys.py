@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from conftest import Table, config
+from processes import PATIENCE_S
 from test_guided import INFO, Said, chunks
 
 from session.common.errors import FormatError
@@ -19,6 +20,13 @@ from session.stream.events import Trouble
 #: four turns, with moments in which each of them moves, s: 3 to 6, 8.5 to 11.5, 14 to 17, 19.5 to 22.5
 TURNS = [(120, (1, 0, 0)), (130, (0, 1, 0)), (140, (0, 0, 1)), (150, (1, 1, 0))]
 MOVING = [(3.0, 6.0), (8.5, 11.5), (14.0, 17.0), (19.5, 22.5)]
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """However busy the machine is: nothing is silent, and no coach late, unless a test wants it so."""
+    monkeypatch.setattr("session.guide.guided_session.SILENT_S", PATIENCE_S)
+    monkeypatch.setattr("session.guide.guided_session.LAST_WORD_S", PATIENCE_S)
 
 
 def session(turns=4) -> Table:

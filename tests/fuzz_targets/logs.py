@@ -6,9 +6,20 @@ import gzip
 from pathlib import Path
 
 import numpy as np
-from fuzz_targets.material import COUNT, FORCES_G, RATES_DPS, REGISTER_HEADER, REGISTER_LINES, REGISTERS, T_US, UNIT_HEADER, UNIT_LINES, lines
-from fuzz_targets.rules import choose, finite
 
+from fuzz_targets.material import (
+    COUNT,
+    FORCES_G,
+    RATES_DPS,
+    REGISTER_HEADER,
+    REGISTER_LINES,
+    REGISTERS,
+    T_US,
+    UNIT_HEADER,
+    UNIT_LINES,
+    lines,
+)
+from fuzz_targets.rules import choose, finite
 from session.common.errors import CalibrationError
 from session.dialects.layout import Answers
 from session.dialects.reader import Reader
@@ -33,7 +44,25 @@ MODES = ("standard", "packed", "gzip", "rest", "unknown", *FOREIGN)
 SMALL = 200
 
 TOKENS = [
-    *"t_us t_ns t_s gx gy gz ax ay az temp gx_dps gx_rps gy_dps ax_g ax_mps2 temp_c calibrated=gyro,accel".split(),
+    *[
+        "t_us",
+        "t_ns",
+        "t_s",
+        "gx",
+        "gy",
+        "gz",
+        "ax",
+        "ay",
+        "az",
+        "temp",
+        "gx_dps",
+        "gx_rps",
+        "gy_dps",
+        "ax_g",
+        "ax_mps2",
+        "temp_c",
+        "calibrated=gyro,accel",
+    ],
     *[REGISTER_HEADER, UNIT_HEADER, "4294967295", "9223372036854775807", "-9223372036854775808", "1e308", "1e-320", "nan", "inf", "-0"],
     *["\n", "\r\n", "\r", "\0", "\ufeff", "#", "# a=b", '"', ";", "\t", ",", "12:59:59.9", "23:59:59", "32768", "-32769", "1_000", "0x1"],
     *["\x0b", "\x0c", "\x1c", "\x85", "\u2028", "Timestamp[ms]", "[mg]", "(deg/s)", "timestamp", "1,5", "1e5", "T", "Time"],

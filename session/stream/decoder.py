@@ -232,7 +232,7 @@ class StreamDecoder:
         if self._numbered_before is not None:
             self._pass_on([Trouble("reset", 1, self._last_us)], out)
         self._add(self._steps.finish(), out)
-        self._form, self._steps = form, StepFilter(form)
+        self._form, self._steps, self._numbered_before = form, StepFilter(form), None
 
     def _take(self, readings: Readings, out: Collector) -> None:
         numbered = readings.sequence is not None
@@ -240,6 +240,7 @@ class StreamDecoder:
             # The board was told to speak otherwise: what was before has no sequence to go on from.
             self._pass_on(self._continuity.finish(), out)
             self._pass_on([Trouble("reset", 1, self._last_us)], out)
+        if self._numbered_before != numbered:  # the first, too: a header of text in physical units says nothing of frames
             self._steps = StepFilter(REGISTERS if numbered else self._form)
         self._numbered_before = numbered
         self._pass_on(self._continuity.take(readings), out)

@@ -100,6 +100,19 @@ def test_it_does_not_matter_how_the_bytes_are_cut():
         np.testing.assert_array_equal(parts[1], whole[1])
 
 
+def test_what_ends_a_spoilt_line_is_no_line_however_the_bytes_are_cut():
+    """Found by fuzzing: read byte by byte, what was kept for a search could begin within a line that had been passed over, at a header."""
+    t_us, values = values_of(20)
+    header, *rows = lines_of(t_us, values)
+    data = b"\0\x15" + header + 30 * b"no such line as this\n" + b"".join(rows)
+    whole, events = decode(data)
+    assert not len(samples(events)[0])
+    for step in (1, 7, 512):
+        parts, cut = decode(data, range(step, len(data), step))
+        assert not len(samples(cut)[0])
+        assert (parts.garbage, parts.implausible) == (whole.garbage, whole.implausible)
+
+
 def test_lost_lines_are_counted_and_torn_ones_left_out():
     t_us, values = values_of(600)
     lines = lines_of(t_us, values)

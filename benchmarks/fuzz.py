@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
 import resource
 import shutil
 import sys
@@ -35,7 +36,7 @@ class Session:
         self.reader, self.target, self.work, self.folder = reader, target, work, folder
         self.runs = self.accepted = 0
         self.findings: dict[str, tuple[str, int]] = {}
-        self._began_s, self._said_s = time.monotonic(), 0.0
+        self._began_s, self._said_s, self._pid = time.monotonic(), 0.0, os.getpid()
         (work / "findings").mkdir(parents=True, exist_ok=True)
 
     def one(self, data: bytes) -> None:
@@ -73,7 +74,7 @@ class Session:
             "accepted": self.accepted,
             "findings": len(self.findings),
         }
-        (self.work / "figures.json").write_text(json.dumps(figures) + "\n", encoding="utf-8")
+        (self.work / f"figures-{self._pid}.json").write_text(json.dumps(figures) + "\n", encoding="utf-8")
 
 
 def main() -> int:
@@ -111,7 +112,14 @@ def fuzz(args: argparse.Namespace, work: Path, folder: Path) -> int:
     words.write_text("".join(f'"{_escaped(word)}"\n' for word in dict.fromkeys(module.TOKENS)), encoding="ascii")
     kept = ROOT / "tests" / "corpus" / args.reader
     options = [f"-seed={args.seed}", f"-max_len={args.longest}", f"-max_total_time={round(args.minutes * 60)}", f"-dict={words}"]
-    options += ["-timeout=60", "-rss_limit_mb=4000", "-print_final_stats=1", "-verbosity=1"]
+    options += [
+        f"-artifact_prefix={work}/",
+        "-report_slow_units=600",
+        "-timeout=60",
+        "-rss_limit_mb=4000",
+        "-print_final_stats=1",
+        "-verbosity=1",
+    ]
     folders = [str(work / "corpus"), str(work / "seeds"), *([str(kept)] if kept.is_dir() else [])]
     atheris.Setup([sys.argv[0], *options, *folders], session.one)
     atheris.Fuzz()

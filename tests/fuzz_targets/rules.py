@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import resource
 import shutil
 import sys
 import time
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
@@ -79,13 +80,23 @@ def finite(*arrays: np.ndarray | float | None) -> None:
         assert values is None or np.isfinite(values).all(), f"accepted {np.asarray(values).ravel()[:3]}…, which is not finite"
 
 
+@contextlib.contextmanager
+def must_hold(what: str) -> Iterator[None]:
+    """What the tool has written, or accepted before, may not be refused."""
+    try:
+        yield
+    except CalibrationError as error:
+        raise AssertionError(f"{what} is refused: {error}") from error
+
+
 def _peak_bytes() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * RSS_UNIT
 
 
 def _place(error: BaseException) -> str:
     """The last line of ours in the traceback, else the last of all."""
+    error = error.__cause__ or error
     frames = traceback.extract_tb(error.__traceback__)
-    ours = [frame for frame in frames if Path(frame.filename).parts[-3:-1] and set(OURS) & set(Path(frame.filename).parts)]
+    ours = [frame for frame in frames if set(OURS) & set(Path(frame.filename).parts)]
     last = (ours or frames)[-1]
     return f"{Path(last.filename).name}:{last.lineno} {type(error).__name__}"

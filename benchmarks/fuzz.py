@@ -131,7 +131,10 @@ def _escaped(word: str) -> str:
 
 
 def keep(reader: str, work: Path, folder: Path, most: int) -> int:
-    """The inputs that reach the most lines not reached before, small ones first; written under their hashes."""
+    """The inputs that together reach the most lines that no seed reaches, greedily; written under their hashes.
+
+    Those that were kept before and that fell once, which have names, stay.
+    """
     from fuzz_targets import target
 
     module = target(reader)
@@ -139,11 +142,16 @@ def keep(reader: str, work: Path, folder: Path, most: int) -> int:
         _lines_of(module, seed, folder)  # imports what is imported late
     reached = set().union(*(_lines_of(module, seed, folder) for seed in module.seeds()))
     inputs = [path.read_bytes() for path in (work / "corpus").glob("*") if path.stat().st_size <= SMALL_BYTES]
+    fresh = {data: _lines_of(module, data, folder) - reached for data in sorted(inputs, key=lambda data: (len(data), data))}
     chosen = []
-    for data in sorted(inputs, key=lambda data: (len(data), data)):
-        if len(chosen) < most and not (lines := _lines_of(module, data, folder)) <= reached:
-            reached |= lines
-            chosen.append(data)
+    while fresh and len(chosen) < most:
+        best = max(fresh, key=lambda data: len(fresh[data]) - len(data) / SMALL_BYTES)
+        if not fresh[best]:
+            break
+        chosen.append(best)
+        gained = fresh.pop(best)
+        reached |= gained
+        fresh = {data: lines - gained for data, lines in fresh.items()}
     out = ROOT / "tests" / "corpus" / reader
     out.mkdir(parents=True, exist_ok=True)
     for data in chosen:

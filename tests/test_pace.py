@@ -63,3 +63,10 @@ def test_health_counts_single_losses_in_portions():
         health.feed(Samples(part, np.zeros((len(part), 3)), np.zeros((len(part), 3))), pace)
     assert health.missing == missing
     assert health.odr_hz == pytest.approx(ODR_HZ, rel=1e-5)
+
+
+def test_two_steps_of_which_neither_is_near_the_middle_have_the_pace_of_the_shorter():
+    """Found by fuzzing a log of four rows: the mean of no steps, a warning of NumPy's, and a rate that is no number."""
+    pace = pace_of(np.array([0, 9_600_000, 9_600_000 + 38_400_000]))
+    assert pace.period_s == pytest.approx(0.0096)
+    assert pace.missing(np.array([0.0096, 0.0384])) == 3

@@ -259,6 +259,34 @@ def test_euroc_refuses(tmp_path, capsys):
     refused(capsys, ["euroc", tmp_path], "euroc_V2_01_easy.npz")
 
 
+def test_damaged_archives_are_refused_whatever_is_damaged(tmp_path, capsys):
+    """Found by fuzzing: each byte of an archive's heads in turn; NumPy and zipfile raise a dozen kinds of errors."""
+    path, good = tmp_path / "euroc_V1_01_easy.npz", io.BytesIO()
+    t_ns, values, q = np.arange(9) * 5_000_000, np.zeros((9, 3)), np.tile([1.0, 0, 0, 0], (9, 1))
+    np.savez_compressed(good, t_ns=t_ns, gyro=values, acc=values, gt_t_ns=t_ns, gt_q_wxyz=q)
+    codes = set()
+    for place in range(0, len(good.getvalue()), 3):
+        data = bytearray(good.getvalue())
+        data[place] ^= 0x21
+        path.write_bytes(data)
+        codes.add(main(["euroc", str(tmp_path), "--out", str(tmp_path / f"out{place}")]))
+        said = capsys.readouterr().err
+        assert said.count("\n") == (1 if said else 0)
+    assert codes == {0, 2}
+    for name, value in (("gyro", values[:5]), ("acc", values[:, :2]), ("gt_q_wxyz", 2 * q), ("t_ns", values), ("gyro", values.astype(str))):
+        np.savez(path, **{"t_ns": t_ns, "gyro": values, "acc": values, "gt_t_ns": t_ns, "gt_q_wxyz": q} | {name: value})
+        refused(capsys, ["euroc", tmp_path], "euroc_V1_01_easy.npz")
+
+
+def test_what_no_log_may_hold_is_refused_before_a_folder_is_there(tmp_path, capsys):
+    """Found by fuzzing: such values and stamps were written, and no command read them."""
+    (tmp_path / "imu0.log").write_text(mikov_text(np.full((5, 3), 1e7), np.zeros((5, 3))))
+    refused(capsys, ["mikov", tmp_path], "beyond any sensor", "download them again")
+    (tmp_path / "imu_raw_data.csv").write_text(tofupilot_text()[0].replace("2565512", "9999992565512"))
+    refused(capsys, ["tofupilot", tmp_path], "too long for any register or stamp", "download them again")
+    assert not (tmp_path / "sessions").exists()
+
+
 def test_a_folder_with_another_log_is_left_alone(tmp_path, capsys):
     write_xsens(tmp_path)
     other = tmp_path / "sessions" / "xsens" / "log0002.csv"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from streams import decode, line_list, same, sent, strangers
+from streams import decode, line_list, same, samples, sent, strangers
 
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk
@@ -63,3 +63,19 @@ def test_megabytes_of_nothing_need_no_memory():
             decoder.feed(byte * 1_000_000)
             assert len(decoder._buffer) < 2000
     assert decoder.samples == 0
+
+
+@pytest.mark.parametrize("step", [1, 20, 64, 1000])
+def test_lines_that_change_their_width_are_taken_alike_however_the_bytes_are_cut(step):
+    """Found by fuzzing: how many lines of another width had come was forgotten or not, by where a read ended."""
+    t_us, registers = sent(60)
+    wide = [line.replace(b"\n", b",7\n") for line in line_list(t_us, registers)]
+    lines = line_list(t_us, registers)
+    data = b"".join([*wide[:20], lines[20], wide[21], *lines[22:24], wide[24], *lines[25:40], *wide[40:42], *lines[42:]])
+    whole, events = decode(data)
+    parts, cut = decode(data, range(step, len(data), step))
+    assert (parts.garbage, parts.lost, parts.implausible) == (whole.garbage, whole.lost, whole.implausible)
+    for one, other in zip(samples(events), samples(cut), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert strangers(events, t_us, registers) == 0
+    assert whole.samples > 30

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import DEG, config
-from streams import INFO, sent
+from streams import INFO, frame_list, sent
 
 from session.common.errors import CalibrationError
 from session.guide.guided_session import samples_of
@@ -100,6 +100,18 @@ def test_it_does_not_matter_how_the_bytes_are_cut():
         np.testing.assert_array_equal(parts[1], whole[1])
 
 
+def test_what_ends_a_spoilt_line_is_no_line_however_the_bytes_are_cut():
+    """Found by fuzzing: read byte by byte, what was kept for a search could begin within a line that had been passed over, at a header."""
+    t_us, values = values_of(20)
+    header, *rows = lines_of(t_us, values)
+    data = b"\0\x15" + header + 30 * b"no such line as this\n" + b"".join(rows)
+    whole, _ = decode(data)
+    assert whole.samples == 0
+    for step in (1, 7, 512):
+        parts, _ = decode(data, range(step, len(data), step))
+        assert (parts.garbage, parts.implausible) == (whole.garbage, whole.implausible)
+
+
 def test_lost_lines_are_counted_and_torn_ones_left_out():
     t_us, values = values_of(600)
     lines = lines_of(t_us, values)
@@ -150,6 +162,23 @@ def test_another_header_begins_another_log(tmp_path):
     writer.close()
     assert [path.read_text().split("\n")[0] for path in writer.paths] == [HEADER, "t_us,gx,gy,gz,ax,ay,az,temp"]
     assert sum(len(path.read_text().split("\n")) - 2 for path in writer.paths) == 400
+
+
+@pytest.mark.parametrize("first", [b"", b"frames"], ids=["before anything", "between frames"])
+@pytest.mark.parametrize("header", [HEADER, "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"], ids=["as wide", "narrower"])
+def test_frames_behind_a_header_of_text_are_registers(header, first):
+    """Found by fuzzing: they were taken for numbers in the header's units, or failed where it has no temperature."""
+    t_us, registers = sent(80)
+    frames = frame_list(t_us, registers)
+    before, behind = (b"".join(frames[:30]), b"".join(frames[30:])) if first else (b"", b"".join(frames))
+    _, events = decode(b"\0" + before + 600 * b"x" + b"\n" + header.encode() + b"\n\0" + behind)
+    chunks = [event for event in events if isinstance(event, Chunk)]
+    assert not any(chunk.form.physical for chunk in chunks)
+    got_us, got = samples(events)
+    assert len(got_us) >= 70  # the one whose delimiter the text took is lost
+    place = np.searchsorted(t_us, got_us)
+    np.testing.assert_array_equal(t_us[place], got_us)
+    np.testing.assert_array_equal(registers[place], got)
 
 
 @pytest.mark.parametrize(

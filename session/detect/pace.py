@@ -61,7 +61,9 @@ def pace_of(t_ns: np.ndarray) -> Pace:
 def _confirmed(steps_s: np.ndarray) -> float:
     """The period, s, that steps of whole periods have; begun at the steps near the median, which lies on a tick of a coarse clock."""
     median = float(np.median(steps_s))
-    period = float(steps_s[np.abs(steps_s - median) <= median / 2].mean())
+    near = steps_s[np.abs(steps_s - median) <= median / 2]
+    # Of two steps or so, none may lie near the middle between them: then the shorter of the two beside it.
+    period = float(near.mean()) if len(near) else float(np.quantile(steps_s, 0.5, method="lower"))
     for _ in range(ROUNDS):
         before, period = period, float(steps_s.sum() / np.rint(steps_s / period).sum())
         if abs(period / before - 1) < 1e-12:

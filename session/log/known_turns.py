@@ -118,8 +118,9 @@ def _axis(where: str, text: str) -> np.ndarray:
         axis = np.array([float(part) for part in text.split(";")])
     except ValueError:
         axis = np.zeros(0)
-    if axis.shape != (3,) or not np.isfinite(axis).all() or not np.linalg.norm(axis) > 0:
+    if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
         raise FormatError(f"{where}: axis is {text[:30]!r}, expected x, y or z with a sign if need be, or three numbers as 0;0.7;0.7")
+    axis = axis / np.abs(axis).max()  # the squares of what is very large or small are no numbers
     return axis / np.linalg.norm(axis)
 
 

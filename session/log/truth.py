@@ -10,6 +10,7 @@ moments are taken one after the other.
 from __future__ import annotations
 
 import gzip
+import math
 import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -76,8 +77,10 @@ def read_truth(path: Path, reading: TruthReading | None = None) -> Truth:
                 window.append(int(cells[5]))
         except (ValueError, IndexError, OverflowError):
             raise FormatError(f"{path.name} line {number}: {line[:60]!r}, expected {','.join(names)}") from None
-        if len(rows[-1]) != 4 or not abs(float(np.linalg.norm(rows[-1])) - 1) < UNIT_WITHIN:
+        if len(rows[-1]) != 4 or not abs(math.hypot(*rows[-1]) - 1) < UNIT_WITHIN:
             raise FormatError(f"{path.name} line {number}: {line[:60]!r} has no quaternion of length 1")
+        if window and not abs(window[-1]) < 2**62:
+            raise FormatError(f"{path.name} line {number}: the window {cells[5][:20]} is no number that counts windows")
         if not abs(t_ns[-1]) < 2**62 or (len(t_ns) > 1 and t_ns[-1] <= t_ns[-2]):
             raise FormatError(f"{path.name} line {number}: the time {cells[0][:20]} does not go on from the line before")
     q = np.array(rows)

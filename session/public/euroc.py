@@ -7,7 +7,6 @@ the sequences has them, are written as exact zeros, which no accelerometer in th
 from __future__ import annotations
 
 import argparse
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,7 +14,8 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.units import NS_PER_S
-from session.log.truth import Truth
+from session.log.truth import UNIT_WITHIN, Truth
+from session.public.sources import arrays_of
 
 #: of the ADIS16448's data sheet: full scales, and the data rate that these recordings have
 TOML = """schema = "tinygc-session/1"
@@ -52,13 +52,14 @@ def read_sequence(euroc: Path, name: str) -> tuple[np.ndarray, np.ndarray, np.nd
     FormatError where there is no such recording.
     """
     path = sequence_path(euroc, name)
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            accel = np.where(np.isnan(file["acc"]).any(axis=1, keepdims=True), 0.0, file["acc"])
-            truth = Truth(Path(f"truth_{name}.csv"), file["gt_t_ns"], to_down(file["gt_q_wxyz"]))
-            return file["t_ns"], file["gyro"], accel, truth
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        raise FormatError(f"{path}: not an archive of t_ns, gyro, acc, gt_t_ns and gt_q_wxyz") from None
+    t_ns, gyro, measured, truth_ns, q_wxyz = arrays_of(path, {"t_ns": "i", "gyro": "f", "acc": "f", "gt_t_ns": "i", "gt_q_wxyz": "f"})
+    shapes = {"gyro": (gyro, (len(t_ns), 3)), "acc": (measured, (len(t_ns), 3)), "gt_q_wxyz": (q_wxyz, (len(truth_ns), 4))}
+    if t_ns.ndim != 1 or truth_ns.ndim != 1 or any(array.shape != shape for array, shape in shapes.values()):
+        raise FormatError(f"{path}: t_ns, gyro, acc, gt_t_ns and gt_q_wxyz have not the shapes (N,), (N, 3), (N, 3), (M,) and (M, 4)")
+    if not len(t_ns) or not (abs(np.linalg.norm(q_wxyz, axis=1) - 1) < UNIT_WITHIN).all():
+        raise FormatError(f"{path}: no samples, or quaternions in gt_q_wxyz that are not of length 1; download it again")
+    accel = np.where(np.isnan(measured).any(axis=1, keepdims=True), 0.0, measured)
+    return t_ns, gyro, accel, Truth(Path(f"truth_{name}.csv"), truth_ns, to_down(q_wxyz))
 
 
 def true_bias_rps(euroc: Path, name: str) -> np.ndarray:

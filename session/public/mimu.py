@@ -6,7 +6,6 @@ which are turned against the board's in some units.
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.public.mimu_frames import UNITS, read_frames
-from session.public.sources import found
+from session.public.sources import arrays_of, found
 from session.public.writing import write_folder
 
 NS_PER_TICK = 15.625  #: of 64 MHz; exact in binary
@@ -77,11 +76,7 @@ def _number(name: str, path: Path) -> int:
 
 
 def _read_npz(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            ticks, registers = file["ticks_64mhz"], file["registers"]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        raise FormatError(f"{path}: not an archive of ticks_64mhz and registers; give the authors' exp_N/data.bin") from None
+    ticks, registers = arrays_of(path, {"ticks_64mhz": "f", "registers": "f"})
     if ticks.dtype != np.int64 or registers.dtype != np.int16 or ticks.ndim != 1 or registers.shape != (len(ticks), UNITS, 6):
-        raise FormatError(f"{path}: expected ticks_64mhz (N,) int64 and registers (N, 8, 6) int16")
+        raise FormatError(f"{path}: expected ticks_64mhz (N,) int64 and registers (N, 8, 6) int16, as the authors' exp_N/data.bin gives")
     return ticks, registers

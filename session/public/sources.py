@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import struct
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
 
 from session.common.errors import FormatError
+
+#: what NumPy and zipfile raise where an archive's bytes are damaged, whatever they meet first
+FAULTS = (
+    *(OSError, ValueError, KeyError, EOFError, SyntaxError, OverflowError, MemoryError, NotImplementedError, RuntimeError),
+    *(zipfile.BadZipFile, zlib.error, struct.error),
+)
 
 
 def found(folder: Path, pattern: str, below: str = "") -> list[Path]:
@@ -38,6 +47,22 @@ def rows_of_numbers(path: Path, columns: tuple[str, ...], separator: str | None 
     if len(rows) < 2:
         raise FormatError(f"{path}: {len(rows)} lines of numbers, {expected} in each of many")
     return rows
+
+
+def arrays_of(path: Path, kinds: dict[str, str]) -> list[np.ndarray]:
+    """Arrays of a NumPy archive by their names, each of a kind of numbers: ``i`` whole, ``f`` finite or not.
+
+    Raises FormatError for what is no such archive, or not sound.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = [file[name] for name in kinds]
+    except FAULTS:
+        raise FormatError(f"{path}: not an archive of {', '.join(kinds)}, or a damaged one; download it again") from None
+    for (name, kind), array in zip(kinds.items(), found, strict=True):
+        if not (np.issubdtype(array.dtype, np.integer) or (kind == "f" and np.issubdtype(array.dtype, np.floating))):
+            raise FormatError(f"{path}: {name} holds {array.dtype}, expected {'whole ' if kind == 'i' else ''}numbers; download it again")
+    return found
 
 
 def text_of(path: Path) -> str:

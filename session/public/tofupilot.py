@@ -9,8 +9,10 @@ import gzip
 from pathlib import Path
 
 from session.common.errors import FormatError
-from session.files.writing import result_folder
+from session.log.config import read_config
+from session.log.rests import read_rest
 from session.public.sources import found, text_of
+from session.public.writing import placed
 
 COLUMNS = (
     "timestamp",
@@ -52,9 +54,13 @@ def write(source: Path, out: Path, given: bool = True) -> list[Path]:
         if len(values) != len(COLUMNS) - 1 or not all(abs(value) < 1e6 for value in values):
             raise FormatError(f"{path} line {number}: expected {len(COLUMNS)} numbers; download it again")
         rows.append(f"{stamp},{','.join(cells[1:7])},{cells[8].strip()}")
-    folder = out / "tofupilot"
-    with result_folder(folder):
-        text = "\n".join([HEADER, *rows, ""])
+    text = "\n".join([HEADER, *rows, ""])
+
+    def write_rest(folder: Path) -> None:
         (folder / REST).write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
         (folder / "session.toml").write_text(TOML, encoding="utf-8")
-    return [folder]
+
+    def read(folder: Path) -> None:
+        read_rest(folder / REST, read_config(folder / "session.toml").sensor)
+
+    return [placed(out / "tofupilot", write_rest, True, read)]

@@ -29,22 +29,24 @@ def write_folder(folder: Path, toml: str, header: str, lines: Iterable[str], giv
     return placed(folder, write, given)
 
 
-def placed(folder: Path, write: Callable[[Path], None], given: bool) -> Path:
-    """The folder, with what ``write`` writes; not given: with an accelerometer calibrated from its own stills.
+def placed(folder: Path, write: Callable[[Path], None], given: bool, read: Callable[[Path], object] = read_session) -> Path:
+    """The folder, with what ``write`` writes; not given: with an accelerometer calibrated from its own stills.  read: what reads it.
 
-    A recording that cannot be calibrated so leaves no file behind, and what lies in the folder from before stays as it was.  Raises
-    CalibrationError then.
+    A recording that cannot be read again, or not be calibrated so, leaves no file behind, and what lies in the folder from before stays
+    as it was.  Raises CalibrationError then.
     """
-    if given:
-        folder.mkdir(parents=True, exist_ok=True)
-        write(folder)
-        return folder
     with result_folder(folder), tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as part:
         write(Path(part))
         try:
-            calibrate_from_stills(Path(part))
+            read(Path(part))
         except CalibrationError as error:
-            raise type(error)(str(error).replace(part, str(folder))) from None
+            said = str(error).replace(part, str(folder))
+            raise type(error)(f"{folder}: these files make no recording ({said}); download them again") from None
+        if not given:
+            try:
+                calibrate_from_stills(Path(part))
+            except CalibrationError as error:
+                raise type(error)(str(error).replace(part, str(folder))) from None
         for path in sorted(Path(part).iterdir()):
             path.replace(folder / path.name)
     return folder

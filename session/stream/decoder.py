@@ -43,6 +43,7 @@ class StreamDecoder:
     def _begin(self) -> None:
         self.mode: str | None = None
         self._buffer = b""
+        self._torn = False  # the buffer begins within a line
         self._text_lines = LineReader(self._told)
         self._form = self._text_lines.form  # of the lines that are taken now
         self._continuity, self._steps = Continuity(), StepFilter(self._form)
@@ -89,6 +90,8 @@ class StreamDecoder:
         lines = np.concatenate([[0], places + 1])
         lengths = places - np.where(is_zero, zeros[:-1], lines[:-1])
         worth_a_look = np.where(is_zero, lengths >= frames.INFO_BYTES, (lengths > 0) & (lengths <= LONGEST))
+        if self._torn and len(places) and not is_zero[0]:
+            worth_a_look[0] = False
         for k in np.flatnonzero(worth_a_look).tolist():
             place = int(places[k])
             if is_zero[k]:
@@ -99,12 +102,14 @@ class StreamDecoder:
                 return self._found("text", int(lines[k]), out)
         keep = max(int(min(zeros[-1], lines[-1])), len(data) - LONGEST - 1)
         self._garbage(keep, out)
+        if keep:
+            self._torn = data[keep - 1] not in b"\0\n"
         self._buffer = data[keep:]
         return False
 
     def _found(self, mode: str, begin: int, out: Collector) -> bool:
         self._garbage(begin, out)
-        self._buffer, self.mode = self._buffer[begin:], mode
+        self._buffer, self.mode, self._torn = self._buffer[begin:], mode, False
         return True
 
     def _frames(self, out: Collector) -> bool:
@@ -232,7 +237,7 @@ class StreamDecoder:
         if self._numbered_before is not None:
             self._pass_on([Trouble("reset", 1, self._last_us)], out)
         self._add(self._steps.finish(), out)
-        self._form, self._steps = form, StepFilter(form)
+        self._form, self._steps, self._numbered_before = form, StepFilter(form), None
 
     def _take(self, readings: Readings, out: Collector) -> None:
         numbered = readings.sequence is not None
@@ -240,6 +245,7 @@ class StreamDecoder:
             # The board was told to speak otherwise: what was before has no sequence to go on from.
             self._pass_on(self._continuity.finish(), out)
             self._pass_on([Trouble("reset", 1, self._last_us)], out)
+        if self._numbered_before != numbered:  # the first, too: a header of text in physical units says nothing of frames
             self._steps = StepFilter(REGISTERS if numbered else self._form)
         self._numbered_before = numbered
         self._pass_on(self._continuity.take(readings), out)

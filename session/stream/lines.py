@@ -55,6 +55,7 @@ class LineReader:
         if self._width and not self.form.physical:
             good, values = parse_lines(block, self._width, self._order)
             if good.all():
+                self._other_count = 0
                 return [_registers(values)]
         items: list[Item] = []
         rows: list[list] = []
@@ -65,10 +66,12 @@ class LineReader:
                 done += 1
                 self._other_count = 0
                 continue
-            found = self._parse(line)
+            found, width = self._parse(line), self._width
             if found and self._has_width(found[0]):
                 rows.append(found[1])
                 continue
+            if self._width != width:  # what was looked at all at once was so with the width before
+                good = None
             self._close(rows, items)
             if not line.strip():
                 continue

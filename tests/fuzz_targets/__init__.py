@@ -1,0 +1,18 @@
+"""Every reader as a function of bytes: for the coverage-guided fuzzer (``benchmarks/fuzz.py``) and for the test that replays its corpus.
+
+A target is a module with ``run(data, folder)``, which reads ``data`` as one kind of file, written into an empty ``folder``, and checks
+what it got; ``seeds()``, good inputs of our own simulation; and ``TOKENS``, words that mean something to the reader.
+"""
+
+from __future__ import annotations
+
+import importlib
+from types import ModuleType
+
+#: of each target, a module of this folder
+NAMES = ("logs", "session_toml", "beside_logs", "decoder", "raw", "model", "replay", "public", "results", "arguments")
+
+
+def target(name: str) -> ModuleType:
+    """The module."""
+    return importlib.import_module(f"fuzz_targets.{name}")

@@ -1,0 +1,93 @@
+"""The command line: each line of the input is an argument.  Nothing is run."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+
+from fuzz_targets.material import UNIT_HEADER
+from fuzz_targets.rules import LONGEST_MESSAGE
+from tinygc.cli.arguments import parser
+from tinygc.cli.commands import COMMANDS
+
+OPTIONS = (
+    *("--json", "--seed", "--quiet", "--effects", "--methods", "--epochs", "--bias", "--limit", "--strict", "--to", "--model", "--out"),
+    *(
+        "--odr",
+        "--gyro-fs",
+        "--accel-fs",
+        "--sensor",
+        "--note",
+        "--header",
+        "--columns",
+        "--gyro-axes",
+        "--bias-dps",
+        "--closure",
+        "--help",
+    ),
+    *("--force", "--add", "--serial", "--segments", "--exclude", "--physics", "--conditions", "--version", "--resume", "--like"),
+)
+TOKENS = [
+    *OPTIONS,
+    *[f"{name}\n" for name in COMMANDS],
+    *[
+        "1e308",
+        "-1e308",
+        "nan",
+        "inf",
+        "1e-320",
+        "0",
+        "-1",
+        "9" * 30,
+        "1_000",
+        "１",
+        "٣",
+        "a=b",
+        "=",
+        "x,y,z",
+        "y,-x,z",
+        "1,2,3",
+        "3,17",
+        "--",
+        "-",
+    ],
+    *["\x1b[31m", "\u2028", "\x85", "\ufeff", "\x7f", UNIT_HEADER, "least_squares", "physics", "auto", "gravity", "force", "us", "dps"],
+]
+
+
+def seeds() -> list[bytes]:
+    """A line for each command, and options with values."""
+    found = [f"{name}\ndata/session1".encode() for name in COMMANDS]
+    found += [f"{name}\n{option}\n1".encode() for name in COMMANDS for option in ("--seed", "--json")]
+    return [
+        *found,
+        b"fit\nD\n--methods\nleast_squares,pso\n--still-rates",
+        b"record\n--note\na=b\n--odr\n208",
+        b"simulate\nD\n--bias-dps\n1,2,3",
+    ]
+
+
+def run(data: bytes, folder: Path) -> None:
+    """Accepted, or one line on standard error and exit code 2; help and version are 0."""
+    said, out = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(out):
+        code = _exit_code(data.decode("utf-8", errors="surrogateescape").split("\n"))
+    text = said.getvalue()
+    if code == 2:
+        assert text.count("\n") == 1, f"not one line: {text[:300]!r}"
+        assert text.endswith("\n")
+        assert text[:-1].isprintable(), f"control characters: {text[:300]!r}"
+        assert len(text) <= LONGEST_MESSAGE + 4 * len(data), f"{len(text)} characters"
+    else:
+        assert not text
+        assert code is None or (code == 0 and out.getvalue()), f"exit code {code}"
+
+
+def _exit_code(words: list[str]) -> object:
+    """None where they are accepted."""
+    try:
+        parser().parse_args(words)
+    except SystemExit as stopped:
+        return stopped.code
+    return None

@@ -1,0 +1,73 @@
+"""What lies beside the logs of a session: truth files, dial readings, known turns, and what ``explain`` asked for."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+
+from fuzz_targets.material import COUNT, T_US, UNIT_HEADER, UNIT_LINES, lines
+from fuzz_targets.rules import choose, finite
+from session.log.folder import read_session
+from tinygc.plan.requested import requested_by_explain
+
+SENSOR = 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 104\ngyro_fs_dps = 500\naccel_fs_g = 4\n'
+GIVEN = 'offset_s = 0.5\nframe = "enu"\nsense = "world_to_body"\norder = "xyzw"\n'
+#: file -> what session.toml says besides
+FILES = (
+    ("truth0001.csv", '[protocol]\nreference = "truth"\n'),
+    ("truth0001.csv.gz", '[protocol]\nreference = "truth"\n'),
+    ("truth0001.csv", f'[protocol]\nreference = "truth"\n[truth]\n{GIVEN}'),
+    ("attitudes.csv", '[protocol]\nreference = "table"\n'),
+    ("turns.csv", ""),
+    ("explain/explain.json", ""),
+)
+TURNED = np.column_stack([np.cos(0.1 * np.arange(COUNT)), np.sin(0.1 * np.arange(COUNT)), np.zeros((COUNT, 2))])
+TOKENS = [
+    *["t_us", "t_ns", "t_s", "qw", "qx", "qy", "qz", "window", "t_us,qw,qx,qy,qz\n", "t_s,qx,qy,qz,qw,window\n", "1,0,0,0", "0,0,0,1"],
+    *["still,roll_deg,pitch_deg,yaw_deg\n", "still", "99999", "100000", "-1", "turn,axis,angle_deg,sigma_deg\n", "log", "log0001.csv"],
+    *["0;0.7;0.7", "+x", "-z", "1e308", "1e-320", "nan", "inf", "-0", "4611686018427387904", "9" * 30, "#", '"', "\n", "\r", "\r\n", "\0"],
+    *["\x0b", "\x0c", "\x1c", "\x85", "\u2028", "\ufeff", "1_0", "１", "٣", " ", "\t", '"next":', '"logs":', "null", "[", "{", "../", "/"],
+]
+
+
+def seeds() -> list[bytes]:
+    """A good one of each file."""
+    truth = f"t_us,qw,qx,qy,qz\n{lines(T_US, TURNED, form='{:.7f}')}"
+    windows = f"t_s,qx,qy,qz,qw,window\n{lines(T_US / 1e6, np.roll(TURNED, -1, 1), np.arange(COUNT) // 2, form='{:.7f}')}"
+    dials = f"# dial\nstill,roll_deg,pitch_deg,yaw_deg\n{lines(np.arange(COUNT), 10 * FULL)}"
+    turns = "turn,axis,angle_deg,sigma_deg,log\n0,x,360,0.05,log0001.csv\n1,-z,-90,0.1,\n2,0;0.7;0.7,720,0.5,log0001\n"
+    asked = '{"next": "turn about x", "logs": {"log0001.csv": "00"}}'
+    texts = [truth.encode(), gzip.compress(truth.encode(), mtime=0), windows.encode(), dials.encode(), turns.encode(), asked.encode()]
+    return [bytes([mode]) + text for mode, text in enumerate(texts)]
+
+
+FULL = np.arange(3 * COUNT).reshape(COUNT, 3) / 7
+
+
+def run(data: bytes, folder: Path) -> None:
+    """The file is read with its session."""
+    (name, toml), data = choose(data, FILES)
+    (folder / "log0001.csv").write_text(f"{UNIT_HEADER}\n{UNIT_LINES}")
+    (folder / "session.toml").write_text(SENSOR + toml)
+    path = folder / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)
+    if name.startswith("explain"):
+        words = requested_by_explain(folder)
+        assert words is None or words.isprintable()
+        return
+    session = read_session(folder)
+    for truth in session.truths or ():
+        finite(truth.q_nb)
+        np.testing.assert_allclose(np.linalg.norm(truth.q_nb, axis=1), 1, atol=1e-9)
+        assert (np.diff(truth.t_ns) > 0).all()
+        assert truth.window is None or truth.window.dtype == np.int64
+        assert len(truth) == len(truth.q_nb) == len(truth.t_ns if truth.window is None else truth.window)
+    for turn in session.turns:
+        finite(turn.axis, turn.angle_rad, turn.sigma_rad)
+        assert abs(np.linalg.norm(turn.axis) - 1) < 1e-9
+        assert turn.says.isprintable()
+        assert turn.name.isprintable()
+    assert session.attitudes is None or np.isfinite(session.attitudes).all(axis=1).any()

@@ -1,0 +1,103 @@
+"""The authors' files of public sets, as ``python -m session.public`` reads them; every number of the seeds is ours."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+
+import numpy as np
+
+from fuzz_targets.material import COUNT, FORCES_G, RATES_DPS, T_US, lines
+from fuzz_targets.rules import choose, finite, must_hold
+from session.common.errors import DataError
+from session.common.units import DEG, G
+from session.log.config import read_config
+from session.log.folder import read_session
+from session.log.rests import read_rest
+from session.public import euroc_folders, imucal, mikov, mimu, tofupilot, xsens
+
+RATES, FORCES = RATES_DPS * DEG, FORCES_G * G
+IMU = "V1_01_easy/mav0/imu0/data.csv"
+TRUTH = "V1_01_easy/mav0/state_groundtruth_estimate0/data.csv"
+EPOCH_NS = 1_403_715_273_262_142_976
+T_NS = EPOCH_NS + 1000 * (T_US - T_US[0])
+#: set, file that the input is, whether the accelerometer is as the authors give it
+MODES = (
+    (xsens, "xsens_acc.mat", True),
+    (xsens, "xsens_gyro.mat", True),
+    (mikov, "imu0.log", True),
+    (mikov, "imu0.log", False),
+    (mimu, "exp_1/data.bin", True),
+    (mimu, "exp_1.npz", True),
+    (euroc_folders, IMU, True),
+    (euroc_folders, TRUTH, True),
+    (euroc_folders, "euroc_V1_01_easy.npz", True),
+    (imucal, imucal.FILE, True),
+    (tofupilot, "imu_raw_data.csv", True),
+)
+TOKENS = [
+    *["e+00", "nan", "inf", "1e308", "-0", "1e-320", "9223372036854775807", "9223372036854775808", "1_0", "１", "\x1c", "\x85", "\u2028"],
+    *["\n", "\r", "\r\n", "\t", ",", " ", "#", "\0", "\ufeff", "n_samples,gyr_x,gyr_y,gyr_z,acc_x,acc_y,acc_z", "timestamp", "imu.gyro.x"],
+    *["PK\x03\x04", "\x93NUMPY", "{'descr': '<i8', 'fortran_order': False, 'shape': (2,), }", "\xaa", "|O", "<f8", "65535", "32768"],
+]
+
+
+def _good() -> dict[str, bytes]:
+    """A good file of each name."""
+    seconds = (T_US - T_US[0]) / 1e6 + 0.01
+    state = np.column_stack([np.zeros((COUNT, 3)), np.ones(COUNT), np.zeros((COUNT, 12))])
+    counts = np.full((COUNT, 3), 32768) + np.arange(COUNT)[:, None]
+    names = ["timestamp", *(f"imu.{what}.{axis}" for what in ("gyro", "acc") for axis in "xyz"), "imu.status", "imu.temperature"]
+    board = lines(T_US * 100, RATES, FORCES, np.zeros(COUNT, int), np.full(COUNT, 25.5), separator="\t", form="{:.9g}")
+    return {
+        "xsens_acc.mat": lines(seconds, counts, separator="   ", form="{:.7e}").encode(),
+        "xsens_gyro.mat": lines(seconds, counts, separator="   ", form="{:.7e}").encode(),
+        "imu0.log": lines(FORCES, RATES, separator=" ").encode(),
+        "exp_1/data.bin": b"\xa0\x28\x00\xc8" + b"".join(map(_mimu_frame, range(4))),
+        IMU: ("#timestamp\n" + lines(T_NS, RATES, FORCES, form="{:.9g}")).encode(),
+        TRUTH: ("#timestamp\n" + lines(T_NS, state, form="{:.9g}")).encode(),
+        imucal.FILE: (",".join(imucal.COLUMNS) + "\n" + lines(np.arange(COUNT), RATES_DPS, FORCES)).encode(),
+        "imu_raw_data.csv": ("\t".join(names) + "\n" + board).encode(),
+    }
+
+
+def _mimu_frame(number: int) -> bytes:
+    head = bytes([0xAA]) + number.to_bytes(2, "big") + bytes([100]) + (1024000 * number).to_bytes(4, "big")
+    body = head + np.full(48, 100 * number, dtype=">i2").tobytes()
+    return body + (sum(body) % 2**16).to_bytes(2, "big")
+
+
+GOOD = _good()
+
+
+def seeds() -> list[bytes]:
+    """Each file as the authors write it, and archives as NumPy does."""
+
+    def archive(**arrays: np.ndarray) -> bytes:
+        file = io.BytesIO()
+        np.savez(file, **arrays)
+        return file.getvalue()
+
+    found = [bytes([mode]) + GOOD[name] for mode, (_, name, _) in enumerate(MODES) if name in GOOD]
+    registers = np.zeros((COUNT, 8, 6), np.int16)
+    q = np.tile([1.0, 0, 0, 0], (COUNT, 1))
+    euroc = archive(t_ns=T_NS, gyro=RATES, acc=FORCES, gt_t_ns=T_NS, gt_q_wxyz=q)
+    return [*found, b"\5" + archive(ticks_64mhz=T_US, registers=registers), b"\x08" + euroc]
+
+
+def run(data: bytes, folder: Path) -> None:
+    """What is written is a session."""
+    (module, name, given), data = choose(data, MODES)
+    source, out = folder / "source", folder / "out"
+    neighbours = {"xsens_acc.mat", "xsens_gyro.mat"} if module is xsens else {IMU, TRUTH} if name in (IMU, TRUTH) else set()
+    for path, content in {**{each: GOOD[each] for each in neighbours}, name: data}.items():
+        (source / path).parent.mkdir(parents=True, exist_ok=True)
+        (source / path).write_bytes(content)
+    for made in module.write(source, out, given):
+        with must_hold(made.name), contextlib.suppress(DataError):  # of a single sample, or of a rest of a few
+            if module is tofupilot:
+                read_rest(made / tofupilot.REST, read_config(made / "session.toml").sensor)
+                continue
+            (log,) = read_session(made).logs
+            finite(log.samples.gyro, log.samples.accel)

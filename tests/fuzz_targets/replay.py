@@ -1,0 +1,73 @@
+"""Logs of other programs made session folders: ``replay``, its options and the first look included."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fuzz_targets import logs
+from fuzz_targets.material import COUNT, FORCES_G, RATES_DPS, T_US, UNIT_HEADER, UNIT_LINES, lines
+from fuzz_targets.rules import choose, finite, must_hold
+from session.common.errors import DataError
+from session.dialects.layout import Answers
+from session.log.config import read_config
+from session.log.folder import read_session
+from session.replay.convert import convert
+
+FULL = Answers(odr_hz=104.0, gyro_fs_dps=500.0, accel_fs_g=4.0, sensor="ASM330LHH")
+NONE = Answers()
+UNKNOWN = Answers(gyro_fs_dps=2000.0, accel_fs_g=16.0, sensor="Some chip", time_unit="ms")
+UNITS = Answers(gyro_fs_dps=500.0, accel_fs_g=4.0, gyro_unit="0.0175dps", accel_unit="g/8192", gyro_axes="y,-x,z", accel_axes="-y,x,z")
+#: answers, and the serial number
+MODES = (
+    *((answers, "") for answers in (FULL, NONE, UNKNOWN, UNITS)),
+    *((replace(each, sensor="ASM330LHH"), "7") for each in logs.FOREIGN),
+)
+#: between two files of one recording
+BETWEEN = b"\n====\n"
+TOKENS = [*logs.TOKENS, BETWEEN.decode(), "# gyro_fs_dps=500 accel_fs_g=4 odr_hz=104 serial=7 sensor=MPU-9250\n", "stamps=counted"]
+
+
+def seeds() -> list[bytes]:
+    """Those of the reader, and two files of one recording."""
+    foreign = len(MODES) - len(logs.FOREIGN)
+    found = [bytes([foreign + data[0] - (len(logs.MODES) - len(logs.FOREIGN))]) + data[1:] for data in logs.seeds() if data[0] >= 5]
+    gyro = "Time,G_x [dps],G_y [dps],G_z [dps]\n" + lines(T_US / 1e6, RATES_DPS)
+    accel = "Time;A_x [g];A_y [g];A_z [g];Temp [c]\n" + lines(T_US / 1e6 + 0.003, FORCES_G, np.full(COUNT, 25.5), separator=";")
+    said = "# gyro_fs_dps=500 accel_fs_g=4 sensor=MPU-9250 serial=7"
+    ours = f"{said}\n{UNIT_HEADER},temp_c\n{lines(T_US, RATES_DPS, FORCES_G, np.full(COUNT, 25.5))}"
+    return [
+        *found,
+        b"\0" + f"{UNIT_HEADER}\n{UNIT_LINES}".encode(),
+        b"\1" + ours.encode(),
+        b"\3" + f"{UNIT_HEADER}\n{UNIT_LINES}".encode(),
+        b"\0" + gyro.encode() + BETWEEN + accel.encode(),
+    ]
+
+
+def run(data: bytes, folder: Path) -> None:
+    """What is made of them is a session; what fails leaves nothing behind."""
+    (answers, serial), data = choose(data, MODES)
+    files = data.split(BETWEEN)[:2]
+    paths = [folder / f"{name}.csv" for name, _ in zip(("Gyroscope", "Accelerometer"), files, strict=False)]
+    for path, text in zip(paths, files, strict=True):
+        path.write_bytes(text)
+    out = folder / "out"
+    try:
+        made = convert(paths, out, answers, serial=serial)
+    except Exception:
+        assert sorted(folder.iterdir()) == sorted(paths), "something is left behind"
+        raise
+    with must_hold("its session.toml"):
+        config = read_config(out / "session.toml")
+    assert config.sensor.gyro_fs_dps > 0
+    with must_hold("its folder"), contextlib.suppress(DataError):  # of a single sample: the first look says so
+        session = read_session(out)
+        (log,) = session.logs
+        finite(log.samples.gyro, log.samples.accel, log.samples.temp_c)
+        assert len(log.samples) <= made.samples
+    for line in (*made.notes, *made.next, *(str(finding) for finding in made.findings)):
+        assert "\n" not in line

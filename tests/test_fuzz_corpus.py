@@ -1,0 +1,58 @@
+"""Every reader on the inputs that fuzzing kept: good ones, those that reach most of its lines, and all on which something fell.
+
+``benchmarks/fuzz.py`` looks for more of them; what counts as a finding is in ``fuzz_targets/rules.py``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fuzz_targets import NAMES, target
+from fuzz_targets.rules import Finding, attempt
+
+CORPUS = Path(__file__).parent / "corpus"
+#: of all that is kept: a corpus is for the tests, and no archive
+MOST_BYTES = 150_000
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_input_that_was_kept_is_a_finding(name, tmp_path):
+    reader = target(name)
+    seeds = reader.seeds()
+    kept = {path.name: path.read_bytes() for path in sorted((CORPUS / name).glob("*"))}
+    fell, accepted = [], 0
+    for called, data in [*((f"seed {number}", seed) for number, seed in enumerate(seeds)), *kept.items()]:
+        try:
+            accepted += attempt(reader, data, tmp_path / "one")
+        except Finding as finding:
+            fell.append(f"{called}: {finding} ({finding.place})")
+    assert not fell, "\n".join(fell)
+    assert accepted >= len(seeds) / 3  # what is refused at its first byte tries nothing
+
+
+def test_each_kept_input_belongs_to_a_reader_and_all_are_few():
+    assert {path.name for path in CORPUS.iterdir()} <= set(NAMES)
+    assert sum(path.stat().st_size for path in CORPUS.rglob("*")) < MOST_BYTES
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("raise ValueError('no line')", "ValueError: no line"),
+        ("warnings.warn('overflow', RuntimeWarning)", "RuntimeWarning: overflow"),
+        ("raise OSError('two\\nlines')", "that is no line"),
+        ("end = time.process_time() + 1.1\nwhile time.process_time() < end:\n    pass", "s of CPU"),
+        ("finite(float('nan'))", "not finite"),
+    ],
+)
+def test_what_falls_is_noticed(what, says, tmp_path):
+    """A rule that cannot fail holds nothing."""
+
+    class Reader:
+        @staticmethod
+        def run(data, folder):
+            exec(f"import time\nimport warnings\nfrom fuzz_targets.rules import finite\n{what}")
+
+    with pytest.raises(Finding, match=says):
+        attempt(Reader, b"", tmp_path / "one")

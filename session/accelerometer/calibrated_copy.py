@@ -7,6 +7,7 @@ from pathlib import Path
 
 from session.accelerometer.section import with_section
 from session.common.errors import FormatError
+from session.files.reading import MOST_TOML, read_text
 from session.files.writing import naming, result_folder
 from session.log.config import Accelerometer
 
@@ -26,7 +27,7 @@ def write_calibrated_copy(folder: Path, out: Path, accelerometer: Accelerometer)
         for path in sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")):
             with naming(out / path.name):
                 if path.name == "session.toml":
-                    text = with_section(path.read_text(encoding="utf-8-sig"), accelerometer, REMARK)
+                    text = with_section(read_text(path, MOST_TOML).replace("\r\n", "\n"), accelerometer, REMARK)
                     (out / path.name).write_text(text, encoding="utf-8")
                 else:
                     shutil.copy2(path, out / path.name)

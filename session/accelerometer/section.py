@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-import tomllib
 
 from session.common.errors import FormatError
+from session.files.toml import parse_toml
 from session.log.config import Accelerometer
 
 SECTION = "[accelerometer]"
@@ -40,8 +40,8 @@ def with_section(text: str, accelerometer: Accelerometer, remark: str) -> str:
         gap = "" if at == 0 or lines[at - 1].endswith("\n") else "\n"
         made = "".join([*lines[:at], gap, new, *lines[at:]])
     try:
-        before, after = tomllib.loads(text), tomllib.loads(made)
-    except ValueError:
+        before, after = parse_toml(text, ""), parse_toml(made, "")
+    except FormatError:
         before, after = {}, {"": None}
     if {**before, "accelerometer": None} != {**after, "accelerometer": None} or "own_stills" not in after.get("accelerometer", {}):
         raise FormatError(

@@ -11,5 +11,5 @@
 ``rows``       lines -> numbers, or what is wrong with which line
 ``reader``     all of it: a file's rows, in pieces or at once
 
-May import: common, sensor.
+May import: common, files, sensor.
 """

@@ -91,10 +91,10 @@ class Reader:
             while (first := _first_of_content(lines)) is None and (more := file.take(HEAD_BYTES)):
                 lines += more
         finally:
-            if self.path.is_file():
+            if not file.once:
                 file.close()
         self.comments |= file.comments
-        if not self.path.is_file():
+        if file.once:
             file.give_back(lines)
             self._stream = file
         if "\0" in "\n".join(lines[:TEXT_BEGINS])[:TEXT_BEGINS]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from session.common.errors import FormatError
+from session.files.reading import MOST_JSON, read_bytes
 from session.files.writing import naming
 
 #: an integer of more digits is read as a float, infinite where it must be: no reader of numbers then meets one that no float can hold
@@ -18,9 +19,7 @@ LONGEST_INTEGER = 18
 def read_json(path: Path) -> Any:
     """What a JSON file holds.  FormatError says what is wrong with the file."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_int=_integer)
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+        return json.loads(read_bytes(path, MOST_JSON).decode(), parse_int=_integer)
     except ValueError as error:
         raise FormatError(f"{path}: broken JSON: {error}") from None
     except RecursionError:

@@ -1,4 +1,4 @@
 """A session folder as plain records: session.toml, logs, closure runs, dial readings, truth files.
 
-May import: common, sensor, dialects.
+May import: common, files, sensor, dialects.
 """

@@ -8,12 +8,13 @@ from __future__ import annotations
 import json
 import os
 import re
-import tomllib
 from collections.abc import Mapping
 from datetime import date, datetime, time
 from pathlib import Path
 
 from session.common.errors import FormatError, StorageError
+from session.files.reading import MOST_TOML, read_text
+from session.files.toml import parse_toml
 from session.log.config import LeftOut, Note
 
 BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -81,26 +82,20 @@ def _ended(text: str) -> str:
 
 
 def _read(path: Path) -> tuple[str, dict]:
-    try:
-        with path.open(encoding="utf-8", newline="") as file:  # line ends stay what they are
-            text = file.read()
-        return text, _parsed(text)
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (ValueError, RecursionError) as error:
-        raise FormatError(f"{path}: broken TOML: {error}; correct that line") from None
+    text = read_text(path, MOST_TOML, mark=True)  # line ends, and a byte order mark, stay what they are
+    return text, _parsed(text, str(path))
 
 
-def _parsed(text: str) -> dict:
-    return tomllib.loads(text.removeprefix("\ufeff").replace("\r\n", "\n"))
+def _parsed(text: str, where: str) -> dict:
+    return parse_toml(text.removeprefix("\ufeff").replace("\r\n", "\n"), where)
 
 
 def _replace(path: Path, tried: list[str], wanted: dict) -> None:
     """The first text that says what is wanted becomes the file, in one step: no reader sees half of it."""
     for text in tried:
         try:
-            right = _parsed(text) == wanted
-        except ValueError:
+            right = _parsed(text, str(path)) == wanted
+        except FormatError:
             right = False
         if right:
             break

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.units import STANDARD_GRAVITY_MPS2
+from session.files.toml import read_toml
 from session.log.toml_reader import Note, TomlReader, said
 from session.log.truth_reading import FRAMES, ORDERS, SAME_FRAME, SENSES, TruthGiven
 from session.sensor.known import DEFAULT, profile_of
@@ -157,14 +158,9 @@ def _table(table: dict, name: str) -> dict:
 
 def read_config(path: Path) -> Config:
     """Read and check ``session.toml``; FormatError names the key, what was expected and what came."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise FormatError(f"{path}: not found; a session folder holds session.toml and log*.csv (see docs/session-folder.md)") from None
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, UnicodeDecodeError, a number of thousands of digits
-        raise FormatError(f"{path}: broken TOML: {error}; correct that line") from None
+    if not os.path.lexists(path):
+        raise FormatError(f"{path}: not found; a session folder holds session.toml and log*.csv (see docs/session-folder.md)")
+    table = read_toml(path)
     if table.get("schema") != SCHEMA:
         raise FormatError(f'{path}: schema is {said(table.get("schema"))}, expected "{SCHEMA}"; is this a session folder of this tool?')
     reader = TomlReader(path, table)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, re
 from session.log.known_turns import NAME as KNOWN_TURNS
 from session.log.known_turns import KnownTurn, read_known_turns
 from session.log.logfile import Log, already_calibrated, read_log
+from session.log.rows_of_text import rows_of
 from session.log.samples import Samples, joined
 from session.log.truth import Truth, read_truth, truth_path
 from session.log.truth_reading import TruthAlignment, TruthReading
@@ -191,19 +193,13 @@ def _calibrated_once(config: Config, logs: tuple[Log, ...], closures: tuple[Log,
 def _read_attitudes(path: Path) -> np.ndarray:
     """Dial readings ``still,roll_deg,pitch_deg,yaw_deg`` as (stills, 3) rad, NaN rows for stills that have none."""
     columns = ["still", "roll_deg", "pitch_deg", "yaw_deg"]
-    try:
-        lines = list(enumerate(path.read_text(encoding="utf-8-sig").splitlines(), start=1))
-    except FileNotFoundError:
-        raise FormatError(f'{path}: not found, but protocol.reference is "table"; add the dial readings, or use "gravity"') from None
-    except UnicodeDecodeError:
-        raise FormatError(f"{path}: not UTF-8 text; save it as CSV in UTF-8") from None
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-    lines = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
-    if not lines or [cell.strip() for cell in lines[0][1].split(",")] != columns:
+    if not os.path.lexists(path):
+        raise FormatError(f'{path}: not found, but protocol.reference is "table"; add the dial readings, or use "gravity"')
+    lines = rows_of(path)
+    if [cell.strip() for cell in next(lines, (0, ""))[1].split(",")] != columns:
         raise FormatError(f"{path.name}: the header must be {','.join(columns)}")
     readings = {}
-    for number, line in lines[1:]:
+    for number, line in lines:
         try:
             row = next(csv.reader([line]))
             still, *angles = int(row[0]), *map(float, row[1:4])

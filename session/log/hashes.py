@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.errors import FormatError
+from session.files.reading import open_file, unreadable
 from session.log.folder import KNOWN_TURNS, Session
 from session.log.logfile import Log
 
@@ -46,7 +46,7 @@ def hash_of_log(log: Log) -> str:
 def sha256_of(path: Path) -> str:
     """Of a file's bytes as they lie on the disk (packed logs packed), in hexadecimal."""
     try:
-        with path.open("rb") as file:
+        with open_file(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+        raise unreadable(path, error) from None

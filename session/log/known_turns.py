@@ -15,6 +15,7 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.units import DEG
+from session.log.rows_of_text import rows_of
 
 NAME = "turns.csv"
 COLUMNS = ("turn", "axis", "angle_deg", "sigma_deg")
@@ -56,25 +57,19 @@ class KnownTurn:
 
 def read_known_turns(path: Path, logs: list[str]) -> tuple[KnownTurn, ...]:
     """The rows of ``turns.csv``; logs: names of the session's logs.  FormatError names the line and what is wrong."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise FormatError(f"{path}: not UTF-8 text; save it as CSV in UTF-8") from None
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip() and not line.startswith("#")]
-    header = [cell.strip() for cell in lines[0][1].split(",")] if lines else []
+    lines = rows_of(path)
+    header = [cell.strip() for cell in next(lines, (0, ""))[1].split(",")]
     if sorted(set(header) - {LOG}) != sorted(COLUMNS) or len(set(header)) != len(header):
         raise FormatError(f"{NAME}: the header must be {','.join(COLUMNS)}, with the column {LOG} where turns are counted in each log")
-    turns: list[KnownTurn] = []
-    for number, line in lines[1:]:
+    turns: dict[tuple[int, str | None], KnownTurn] = {}
+    for number, line in lines:
         turn = _row(f"{NAME} line {number}", header, line, logs)
-        if any((turn.turn, turn.log) == (other.turn, other.log) for other in turns):
+        if (turn.turn, turn.log) in turns:
             raise FormatError(f"{NAME} line {number}: {turn.name} is given twice; keep one")
-        turns.append(turn)
+        turns[turn.turn, turn.log] = turn
     if not turns:
         raise FormatError(f"{NAME}: a header but no turns; remove the file, or give a row for each turn of known angle")
-    return tuple(turns)
+    return tuple(turns.values())
 
 
 def _row(where: str, header: list[str], line: str, logs: list[str]) -> KnownTurn:

@@ -13,6 +13,10 @@ import numpy as np
 from session.common.errors import FormatError
 
 LAST_MOMENT_S = 1e11  #: far beyond any clock
+#: TOML's own bound of whole numbers, which Python does not hold it to
+LARGEST = 2**63
+#: keys that nobody knows and for which a known one is looked for: the search takes a while
+MOST_NEAREST = 100
 #: what a note may hold
 Note = str | float | bool | date | time
 #: of a rotation's rows from length 1 and a right angle: written to four digits
@@ -29,10 +33,11 @@ class TomlReader:
 
     def unknown(self) -> tuple[tuple[str, str | None], ...]:
         """Keys that were never looked up, each with the looked-up key nearest to it."""
-        keys = []
+        keys, known = [], set(self._read)
         for section, group in self._table.items():
             keys += [f"{section}.{key}" for key in group] if isinstance(group, dict) else [section]
-        return tuple((key, self._nearest(key)) for key in keys if key not in self._read)
+        unknown = [key for key in keys if key not in known]
+        return tuple((key, self._nearest(key) if number < MOST_NEAREST else None) for number, key in enumerate(unknown))
 
     def _nearest(self, key: str) -> str | None:
         """By the whole name, else by what stands behind the section: a key may have lost its section, or be in the wrong one."""
@@ -114,6 +119,8 @@ class TomlReader:
             self._read.append(f"notes.{name}")
             if not isinstance(value, (str, int, float, date, datetime, time)):
                 raise FormatError(f"{self._path}: notes.{name} is {said(value)}, expected text, a number or a date")
+            if isinstance(value, int) and not -LARGEST <= value < LARGEST:
+                raise FormatError(f"{self._path}: notes.{name} is {said(value)}, expected no whole number of more than 64 bits")
         return dict(group)
 
     def exclude(self) -> list[tuple[str, float]]:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FormatError
+from session.files.reading import MOST_PUBLIC, read_bytes, read_text
 
 #: what NumPy and zipfile raise where an archive's bytes are damaged, whatever they meet first
 FAULTS = (
@@ -67,20 +68,12 @@ def arrays_of(path: Path, kinds: dict[str, str]) -> list[np.ndarray]:
 
 def text_of(path: Path) -> str:
     """A text file; FormatError where it is missing or no text."""
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        raise FormatError(f"{path}: not UTF-8 text; download it again") from None
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    return read_text(path, MOST_PUBLIC, "download it again")
 
 
 def bytes_of(path: Path) -> np.ndarray:
     """A binary file as (N,) uint8; FormatError where it cannot be read."""
-    try:
-        return np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    return np.frombuffer(read_bytes(path, MOST_PUBLIC), dtype=np.uint8)
 
 
 def _finite(cell: str) -> bool:

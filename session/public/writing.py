@@ -11,6 +11,7 @@ from session.accelerometer.calibrated_copy import REMARK
 from session.accelerometer.from_stills import from_stills
 from session.accelerometer.section import with_section
 from session.common.errors import CalibrationError, FormatError, SegmentError
+from session.files.reading import MOST_TOML, read_text
 from session.files.writing import result_folder
 from session.log.folder import log_paths, read_session
 
@@ -66,4 +67,4 @@ def calibrate_from_stills(folder: Path) -> None:
     except SegmentError as error:
         raise SegmentError(f"{folder}: {error}") from None
     path = folder / "session.toml"
-    path.write_text(with_section(path.read_text(encoding="utf-8"), accelerometer, REMARK), encoding="utf-8")
+    path.write_text(with_section(read_text(path, MOST_TOML), accelerometer, REMARK), encoding="utf-8")

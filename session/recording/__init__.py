@@ -3,5 +3,5 @@
 ``recorder.Recorder`` is the whole of it: a reader thread (``port``), the raw file (``rawfile``), the decoder, the logs
 (``logwriter``).  ``decoding`` makes the same logs again from the raw file, bit for bit.
 
-May import: common, sensor, stream, log.
+May import: common, files, sensor, stream, log.
 """

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO
 
-from session.common.errors import FormatError
+from session.files.reading import open_file
 from session.recording.decisions import Decision, decision_of, name_kept
 from session.recording.logwriter import LogWriter
-from session.recording.rawfile import read_marks
+from session.recording.rawfile import read_events
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Event, Trouble
 
@@ -22,12 +22,8 @@ def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter) -> Iterator[
 
     The caller finishes decoder and logs.
     """
-    try:
-        raw = raw_path.open("rb")
-    except OSError as error:
-        raise FormatError(f"{raw_path}: cannot be read ({error.strerror or error})") from None
-    with raw:
-        marks = [mark for mark in read_marks(raw_path) if mark.event]
+    with open_file(raw_path) as raw:
+        marks = read_events(raw_path)
         for number, mark in enumerate(marks):
             yield from _until(raw, mark.offset, decoder, logs)
             if mark.event.partition(" ")[0] == "open":

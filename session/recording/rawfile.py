@@ -11,16 +11,22 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from session.common.errors import StorageError
+from session.common.errors import FormatError, StorageError
+from session.files.reading import open_file
 
 RAW, TIMES = "raw.bin", "raw.times"
 TIMES_HEADER = "host_ns,bytes,event"
 SYNC_S = 0.5
 #: Windows would turn line ends into its own
 BINARY = getattr(os, "O_BINARY", 0)
+#: bytes of a line of raw.times, whose longest part is a log's name or a person's note
+LONGEST_MARK = 1 << 16
+#: decisions at a table and openings of a port in one recording
+MOST_EVENTS = 100_000
 #: arrival times closer together than this share a line
 TIME_STEP_NS = 10_000_000
 
@@ -129,13 +135,27 @@ class RawFile:
 
 def read_marks(raw_path: Path) -> list[Mark]:
     """The marks beside a raw file, by offset; none where there is no such file.  Lines that were cut off are passed over."""
-    try:
-        text = raw_path.with_suffix(".times").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return []
-    marks = []
-    for line in text.split("\n")[:-1]:
-        cells = line.split(",", 2)
-        if len(cells) == 3 and cells[0].isascii() and cells[0].isdigit() and cells[1].isascii() and cells[1].isdigit():
-            marks.append(Mark(int(cells[0]), int(cells[1]), cells[2]))
-    return sorted(marks, key=lambda mark: mark.offset)
+    return sorted(_marks(raw_path), key=lambda mark: mark.offset)
+
+
+def read_events(raw_path: Path) -> list[Mark]:
+    """Those marks at which something happened.  FormatError for more of them than a table has decisions."""
+    events = []
+    for mark in _marks(raw_path):
+        if mark.event:
+            events.append(mark)
+        if len(events) > MOST_EVENTS:
+            raise FormatError(f"{raw_path.with_suffix('.times')}: more than {MOST_EVENTS} events; is it this tool's?")
+    return sorted(events, key=lambda mark: mark.offset)
+
+
+def _marks(raw_path: Path) -> Iterator[Mark]:
+    """A line at a time: a day has millions.  A line too long to be one ends the file."""
+    path = raw_path.with_suffix(".times")
+    if not path.exists():
+        return
+    with open_file(path) as file:
+        while (line := file.readline(LONGEST_MARK)).endswith(b"\n"):
+            cells = line[:-1].decode(errors="replace").split(",", 2)
+            if len(cells) == 3 and all(cell.isascii() and cell.isdigit() and len(cell) < 20 for cell in cells[:2]):
+                yield Mark(int(cells[0]), int(cells[1]), cells[2])

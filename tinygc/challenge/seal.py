@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.common.errors import DataError
+from session.files.reading import MOST_JSON, read_bytes
 
 KEY_BYTES = 32
 
@@ -26,7 +27,7 @@ class Seal:
 
     def open(self) -> dict:
         """The truth.  Raises DataError if the file is not the one that was sealed."""
-        text = _masked(self.path.read_bytes(), self.key)
+        text = _masked(read_bytes(self.path, MOST_JSON), self.key)
         if hashlib.sha256(text).hexdigest() != self.sha256:
             raise DataError(f"{self.path}: this is not the truth that was sealed; its SHA-256 has changed")
         return json.loads(text)

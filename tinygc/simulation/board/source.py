@@ -9,6 +9,7 @@ import numpy as np
 
 from session.common.errors import DataError
 from session.common.units import DEG, G
+from session.files.reading import MOST_TOML, read_text
 from session.log.config import Sensor
 from session.log.folder import Session, read_session
 from session.log.samples import Samples
@@ -70,7 +71,7 @@ def recorded(folder: Path) -> Source:
     odr_hz = (len(logs[0]) - 1) / logs[0].duration_s
     info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial, _word(sensor))
     rows = np.concatenate([_registers(samples, session) for samples in logs])
-    return Source(rows, info, (folder / "session.toml").read_text("utf-8"), sensor.register_units)
+    return Source(rows, info, read_text(folder / "session.toml", MOST_TOML), sensor.register_units)
 
 
 def _word(sensor: Sensor) -> str:

@@ -1,0 +1,273 @@
+"""Files that are made to exhaust whoever reads them, each through every command that reads it: memory, seconds, exit code, the line said.
+
+A bomb is small to write (a packed run of zeros, a sparse file, a link to a device) and stands where a session, a model or a raw file is
+expected.  ``--checkout`` runs another version of the tool; a command that takes more than ``--most-mb`` or ``--most-s`` is stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+GB, MB = 1 << 30, 1 << 20
+HEADER = "t_us,gx,gy,gz,ax,ay,az,temp\n"
+ROW = "{},1,2,3,4,5,-4096,6\n"
+TRUTH = "t_us,qw,qx,qy,qz\n"
+#: a folder in which every command finds what it needs, but for the bomb
+SESSION = ROOT / "data" / "session1"
+
+
+@dataclass(frozen=True)
+class Bomb:
+    """place: the file it is put in the place of; ``write`` is given its path; packed: whether its name ends in .gz."""
+
+    name: str
+    place: str
+    write: Callable[[Path], None]
+
+    def put(self, folder: Path) -> Path:
+        """Into a session folder; the file's path."""
+        path = folder / self.place
+        for other in (path, folder / f"{self.place}.gz", folder / self.place.removesuffix(".gz")):
+            other.unlink(missing_ok=True)
+        if path.name.startswith(("truth", "attitudes")):
+            config = folder / "session.toml"
+            reference = "truth" if path.name.startswith("truth") else "table"
+            config.write_text(config.read_text() + f'\n[protocol]\nreference = "{reference}"\n')
+        self.write(path)
+        return path
+
+
+def _rows(count: int, at: int = 0) -> str:
+    return "".join(ROW.format(4808 * (at + i)) for i in range(count))
+
+
+def sparse(head: str, size: int) -> Callable[[Path], None]:
+    """Text, and zero bytes behind it up to a size."""
+
+    def write(path: Path) -> None:
+        path.write_text(head)
+        os.truncate(path, size)
+
+    return write
+
+
+def text(make: Callable[[], str]) -> Callable[[Path], None]:
+    """Text that is only made when it is written."""
+    return lambda path: path.write_text(make(), encoding="utf-8") and None
+
+
+def packed(head: str, again: bytes, size: int) -> Callable[[Path], None]:
+    """gzip of a head and of the same bytes again and again, up to a size: one member a thousand times."""
+
+    def write(path: Path) -> None:
+        block = again * (16 * MB // len(again))
+        member = gzip.compress(block, mtime=0)
+        path.write_bytes(gzip.compress(head.encode(), mtime=0) + member * (size // len(block)))
+
+    return write
+
+
+def link(target: str) -> Callable[[Path], None]:
+    """A symbolic link."""
+    return lambda path: path.symlink_to(target)
+
+
+def a_socket(path: Path) -> None:
+    """A socket that nobody serves."""
+    with socket.socket(socket.AF_UNIX) as end:
+        here = os.open(path.parent, os.O_RDONLY)
+        end.bind(f"/proc/self/fd/{here}/{path.name}")
+        os.close(here)
+
+
+def damaged(path: Path) -> None:
+    """A good packed log whose last part is missing and that has other bytes in its middle."""
+    packed(HEADER + _rows(3000), b"\n", MB)(path)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 40] = bytes(40)
+    path.write_bytes(data[:-20])
+
+
+def _everywhere(place: str) -> Iterator[Bomb]:
+    """What no file of any kind may be."""
+    yield Bomb("link to /dev/zero", place, link("/dev/zero"))
+    yield Bomb("named pipe", place, os.mkfifo)
+    yield Bomb("socket", place, a_socket)
+    yield Bomb("folder", place, Path.mkdir)
+
+
+def _deep(depth: int, opens: str, shuts: str) -> str:
+    return opens * depth + "1" + shuts * depth
+
+
+TOML = 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 208\ngyro_fs_dps = 500\naccel_fs_g = 4\n[notes]\n'
+MODEL = '{"schema": "tinygc-model/1", "kind": "linear", "more": %s}'
+BOMBS = [
+    Bomb("10 GB of zeros, packed", "log0001.csv.gz", packed(HEADER, b"\0", 10 * GB)),
+    Bomb("10 GB of blank lines, packed", "log0001.csv.gz", packed(HEADER + _rows(1000), b"\n", 10 * GB)),
+    Bomb("10 GB of comments, packed", "log0001.csv.gz", packed(HEADER, b"# nothing\n", 10 * GB)),
+    Bomb("10 GB of one row, packed", "log0001.csv.gz", packed(HEADER, ROW.format(7).encode(), 10 * GB)),
+    Bomb("ends in 1 GB of NULs", "log0001.csv", sparse(HEADER + _rows(20_000), GB)),
+    Bomb("a line of 1 GB of digits", "log0001.csv", lambda path: _endless(path, HEADER + _rows(1000), b"7", GB)),
+    Bomb("1 TB of NULs", "log0001.csv", sparse("", 1 << 40)),
+    Bomb("1 TB of NULs, named .gz", "log0001.csv.gz", sparse("", 1 << 40)),
+    Bomb("damaged gzip", "log0001.csv.gz", damaged),
+    Bomb("header of 60 000 brackets", "log0001.csv", text(lambda: "(a" * 30_000 + ",b\n" + _rows(100))),
+    Bomb("comment of 60 000 letters", "log0001.csv", text(lambda: HEADER + "# " + "a" * 60_000 + "\n" + _rows(100))),
+    *_everywhere("log0001.csv"),
+    Bomb("10 GB of zeros, packed", "truth0001.csv.gz", packed(TRUTH, b"\0", 10 * GB)),
+    Bomb("10 GB of one row, packed", "truth0001.csv.gz", packed(TRUTH, b"1,1,0,0,0\n", 10 * GB)),
+    Bomb("1 GB of NULs", "truth0001.csv", sparse(TRUTH, GB)),
+    *_everywhere("truth0001.csv"),
+    Bomb("1 GB of NULs", "turns.csv", sparse("turn,axis,angle_deg,sigma_deg\n", GB)),
+    Bomb("16 million blank lines", "turns.csv", text(lambda: "turn,axis,angle_deg,sigma_deg\n" + "\n" * 16_000_000)),
+    Bomb("99 999 turns", "turns.csv", text(lambda: "turn,axis,angle_deg,sigma_deg\n" + "".join(f"{i},x,90,1\n" for i in range(99_999)))),
+    *_everywhere("turns.csv"),
+    Bomb("1 GB of NULs", "attitudes.csv", sparse("still,roll_deg,pitch_deg,yaw_deg\n", GB)),
+    *_everywhere("attitudes.csv"),
+    Bomb("1 GB of NULs", "session.toml", sparse(TOML, GB)),
+    Bomb("dotted key, 100 000 deep", "session.toml", text(lambda: TOML + "a." * 100_000 + "a = 1\n")),
+    Bomb("header, 100 000 deep", "session.toml", text(lambda: TOML + "[" + "a." * 100_000 + "a]\n")),
+    Bomb("2000 keys, 200 deep", "session.toml", text(lambda: TOML + "".join("a." * 200 + f"b{i} = 1\n" for i in range(2000)))),
+    Bomb("arrays, 100 000 deep", "session.toml", text(lambda: TOML + "a = " + _deep(100_000, "[", "]") + "\n")),
+    Bomb("tables, 100 000 deep", "session.toml", text(lambda: TOML + "a = " + _deep(50_000, "{a=", "}") + "\n")),
+    Bomb("number of 300 000 hex digits", "session.toml", text(lambda: TOML + "a = 0x" + "f" * 300_000 + "\n")),
+    *_everywhere("session.toml"),
+    Bomb("2 GB of NULs", "model.json", sparse("{", 2 * GB)),
+    Bomb("list, 1 000 000 deep", "model.json", text(lambda: MODEL % _deep(1_000_000, "[", "]"))),
+    Bomb("30 million empty lists", "model.json", text(lambda: MODEL % ("[" + "[]," * 30_000_000 + "1]"))),
+    Bomb("number of 10 million digits", "model.json", text(lambda: MODEL % ("9" * 10_000_000))),
+    *_everywhere("model.json"),
+    Bomb("1 TB of NULs", "raw.bin", sparse("", 1 << 40)),
+    *_everywhere("raw.bin"),
+]
+
+
+def _endless(path: Path, head: str, byte: bytes, size: int) -> None:
+    with path.open("wb") as file:
+        file.write(head.encode())
+        for _ in range(size // (16 * MB)):
+            file.write(byte * (16 * MB))
+
+
+#: place of a bomb, up to its number -> commands that read it; {S} session folder, {B} the bomb, {M} a good model, {L} a good log, {O} new
+SESSION_READERS = [
+    "check {S}", "fit {S} --methods least_squares", "explain {S}", "report {S} --methods least_squares", "plan {S}",
+    "accelerometer {S} --out {O}", "board {S} --link {O}", "challenge --on {S} --out {O}",
+]  # fmt: skip
+READERS = {
+    "log": [*SESSION_READERS, "replay {B} --out {O} --gyro-fs 500 --accel-fs 4", "apply {M} {B} -o {O}"],
+    "truth": SESSION_READERS,
+    "turns": SESSION_READERS,
+    "attitudes": SESSION_READERS,
+    "session": [
+        *SESSION_READERS, "replay {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S}",
+        "record --port {O} --like {B} --out {O}",
+    ],
+    "model": ["apply {B} {L} -o {O}", "fit {S} --bias {B} --out {O}"],
+    "raw": ["replay {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Run:
+    """Of one command: peak resident memory, MB; seconds; exit code, or None where it was stopped; the last line it said."""
+
+    mb: float
+    seconds: float
+    code: int | None
+    said: str
+
+
+def measured(words: list[str], most_mb: float = 4096, most_s: float = 60, checkout: Path = ROOT) -> Run:
+    """Run ``python …`` in a process of its own, stopped where it takes too much; what the system says that it took."""
+    begin = time.monotonic()
+    environment = os.environ | {"PYTHONPATH": str(checkout), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    with tempfile.TemporaryFile() as said:
+        child = subprocess.Popen(
+            [sys.executable, *words], cwd=checkout, env=environment, stdout=said, stderr=said, stdin=subprocess.DEVNULL
+        )
+        ended = threading.Event()
+        stopped = threading.Event()
+
+        def watch() -> None:
+            while not ended.wait(0.02):
+                if time.monotonic() - begin > most_s or _resident_mb(child.pid) > most_mb:
+                    stopped.set()
+                    os.kill(child.pid, signal.SIGKILL)
+                    return
+
+        watcher = threading.Thread(target=watch)
+        watcher.start()
+        # Not ``wait``: only this gives what this one child took.
+        _, status, used = os.wait4(child.pid, 0)
+        ended.set()
+        watcher.join()
+        child.returncode = os.waitstatus_to_exitcode(status)
+        said.seek(0)
+        lines = said.read().decode(errors="replace").strip().split("\n")
+    code = None if stopped.is_set() else child.returncode
+    return Run(used.ru_maxrss / 1024, time.monotonic() - begin, code, lines[-1] if code != 2 or len(lines) == 1 else " ⏎ ".join(lines))
+
+
+def _resident_mb(pid: int) -> float:
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / MB
+    except (OSError, IndexError):
+        return 0.0
+
+
+def commands(bomb: Bomb, work: Path, whole: Path) -> Iterator[tuple[str, list[str]]]:
+    """The name of each command that reads the bomb, and its words; work: an empty folder; whole: a session that was fitted."""
+    session = Path(shutil.copytree(whole, work / "session", copy_function=shutil.copyfile))
+    path = bomb.put(session)
+    places = {"S": session, "B": path, "M": whole / "fit" / "model_least_squares.json", "L": whole / "log0001.csv.gz"}
+    for number, line in enumerate(READERS[re.match("[a-z]+", bomb.place)[0]]):
+        yield line.split()[0], line.format(**places, O=work / f"out{number}").split()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", help="bombs and places whose name has this in it")
+    parser.add_argument("--commands", default="", help="commands, with commas (all that read the bomb)")
+    parser.add_argument("--checkout", type=Path, default=ROOT, help="the version to run (this one)")
+    parser.add_argument("--most-mb", type=float, default=4096)
+    parser.add_argument("--most-s", type=float, default=60)
+    args = parser.parse_args()
+    wanted = set(filter(None, args.commands.split(",")))
+    print("| bomb | command | peak MB | seconds | exit code | said |\n| --- | --- | ---: | ---: | ---: | --- |")
+    with tempfile.TemporaryDirectory(prefix="tinygc-bombs-") as parent:
+        whole = Path(shutil.copytree(SESSION, Path(parent) / "whole", copy_function=shutil.copyfile))
+        tool = str(args.checkout.resolve() / "calibrate.py")
+        subprocess.run([sys.executable, tool, "fit", whole, "--methods", "least_squares", "--quiet"], check=True)
+        for number, bomb in enumerate(BOMBS):
+            if args.only not in f"{bomb.place}: {bomb.name}":
+                continue
+            (work := Path(parent) / str(number)).mkdir()
+            for name, words in commands(bomb, work, whole):
+                if wanted and name not in wanted:
+                    continue
+                run = measured([tool, *words], args.most_mb, args.most_s, args.checkout.resolve())
+                code = "stopped" if run.code is None else str(run.code)
+                said = run.said.replace(parent, "").replace("|", "\\|")[:160]
+                print(f"| {bomb.place}: {bomb.name} | {name} | {run.mb:.0f} | {run.seconds:.1f} | {code} | {said} |", flush=True)
+            shutil.rmtree(work)
+
+
+if __name__ == "__main__":
+    main()

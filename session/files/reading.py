@@ -1,0 +1,107 @@
+"""The one place where files are opened to be read: regular files only, and none that is larger than its kind can sensibly be.
+
+A named pipe would make us wait for whoever writes to it, a device may never end, and opening some of them does something (a serial port
+resets its board).  So a path is looked at before it is opened, is opened so that nothing waits, and what was opened is looked at again:
+between the two looks it may have become another.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from session.common.errors import FormatError
+
+KB, MB = 1 << 10, 1 << 20
+#: session.toml: it holds some hundred bytes, and a line for every note and every turn that does not count
+MOST_TOML = MB
+#: a table that a person fills in, of at most 100 000 lines: dial readings, known turns
+MOST_TABLE = 16 * MB
+#: a result as JSON.  The longest of ours has some hundred bytes for each segment; what Python makes of JSON takes up to 30 times its length
+MOST_JSON = 16 * MB
+#: a file of a public recording, all of which is held at once, as text in cells; the longest known has 10 MB
+MOST_PUBLIC = 64 * MB
+#: without these names of the system's nothing waits either (Windows)
+NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+#: how a shell names what it has opened for us: ``apply MODEL <(zcat LOG)``
+DESCRIPTOR = re.compile(r"/dev/(?:fd/(\d{1,6})|(stdin))")
+KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def open_file(path: Path) -> BinaryIO:
+    """A regular file, opened for its bytes, at once.  FormatError says what it is instead, or why it cannot be read."""
+    try:
+        _require_file(path, os.stat(path))
+        number = os.open(path, os.O_RDONLY | NO_WAIT)
+        try:
+            _require_file(path, os.fstat(number))
+            return os.fdopen(number, "rb")
+        except BaseException:
+            os.close(number)
+            raise
+    except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
+        raise unreadable(path, error) from None
+
+
+def open_stream(path: Path) -> BinaryIO | None:
+    """What somebody has opened for us already, ``-`` or a shell's ``/dev/fd/63``, where it is no regular file; else None.
+
+    That one may wait for: who gave it writes to it.
+    """
+    name = str(path)
+    match = DESCRIPTOR.fullmatch(name)
+    if name != "-" and match is None:
+        return None
+    number = int(match[1]) if match and match[1] else 0
+    try:
+        if name != "-" and stat.S_ISREG(os.fstat(number).st_mode):
+            return None
+        if stat.S_ISDIR(os.fstat(number).st_mode):
+            raise IsADirectoryError(0, "it is a folder, expected a file")
+        return os.fdopen(os.dup(number), "rb")
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """All of a file.  FormatError for one that is larger than ``most`` bytes, before it is read."""
+    with open_file(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        try:
+            data = b"" if size > most else file.read(most + 1)  # some files of the system have a size of 0
+        except OSError as error:
+            raise unreadable(path, error) from None
+        if size > most or len(data) > most:
+            said = f"{size} bytes" if size > most else "its bytes do not end"
+            raise FormatError(f"{path}: {said}, and no file of its kind has more than {most}; is it the right one?")
+        return data
+
+
+def read_text(path: Path, most: int, do: str = "save it in UTF-8", mark: bool = False) -> str:
+    """All of a text file in UTF-8, line ends as they are, a byte order mark only if asked for.
+
+    FormatError as ``read_bytes``, and for what is no text; do: what to do then.
+    """
+    try:
+        return read_bytes(path, most).decode("utf-8" if mark else "utf-8-sig")
+    except UnicodeDecodeError:
+        raise FormatError(f"{path}: not UTF-8 text; {do}") from None
+
+
+def unreadable(path: Path, error: OSError | ValueError) -> FormatError:
+    """The complaint about what cannot be opened or read."""
+    return FormatError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})")
+
+
+def _require_file(path: Path, status: os.stat_result) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        raise FormatError(f"{path}: cannot be read (it is {KINDS.get(stat.S_IFMT(status.st_mode), 'no file')}, expected a file)")

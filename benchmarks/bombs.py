@@ -46,8 +46,7 @@ class Bomb:
             other.unlink(missing_ok=True)
         if path.name.startswith(("truth", "attitudes")):
             config = folder / "session.toml"
-            reference = "truth" if path.name.startswith("truth") else "table"
-            config.write_text(config.read_text() + f'\n[protocol]\nreference = "{reference}"\n')
+            config.write_text(config.read_text().replace('"gravity"', '"truth"' if path.name.startswith("truth") else '"table"'))
         self.write(path)
         return path
 
@@ -186,7 +185,7 @@ READERS = {
 
 @dataclass(frozen=True)
 class Run:
-    """Of one command: peak resident memory, MB; seconds; exit code, or None where it was stopped; the last line it said."""
+    """Of one command: peak resident memory, MB; seconds; exit code, or None where it was stopped; what it said."""
 
     mb: float
     seconds: float
@@ -220,9 +219,9 @@ def measured(words: list[str], most_mb: float = 4096, most_s: float = 60, checko
         watcher.join()
         child.returncode = os.waitstatus_to_exitcode(status)
         said.seek(0)
-        lines = said.read().decode(errors="replace").strip().split("\n")
+        text = " ".join(said.read().decode(errors="replace").replace("First look", "").split())
     code = None if stopped.is_set() else child.returncode
-    return Run(used.ru_maxrss / 1024, time.monotonic() - begin, code, lines[-1] if code != 2 or len(lines) == 1 else " ⏎ ".join(lines))
+    return Run(used.ru_maxrss / 1024, time.monotonic() - begin, code, text)
 
 
 def _resident_mb(pid: int) -> float:

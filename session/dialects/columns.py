@@ -42,7 +42,7 @@ def split(line: str, delimiter: str | None) -> tuple[str, ...]:
     """A header's names, whatever stands around them."""
     line = line.strip().lstrip("\ufeff#").strip()
     if delimiter is None:
-        line = re.sub(r"\s+(?=[\[(])", "", line)
+        line = re.sub(r"(?<!\s)\s++(?=[\[(])", "", line)
     return tuple(part.strip().strip('"').strip() for part in line.split(delimiter))
 
 

@@ -86,7 +86,7 @@ class Lines:
                 self._refuse_line("".join(parts))
             self._require_rows(part)
         text = "".join(parts)
-        whole, end_of_line, self._rest = (text, "", "") if self._ended else text.rpartition("\n")
+        whole, _, self._rest = (text, "", "") if self._ended else text.rpartition("\n")
         self._heed(whole)
         lines = (whole.removesuffix("\n") if self._ended else whole).split("\n") if text else []
         if lines and max(map(len, lines)) > LONGEST_LINE:

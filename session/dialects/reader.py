@@ -21,6 +21,8 @@ from session.dialects.standard import standard_layout
 HEAD_LINES, HEAD_BYTES = 400, 1 << 16
 #: characters in which a zero byte says that this is no text; further on it is a line that broke
 TEXT_BEGINS = 1000
+#: rows of one stamp, many times as many as the coarsest stamps, whole seconds, share at any sensor's rate
+MOST_STANDING = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,7 @@ class Reader:
         self._file: Lines | None = None
         self._unroll = Unroll(self._counter_ns())
         self._before: int | None = None
+        self._stood_at, self._standing = 0, 0  # the last stamp, and rows of the pieces that held no other
         self._commas = False  # in the place of decimal points; whole numbers at the beginning do not show it
 
     @property
@@ -76,6 +79,7 @@ class Reader:
                     self.notes.append(file.note)
                 piece = self._piece(lines[skip:], number + skip, last=not following)
                 if piece is not None:
+                    self._require_time(piece, number + skip)
                     yield piece
                 number, skip, lines = number + len(lines), max(skip - len(lines), 0), following
 
@@ -130,6 +134,16 @@ class Reader:
         gyro, accel = (self._triad(table, triad) for triad in (self.layout.gyro, self.layout.accel))
         temp = None if self.layout.temp is None else table[:, self.layout.numbers.index(self.layout.temp)]
         return Piece(t_ns, gyro, accel, temp)
+
+    def _require_time(self, piece: Piece, number: int) -> None:
+        """FormatError for rows without end that all have one stamp: repeated ones are left out, so that nobody else would notice."""
+        if piece.t_ns is None:
+            return
+        self._standing = self._standing + len(piece.t_ns) if (piece.t_ns == self._stood_at).all() else 0
+        self._stood_at = int(piece.t_ns[-1])
+        if self._standing > MOST_STANDING:
+            name = self.layout.name(self.layout.time_column)
+            raise FormatError(f"{self.path.name} line {number}: {name} has not gone on for {self._standing} rows; cut the log before them")
 
     def _has_decimal_commas(self, lines: list[str]) -> bool:
         """Whether numbers of these rows have commas in them, and none has a point: 1,234 beside 0.5 may be a thousand."""

@@ -15,7 +15,6 @@ from session.dialects.units import STAMP_NS, Unit, known, parse_unit
 NUMBER = r"[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?"
 #: stands where one of our own headers lacks the time
 NO_STAMPS = "t_us"
-UNIT = re.compile(r"\s*[\[(]([^\])]*[^\W\d_][^\])]*)[\])]$")
 #: how well a header fits (the more the better), its line, delimiter, dialect or None for our own, {what: column}, names
 Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
 
@@ -70,15 +69,23 @@ def _matches(lines: list[str]) -> Iterator[Match]:
                 continue
             if not line.lstrip().startswith("#") and _is_own(names):
                 yield (9, -number), number, delimiter, None, {}, names
+            cells = [_name_and_unit(text) for text in names]
             for dialect in DIALECTS:
-                columns = _columns_of(dialect, [_name_and_unit(text) for text in names])
+                columns = _columns_of(dialect, cells)
                 if columns:
                     yield (len(columns), -number), number, delimiter, dialect, columns, names
 
 
 def _name_and_unit(text: str) -> tuple[str, str]:
-    match = UNIT.search(text)
-    return (text[: match.start()] if match else text).strip().lower(), match[1] if match else ""
+    """``Gyro X (deg/s)``: the name, and what its last brackets hold if there is a letter in it.  By hand: a pattern would look at a long
+    cell from each of its brackets."""
+    if text.endswith(("]", ")")):
+        begin = max(text.rfind(shut, 0, -1) for shut in "])") + 1
+        opens = [place for place in (text.find(bracket, begin) for bracket in "[(") if place >= 0]
+        unit = text[min(opens) + 1 : -1] if opens else ""
+        if any(letter.isalnum() and not letter.isdecimal() for letter in unit):
+            return text[: min(opens)].strip().lower(), unit
+    return text.strip().lower(), ""
 
 
 def _columns_of(dialect: Dialect, names: list[tuple[str, str]]) -> dict[str, Column]:

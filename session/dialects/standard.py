@@ -16,6 +16,8 @@ KNOWN = {
     "gyroscope": tuple(f"g{axis}{ending}" for ending in endings("gyro") for axis in "xyz"),
     "accelerometer": tuple(f"a{axis}{ending}" for ending in endings("accel") for axis in "xyz"),
 }
+#: columns that are looked at for a name that was meant
+MOST_NAMES = 200
 SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
@@ -46,7 +48,7 @@ def parse_header(line: str, where: str, first: int = 1) -> Layout:
     accel = _triad(names, "accel", where, expected)
     temps = [name for name in names if name in TEMPERATURES]
     if len(temps) > 1:
-        raise FormatError(f"{where}: two temperature columns ({', '.join(temps)}); keep one")
+        raise FormatError(f"{where}: two temperature columns ({', '.join(temps)[:80]}); keep one")
     return Layout(
         dialect=OWN,
         delimiter=",",
@@ -83,13 +85,13 @@ def _problem(what: str, names: tuple[str, ...], found: list[str]) -> str:
     near = "" if len(found) > 1 and what == "time" else _near(what, names, found)
     if not found:
         return f"no {what} column among {', '.join(names)[:80]}{near}"
-    return f"the {what} columns are {', '.join(found)}{near}"
+    return f"the {what} columns are {', '.join(found)[:80]}{near}"
 
 
 def _near(what: str, names: tuple[str, ...], found: list[str]) -> str:
     """The first name that is a known one in other letters, or nearly one: `` (is 'GX' meant as 'gx'?)``."""
     taken = {*found, *TEMPERATURES, *(name for known in KNOWN.values() for name in known)}
-    for name in names:
+    for name in names[:MOST_NAMES]:
         close = [] if name in taken else get_close_matches(name.lower(), KNOWN[what], n=1, cutoff=0.75)
         if close:
             return f" (is {name[:40]!r} meant as {close[0]!r}?)"

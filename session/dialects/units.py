@@ -31,6 +31,8 @@ class Unit:
 
 
 REGISTER = Unit(None, "lsb")
+#: characters of a unit: ``degrees per second`` has 18
+LONGEST = 100
 
 
 def endings(kind: str) -> dict[str, Unit]:
@@ -43,6 +45,8 @@ def parse_unit(kind: str, text: str) -> Unit | None:
 
     kind: time, gyro, accel or temp.
     """
+    if len(text) > LONGEST:
+        return None
     word = re.sub(r"\s+", " ", text.strip().lower())
     if word in COUNTS and kind != "time":
         return Unit(None, word)

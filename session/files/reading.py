@@ -24,6 +24,8 @@ MOST_TABLE = 16 * MB
 MOST_JSON = 16 * MB
 #: a file of a public recording, all of which is held at once, as text in cells; the longest known has 10 MB
 MOST_PUBLIC = 64 * MB
+#: arrays of a public recording that was put together; the largest has 20 MB
+MOST_ARCHIVE = 256 * MB
 #: without these names of the system's nothing waits either (Windows)
 NO_WAIT = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 #: how a shell names what it has opened for us: ``apply MODEL <(zcat LOG)``

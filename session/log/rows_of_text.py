@@ -1,11 +1,10 @@
-"""The rows of a session folder's small tables: dial readings, known turns, truth files.  A line at a time, so that none is too long to read."""
+"""The rows of a session folder's small tables: dial readings, known turns, truth files.  Read a line at a time, however long they are."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
 
-from session.common.errors import FormatError
 from session.dialects.lines import Lines
 
 
@@ -14,9 +13,10 @@ def rows_of(path: Path) -> Iterator[tuple[int, str]]:
 
     FormatError for what cannot be read: no file, no UTF-8, packed and broken off, or beyond any table (``session/dialects/lines.py``).
     """
-    number = 0
+    before = 0
     with Lines(path, strict=True) as file:
         while lines := file.take():
-            for number, line in enumerate(lines, start=number + 1):
+            for number, line in enumerate(lines, start=before + 1):
                 if line.strip() and not line.startswith("#"):
                     yield number, line
+            before += len(lines)

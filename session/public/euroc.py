@@ -14,6 +14,7 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.units import NS_PER_S
+from session.files.archives import read_npz
 from session.log.truth import UNIT_WITHIN, Truth
 from session.public.sources import arrays_of
 
@@ -64,8 +65,7 @@ def read_sequence(euroc: Path, name: str) -> tuple[np.ndarray, np.ndarray, np.nd
 
 def true_bias_rps(euroc: Path, name: str) -> np.ndarray:
     """(3,): what a sequence's gyro reads at rest by its own ground truth, as the authors' evaluation is handed it."""
-    with np.load(sequence_path(euroc, name), allow_pickle=False) as file:
-        return -file["yaml_bias_added"]
+    return -read_npz(sequence_path(euroc, name), ("yaml_bias_added",))["yaml_bias_added"]
 
 
 def write_sequences(euroc: Path, names: Sequence[str], folder: Path, segment_s: float = 5.0, truth_sigma_deg: float = 0.1) -> Path:
@@ -89,17 +89,21 @@ def write_training_windows(euroc: Path, folder: Path, *, mislabelled: bool = Fal
     The windows of one sequence are laid one after the other at their own times; those that are really of another sequence have times
     of their own, too, so each label gets one more log for them.
     """
-    with np.load(euroc / "euroc_segments.npz", allow_pickle=False) as file:
-        kept = ~file["train_mislabelled"] | mislabelled
-        data = {key: file[f"train_{key}"][kept] for key in ("t", "gyro", "acc", "q_wxyz", "seq", "mislabelled")}
+    data = _segments(euroc, "train_", ("t", "gyro", "acc", "q_wxyz", "seq", "mislabelled"))
+    kept = ~data["mislabelled"] | mislabelled
+    data = {key: values[kept] for key, values in data.items()}
     return _write_windows(folder, data, truth_sigma_deg)
 
 
 def write_test_windows(euroc: Path, folder: Path, truth_sigma_deg: float = 0.1) -> Path:
     """The 198 windows of the test sequences, likewise: what a fit's held-out loss can be measured on."""
-    with np.load(euroc / "euroc_segments.npz", allow_pickle=False) as file:
-        data = {key: file[f"test_{key}"] for key in ("t", "gyro", "acc", "q_wxyz", "seq")}
+    data = _segments(euroc, "test_", ("t", "gyro", "acc", "q_wxyz", "seq"))
     return _write_windows(folder, data | {"mislabelled": np.zeros(len(data["seq"]), dtype=bool)}, truth_sigma_deg)
+
+
+def _segments(euroc: Path, prefix: str, keys: tuple[str, ...]) -> dict[str, np.ndarray]:
+    arrays = read_npz(euroc / "euroc_segments.npz", tuple(f"{prefix}{key}" for key in keys))
+    return {name.removeprefix(prefix): values for name, values in arrays.items()}
 
 
 def _write_windows(folder: Path, data: dict[str, np.ndarray], truth_sigma_deg: float) -> Path:

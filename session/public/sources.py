@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-import struct
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
 
 from session.common.errors import FormatError
+from session.files.archives import read_npz
 from session.files.reading import MOST_PUBLIC, read_bytes, read_text
-
-#: what NumPy and zipfile raise where an archive's bytes are damaged, whatever they meet first
-FAULTS = (
-    *(OSError, ValueError, KeyError, EOFError, SyntaxError, OverflowError, MemoryError, NotImplementedError, RuntimeError),
-    *(zipfile.BadZipFile, zlib.error, struct.error),
-)
 
 
 def found(folder: Path, pattern: str, below: str = "") -> list[Path]:
@@ -55,11 +47,7 @@ def arrays_of(path: Path, kinds: dict[str, str]) -> list[np.ndarray]:
 
     Raises FormatError for what is no such archive, or not sound.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            found = [file[name] for name in kinds]
-    except FAULTS:
-        raise FormatError(f"{path}: not an archive of {', '.join(kinds)}, or a damaged one; download it again") from None
+    found = [*read_npz(path, tuple(kinds)).values()]
     for (name, kind), array in zip(kinds.items(), found, strict=True):
         if not (np.issubdtype(array.dtype, np.integer) or (kind == "f" and np.issubdtype(array.dtype, np.floating))):
             raise FormatError(f"{path}: {name} holds {array.dtype}, expected {'whole ' if kind == 'i' else ''}numbers; download it again")

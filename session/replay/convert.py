@@ -151,7 +151,7 @@ def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Pat
     """Our own logs byte for byte, others as numbers in the units of docs/formats.md; the file, notes, and how many samples."""
     joined = join(readers, answers.odr_hz)
     notes = list(joined.notes)
-    if len(readers) == 1 and not notes and _is_ours(readers[0], answers):
+    if len(readers) == 1 and not notes and readers[0].path.is_file() and _is_ours(readers[0], answers):
         copy = path.with_name("log0001.csv.gz" if readers[0].path.suffix.lower() == ".gz" else "log0001.csv")
         shutil.copyfile(readers[0].path, copy)
         with contextlib.suppress(CalibrationError):  # what stands before its header, perhaps

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
 from pathlib import Path
 
 from session.checks.first_look import check_folder
 from session.common.errors import CalibrationError, FormatError, StorageError
+from session.files.reading import MB, MOST_TOML, open_file, read_bytes
 from session.files.writing import naming
-from session.recording.decoding import stream
+from session.recording.decoding import BLOCK, stream
 from session.recording.logwriter import LogWriter
 from session.recording.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.replay.convert import Converted
 from session.stream.decoder import StreamDecoder
 
 SUFFIX = ".bin"
+#: bytes without a sample: three hours of a port that listens at a wrong speed
+MOST_SILENT = 128 * MB
 
 
 def is_raw(path: Path) -> bool:
@@ -38,8 +40,7 @@ def convert_raw(
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise FormatError(f"{out}: exists; give --out a new folder")
-    if not raw_path.is_file():
-        raise FormatError(f"{raw_path}: not found")
+    open_file(raw_path).close()  # before anything is made
     missing = [path for path in (out, *out.parents) if not path.exists()]
     decoder, logs = StreamDecoder(header), LogWriter(out)
     try:
@@ -47,8 +48,11 @@ def convert_raw(
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise StorageError(f"{out}: {error.strerror or error}; give --out another folder") from None
+        silent, samples = 0, 0
         for _ in stream(raw_path, decoder, logs):
-            pass
+            silent, samples = silent + 1 if decoder.samples == samples else 0, decoder.samples
+            if silent * BLOCK > MOST_SILENT:
+                raise FormatError(f"{raw_path}: no sample among {MOST_SILENT} bytes, behind {samples} samples; cut the file there")
         logs.write(decoder.finish())
         logs.close()
         if not logs.paths:
@@ -91,8 +95,8 @@ def _configure(
 ) -> bool:
     """Write session.toml; whether its sensor is only assumed."""
     beside = raw_path.with_name(NAME)
-    if beside.is_file():
-        shutil.copyfile(beside, out / NAME)
+    if beside.exists():
+        (out / NAME).write_bytes(read_bytes(beside, MOST_TOML))
         return False
     rate_hz = odr_hz or (None if decoder.info else decoder.measured_odr_hz)
     file = SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g, sensor)

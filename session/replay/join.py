@@ -14,6 +14,8 @@ from session.dialects.stamps import counted, evenly, fresh
 
 #: beyond this many of its own periods a second file's neighbours are too far apart to read between them
 WIDEST = 3.5
+#: all of which are held at once: two days at 208 Hz
+MOST_ROWS = 40_000_000
 #: of notes on stamps that are none
 COUNTED = "samples were counted at"
 
@@ -69,8 +71,13 @@ def join(readers: list[Reader], odr_hz: float | None) -> Joined:
 
 
 def _whole(reader: Reader, odr_hz: float | None, notes: list[str]) -> Piece:
-    pieces = list(reader.pieces())
+    pieces, rows = [], 0
     name = reader.path.name
+    for piece in reader.pieces():
+        pieces.append(piece)
+        rows += len(next(part for part in (piece.gyro, piece.accel, piece.temp) if part is not None))
+        if rows > MOST_ROWS:
+            raise FormatError(f"{name}: more than {MOST_ROWS} rows; a log of a table has hours, cut out what belongs to it")
     notes += [f"{name}: {note}" for note in reader.notes]
     if reader.wraps:
         notes.append(f"{name}: the time counter came round {reader.wraps}x: unrolled")

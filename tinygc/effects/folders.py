@@ -44,6 +44,8 @@ def _package(folder: Path) -> str:
 def _effect(package: str, path: Path, said: Path) -> Effect:
     if not path.stem.isidentifier():
         raise EffectError(f"{said}: the file's name is no name in Python; use letters, digits and underscores")
+    if not path.is_file():  # Python would wait for a named pipe
+        raise EffectError(f"{said}: is no file; take it out of the folder")
     try:
         module = importlib.import_module(f"{package}.{path.stem}")
     except EffectError as error:

@@ -20,8 +20,6 @@ from session.files.reading import MB, open_file, open_stream, unreadable
 STANDARD = "-"
 GZIP = b"\x1f\x8b"
 PIECE_BYTES = 1 << 20
-#: as a piece: the whole file
-ALL_BYTES = 1 << 62
 READ_BYTES = 1 << 17
 #: packed bytes that are lost at most before the place where a packed file is damaged
 SLICE_BYTES = 1 << 12
@@ -29,8 +27,10 @@ SLICE_BYTES = 1 << 12
 MOST_PADDING = MB
 #: characters of a line: a row of a phone's log with everything switched on has some hundreds
 LONGEST_LINE = 1 << 16
-#: characters of blank lines and comments between two rows, and zero bytes that may end a file: a recorder of long logs reserves its space
-MOST_BARREN = 16 * MB
+#: characters of blank lines and comments between two rows: an hour of a board that only talks
+MOST_BARREN = 4 * MB
+#: zero bytes that may end a file: what a card had reserved, or had not written, when the power failed
+MOST_ZEROS = 16 * MB
 #: ``key=value`` words that are remembered of the comments: who needs one knows its key, and it stands at the top
 MOST_WORDS = 1000
 #: a line that is neither blank nor a comment begins
@@ -151,7 +151,7 @@ class Lines:
             sound = data.rstrip(b"\0")
             before = 0 if sound else self._zeros
             self._zeros = before + len(data) - len(sound)
-            if self._zeros > MOST_BARREN:
+            if self._zeros > MOST_ZEROS:
                 raise FormatError(self._says_zeros())
             if sound or not before:
                 return sound + b"\0"
@@ -159,13 +159,13 @@ class Lines:
         return data
 
     def _says_zeros(self) -> str:
-        name, cut = self._path.name, "unpack it, and cut it there"
+        name, cut = self._path.name, "cut it there" if self._unpack is None else "unpack it, and cut it there"
         if self._unpack is None and not self.once:
             begin = self._file.tell() - self._zeros
             if not begin:
                 return f"{name}: begins with {self._zeros} zero bytes; expected a text log"
             cut = f"cut it there: truncate -s {begin}"
-        return f"{name}: goes over into more than {MOST_BARREN} zero bytes (the power failed, or the logger had reserved space); {cut}"
+        return f"{name}: goes over into more than {MOST_ZEROS} zero bytes (the power failed, or the logger had reserved space); {cut}"
 
     def _read_any(self) -> bytes:
         try:

@@ -11,7 +11,7 @@ import numpy as np
 from session.common.errors import FormatError
 from session.common.units import NS
 from session.dialects.layout import Answers, Layout, Triad
-from session.dialects.lines import ALL_BYTES, PIECE_BYTES, Lines
+from session.dialects.lines import PIECE_BYTES, Lines
 from session.dialects.recognise import recognise
 from session.dialects.rows import MEND, RowFault, fault, parse, unreadable
 from session.dialects.stamps import COUNTER, DAY_NS, Unroll
@@ -84,9 +84,12 @@ class Reader:
                 number, skip, lines = number + len(lines), max(skip - len(lines), 0), following
 
     def whole(self) -> Piece | None:
-        """All rows at once, or None where there are none: all stamps together tell a counter from an epoch."""
-        pieces = list(self.pieces(ALL_BYTES))  # to the end, so that the file is closed
-        return pieces[0] if pieces else None
+        """All rows at once, or None where there are none."""
+        pieces = list(self.pieces())
+        if not pieces:
+            return None
+        parts = ([getattr(piece, name) for piece in pieces] for name in ("t_ns", "gyro", "accel", "temp"))
+        return Piece(*(None if part[0] is None else np.concatenate(part) for part in parts))
 
     def _head(self) -> list[str]:
         file = Lines(self.path)

@@ -11,12 +11,10 @@ import gzip
 import os
 import re
 import shutil
-import signal
 import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -177,12 +175,17 @@ READERS = {
     "turns": SESSION_READERS,
     "attitudes": SESSION_READERS,
     "session": [
-        *SESSION_READERS, "replay {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S}",
-        "record --port {O} --like {B} --out {O}",
+        *SESSION_READERS, "replay {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S} --to json",
+        "record --port {O} --like {S} --out {O}",
     ],
-    "model": ["apply {B} {L} -o {O}", "fit {S} --bias {B} --out {O}"],
+    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}"],
     "raw": ["replay {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],
 }  # fmt: skip
+
+
+def readers_of(bomb: Bomb) -> list[str]:
+    """The commands that read it."""
+    return READERS[re.match("[a-z]+", bomb.place)[0]]
 
 
 @dataclass(frozen=True)
@@ -195,38 +198,43 @@ class Run:
     said: str
 
 
+#: runs the tool, then says the peak that the kernel has seen: what ``wait4`` says counts its parent's as well
+WRAPPED = """
+import re, runpy, sys
+words, peak = sys.argv[1:-1], sys.argv[-1]
+sys.argv = words
+try:
+    runpy.run_path(words[0], run_name="__main__")
+finally:
+    with open("/proc/self/status") as status, open(peak, "w") as file:
+        file.write(re.search("VmHWM:\\\\s+([0-9]+)", status.read())[1])
+"""
+
+
 def measured(words: list[str], most_mb: float = 4096, most_s: float = 60, checkout: Path = ROOT) -> Run:
     """Run ``python …`` in a process of its own, stopped where it takes too much; what the system says that it took."""
-    begin = time.monotonic()
+    begin, peak_mb = time.monotonic(), 0.0
     environment = os.environ | {"PYTHONPATH": str(checkout), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    with tempfile.TemporaryFile() as said:
-        child = subprocess.Popen(
-            [sys.executable, *words], cwd=checkout, env=environment, stdout=said, stderr=said, stdin=subprocess.DEVNULL
-        )
-        ended = threading.Event()
-        stopped = threading.Event()
-
-        def watch() -> None:
-            while not ended.wait(0.02):
-                if time.monotonic() - begin > most_s or _resident_mb(child.pid) > most_mb:
-                    stopped.set()
-                    os.kill(child.pid, signal.SIGKILL)
-                    return
-
-        watcher = threading.Thread(target=watch)
-        watcher.start()
-        # Not ``wait``: only this gives what this one child took.
-        _, status, used = os.wait4(child.pid, 0)
-        ended.set()
-        watcher.join()
+    with tempfile.TemporaryFile() as said, tempfile.NamedTemporaryFile() as peak:
+        command = [sys.executable, "-c", WRAPPED, *words, peak.name]
+        child = subprocess.Popen(command, cwd=checkout, env=environment, stdout=said, stderr=said, stdin=subprocess.DEVNULL)
+        stopped = False
+        while not (ended := os.wait4(child.pid, os.WNOHANG))[0]:
+            peak_mb = max(peak_mb, resident_mb(child.pid))
+            if not stopped and (time.monotonic() - begin > most_s or peak_mb > most_mb):
+                stopped = True
+                child.kill()
+            time.sleep(0.02)
+        _, status, used = ended
         child.returncode = os.waitstatus_to_exitcode(status)
         said.seek(0)
         text = " ".join(said.read().decode(errors="replace").replace("First look", "").split())
-    code = None if stopped.is_set() else child.returncode
-    return Run(used.ru_maxrss / 1024, used.ru_utime + used.ru_stime, code, text)
+        peak_mb = int(peak.read() or 0) / 1024 or peak_mb
+    return Run(peak_mb, used.ru_utime + used.ru_stime, None if stopped else child.returncode, text)
 
 
-def _resident_mb(pid: int) -> float:
+def resident_mb(pid: int) -> float:
+    """Of a running process."""
     try:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / MB
     except (OSError, IndexError):
@@ -238,7 +246,7 @@ def commands(bomb: Bomb, work: Path, whole: Path) -> Iterator[tuple[str, list[st
     session = Path(shutil.copytree(whole, work / "session", copy_function=shutil.copyfile))
     path = bomb.put(session)
     places = {"S": session, "B": path, "M": whole / "fit" / "model_least_squares.json", "L": whole / "log0001.csv.gz"}
-    for number, line in enumerate(READERS[re.match("[a-z]+", bomb.place)[0]]):
+    for number, line in enumerate(readers_of(bomb)):
         yield line.split()[0], line.format(**places, O=work / f"out{number}").split()
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from serial.tools import list_ports
 
-from session.common.errors import DeviceError
+from session.common.errors import DeviceError, FormatError
+from session.files.reading import open_file
 
 if TYPE_CHECKING:
     from serial.tools.list_ports_common import ListPortInfo
@@ -108,10 +109,10 @@ def _is_held(lock: Path) -> bool:
     if fcntl is None:
         return False
     try:
-        with lock.open() as file:
+        with open_file(lock) as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except OSError:
+    except (OSError, FormatError):
         return False
     return False

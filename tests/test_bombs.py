@@ -1,0 +1,246 @@
+"""Files that exhaust whoever reads them without bounds: one line, at once, within a fraction of the memory that they ask for.
+
+The bombs are those of ``benchmarks/bombs.py``, which runs every command on every one of them in a process of its own.  Here the readers
+themselves take all of them, in one process whose peak the kernel tells, and every command takes those that would make it wait.
+"""
+
+import ast
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commandline import refused
+
+from session.common.errors import FormatError
+from session.files import reading
+from session.files.reading import open_file, open_stream, read_bytes
+from tinygc.cli.arguments import parser
+from tinygc.cli.commands import COMMANDS
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+if os.name != "posix":
+    pytest.skip("devices, named pipes and sockets as files are POSIX's", allow_module_level=True)
+from bombs import BOMBS, READERS, readers_of  # noqa: E402
+
+#: of a process that has NumPy; a bomb of JSON within its bound takes the most
+MOST_MB, MOST_S = 1000, 20
+#: reads every bomb of a folder with what reads that kind of file, and says what became of it
+CHILD = r"""
+import json, re, signal, sys, time
+from pathlib import Path
+from session.common.errors import CalibrationError
+from session.dialects.layout import Answers
+from session.dialects.reader import Reader
+from session.files.results import read_json
+from session.log.folder import read_session
+from session.replay.from_raw import convert_raw
+
+def as_foreign(path):
+    for piece in Reader(path, Answers(gyro_fs_dps=500, accel_fs_g=4)).pieces():
+        pass
+
+def read(folder, path):
+    if path.suffix == ".json":
+        read_json(path)
+    elif path.suffix == ".bin":
+        convert_raw(path, folder / "out", 208.0, 500.0, 4.0)
+    else:
+        if path.name.startswith("log"):
+            try:
+                as_foreign(path)
+            except CalibrationError:
+                pass
+        read_session(folder)
+
+def on_alarm(*_):
+    raise TimeoutError
+
+signal.signal(signal.SIGALRM, on_alarm)
+for line in sys.stdin:
+    number, folder, path = json.loads(line)
+    try:
+        open("/proc/self/clear_refs", "w").write("5")
+    except OSError:
+        pass  # then the peak is that of all so far
+    signal.alarm(int(sys.argv[1]))
+    began = time.process_time()
+    try:
+        read(Path(folder), Path(path))
+        said = "accepted"
+    except CalibrationError as error:
+        said = f"refused: {error}"
+    except BaseException as error:
+        said = f"fell: {error!r}"
+    signal.alarm(0)
+    peak_mb = int(re.search(r"VmHWM:\s+([0-9]+)", open("/proc/self/status").read())[1]) / 1024
+    print(json.dumps([number, said, peak_mb, time.process_time() - began]), flush=True)
+"""
+#: what is no bomb to the reader alone, but to who comes behind it, or is accepted as it should be
+HARMLESS = {
+    "5 million empty lists",
+    "number of 10 million digits",
+    "comment of 60 000 letters",
+    "header of 60 000 brackets",
+    "99 999 turns",
+}
+
+
+@pytest.fixture(scope="module")
+def taken(tmp_path_factory):
+    """Of each bomb by its number: what became of it, peak MB, CPU seconds."""
+    if not Path("/proc/self/status").exists():
+        pytest.skip("only Linux tells a process's peak")
+    whole = shutil.copytree(ROOT / "data" / "session1", tmp_path_factory.mktemp("bombs") / "whole", copy_function=shutil.copyfile)
+    (whole / "closure0001.csv.gz").unlink()
+    command = [sys.executable, "-c", CHILD, str(MOST_S)]
+    found = {}
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        for number, bomb in enumerate(BOMBS):
+            folder = shutil.copytree(whole, whole.parent / str(number))
+            path = bomb.put(folder)
+            child.stdin.write(json.dumps([number, str(folder), str(path)]) + "\n")
+            child.stdin.flush()
+            told = child.stdout.readline()
+            assert told, f"{bomb.place}: {bomb.name} ended the process"
+            found[number] = json.loads(told)[1:]
+            shutil.rmtree(folder)
+        child.stdin.close()
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", range(len(BOMBS)), ids=[f"{bomb.place}-{bomb.name}" for bomb in BOMBS])
+def test_a_bomb_is_refused_in_one_line_within_a_gigabyte(taken, number):
+    said, peak_mb, cpu_s = taken[number]
+    assert said.startswith(("refused: ", "accepted") if BOMBS[number].name in HARMLESS else "refused: ")
+    assert "\n" not in said
+    assert peak_mb < MOST_MB
+    assert cpu_s < MOST_S
+
+
+@pytest.fixture
+def impatient():
+    """A test that waits for a pipe ends."""
+
+    def on_alarm(*_):
+        raise TimeoutError("it waits")
+
+    before = signal.signal(signal.SIGALRM, on_alarm)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+KINDS = ("link to /dev/zero", "named pipe", "socket", "folder")
+ENDLESS = [bomb for bomb in BOMBS if bomb.name in KINDS]
+
+
+@pytest.mark.parametrize("bomb", ENDLESS, ids=[f"{bomb.place}-{bomb.name}" for bomb in ENDLESS])
+def test_no_command_waits_for_what_is_no_file(bomb, folder, tmp_path, run, impatient):
+    """Every command that reads such a file, as ``benchmarks/bombs.py`` lists them."""
+    model = tmp_path / "good.json"
+    model.write_text(
+        json.dumps({"schema": "tinygc-model/1", "kind": "linear", "weights": {"E": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "B": [0, 0, 0]}})
+    )
+    log = shutil.copyfile(folder / "log0001.csv", tmp_path / "log.csv")
+    path = bomb.put(folder)
+    for number, line in enumerate(readers_of(bomb)):
+        words = line.format(S=folder, B=path, M=model, L=log, O=tmp_path / f"out{number}").split()
+        if words[0] == "check":  # its table says it
+            code, out, _ = run(*words)
+            assert code == 2
+            assert "cannot be read" in " ".join(out.split())
+        else:
+            refused(run(*words, "--quiet"), "cannot be read")
+
+
+def test_every_command_that_reads_files_meets_the_bombs():
+    """By the parser: a command with a path that is there already is among the readers."""
+    (commands,) = (action.choices for action in parser()._actions if hasattr(action, "choices") and isinstance(action.choices, dict))
+    outputs = {"json", "out", "link", "config", "effects"}
+    reading_ones = {name for name in COMMANDS if {a.dest for a in commands[name]._actions if a.type is Path} - outputs}
+    assert reading_ones == {line.split()[0] for lines in READERS.values() for line in lines}
+
+
+@pytest.mark.parametrize("kind", ["fifo", "device"])
+def test_a_path_that_becomes_another_between_two_looks_is_noticed(kind, tmp_path, monkeypatch, impatient):
+    """What ``stat`` saw need not be what ``open`` opens."""
+    path = tmp_path / "log0001.csv"
+    os.mkfifo(path) if kind == "fifo" else path.symlink_to("/dev/zero")
+    regular = os.stat(__file__)
+    monkeypatch.setattr(reading.os, "stat", lambda path: regular)
+    with pytest.raises(FormatError, match="a named pipe" if kind == "fifo" else "a device"):
+        open_file(path)
+
+
+def test_a_file_that_grows_beyond_its_size_is_not_read_on(tmp_path, monkeypatch):
+    path = tmp_path / "session.toml"
+    path.write_bytes(b"x" * 5000)
+    status = os.stat(path)
+    monkeypatch.setattr(reading.os, "fstat", lambda _: os.stat_result((status.st_mode, *status[1:6], 0, *status[7:])))
+    with pytest.raises(FormatError, match="its bytes do not end"):
+        read_bytes(path, 1000)
+    assert read_bytes(path, 5000) == b"x" * 5000
+
+
+def test_what_a_shell_has_opened_may_be_waited_for(tmp_path):
+    """``apply MODEL <(zcat LOG)`` hands us a name of a pipe that somebody writes to; a file's name stays a file's."""
+    begin, end = os.pipe()
+    os.write(end, b"t_us\n")
+    os.close(end)
+    with open_stream(Path(f"/dev/fd/{begin}")) as file:
+        assert file.read() == b"t_us\n"
+    os.close(begin)
+    (tmp_path / "log.csv").write_bytes(b"1")
+    with (tmp_path / "log.csv").open("rb") as log:
+        assert open_stream(Path(f"/dev/fd/{log.fileno()}")) is None
+    assert open_stream(tmp_path / "log.csv") is None
+
+
+#: names that open a file or parse all of one
+OPENING = {"read_text", "read_bytes", "fromfile", "loadtxt", "genfromtxt", "memmap"}
+#: (module, function) that may: the one place; a parser of lines that were read within bounds; a member of an archive that was opened there;
+#: a log that is held open to be added to; and the seal of a challenge, whose ``open`` is no file's
+ALLOWED = {
+    ("session/files/reading.py", "open"),
+    ("session/files/reading.py", "fdopen"),
+    ("session/files/archives.py", "open"),
+    ("session/recording/growing.py", "open"),
+    ("tinygc/challenge/examine.py", "open"),
+    ("tinygc/challenge/on_recording/examine.py", "open"),
+    ("session/dialects/rows.py", "loadtxt"),
+}
+
+
+def test_files_are_opened_for_reading_in_one_place_only():
+    """Of all modules: no other ``open`` without a mode that writes, no ``read_text``, no parser that opens a file itself."""
+    found = set()
+    for path in sorted([*(ROOT / "session").rglob("*.py"), *(ROOT / "tinygc").rglob("*.py")]):
+        name = path.relative_to(ROOT).as_posix()
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call):
+                called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+                if (called in OPENING and isinstance(node.func, ast.Attribute)) or _opens_to_read(node, called):
+                    found.add((name, called))
+    assert found == ALLOWED
+
+
+def _opens_to_read(node: ast.Call, called: str) -> bool:
+    if called == "fdopen":
+        return True
+    if called == "load":
+        return isinstance(node.func, ast.Attribute) and getattr(node.func.value, "id", "") in ("np", "json", "tomllib", "torch")
+    if called != "open":
+        return False
+    words = [arg.value for arg in (*node.args, *(keyword.value for keyword in node.keywords)) if isinstance(arg, ast.Constant)]
+    flags = "O_WRONLY" in ast.dump(node) or "O_RDWR" in ast.dump(node)
+    return not flags and not any(isinstance(word, str) and set(word) & set("wxa+") and len(word) < 4 for word in words)

@@ -211,13 +211,13 @@ finally:
 """
 
 
-def measured(words: list[str], most_mb: float = 4096, most_s: float = 60, checkout: Path = ROOT) -> Run:
+def measured(words: list[str], most_mb: float = 4096, most_s: float = 60, checkout: Path = ROOT, stdin: int = subprocess.DEVNULL) -> Run:
     """Run ``python …`` in a process of its own, stopped where it takes too much; what the system says that it took."""
     begin, peak_mb = time.monotonic(), 0.0
     environment = os.environ | {"PYTHONPATH": str(checkout), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
     with tempfile.TemporaryFile() as said, tempfile.NamedTemporaryFile() as peak:
         command = [sys.executable, "-c", WRAPPED, *words, peak.name]
-        child = subprocess.Popen(command, cwd=checkout, env=environment, stdout=said, stderr=said, stdin=subprocess.DEVNULL)
+        child = subprocess.Popen(command, cwd=checkout, env=environment, stdout=said, stderr=said, stdin=stdin)
         stopped = False
         while not (ended := os.wait4(child.pid, os.WNOHANG))[0]:
             peak_mb = max(peak_mb, resident_mb(child.pid))

@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 
 if os.name != "posix":
     pytest.skip("devices, named pipes and sockets as files are POSIX's", allow_module_level=True)
-from bombs import BOMBS, READERS, readers_of  # noqa: E402
+from bombs import BOMBS, READERS, measured, readers_of  # noqa: E402
 
 #: of a process that has NumPy; a bomb of JSON within its bound takes the most
 MOST_MB, MOST_S = 1000, 20
@@ -82,6 +82,13 @@ for line in sys.stdin:
     peak_mb = int(re.search(r"VmHWM:\s+([0-9]+)", open("/proc/self/status").read())[1]) / 1024
     print(json.dumps([number, said, peak_mb, time.process_time() - began]), flush=True)
 """
+#: writes rows for ever so long
+FEED = """
+import sys
+print("t_us,gx,gy,gz,ax,ay,az,temp")
+for start in range(0, int(sys.argv[1]), 1000):
+    sys.stdout.write("".join(f"{4808 * i},{i % 99},2,3,4,5,-8192,6\\n" for i in range(start, start + 1000)))
+"""
 #: what is no bomb to the reader alone, but to who comes behind it, or is accepted as it should be
 HARMLESS = {
     "5 million empty lists",
@@ -90,6 +97,13 @@ HARMLESS = {
     "header of 60 000 brackets",
     "99 999 turns",
 }
+
+
+def linear_model(folder):
+    path = folder / "good.json"
+    weights = {"E": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "B": [0, 0, 0]}
+    path.write_text(json.dumps({"schema": "tinygc-model/1", "kind": "linear", "weights": weights}))
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +139,25 @@ def test_a_bomb_is_refused_in_one_line_within_a_gigabyte(taken, number):
     assert cpu_s < MOST_S
 
 
+@pytest.mark.slow
+def test_apply_takes_no_more_memory_for_a_longer_stream(tmp_path):
+    """A day's rows through standard input would be gigabytes; fifteen times as many rows as before take the same."""
+    peaks_mb = []
+    for count in (100_000, 1_500_000):
+        begin, end = os.pipe()
+        feeding = subprocess.Popen([sys.executable, "-c", FEED, str(count)], stdout=end)
+        os.close(end)
+        words = [str(ROOT / "calibrate.py"), "apply", str(linear_model(tmp_path)), "-", "-o", str(tmp_path / f"{count}.csv"),
+                 "--gyro-fs", "500", "--accel-fs", "4"]  # fmt: skip
+        run = measured(words, stdin=begin)
+        os.close(begin)
+        assert feeding.wait() == 0
+        assert run.code == 0, run.said
+        assert f"{count} samples" in run.said
+        peaks_mb.append(run.mb)
+    assert peaks_mb[1] < peaks_mb[0] + 10
+
+
 @pytest.fixture
 def impatient():
     """A test that waits for a pipe ends."""
@@ -146,10 +179,7 @@ ENDLESS = [bomb for bomb in BOMBS if bomb.name in KINDS]
 @pytest.mark.parametrize("bomb", ENDLESS, ids=[f"{bomb.place}-{bomb.name}" for bomb in ENDLESS])
 def test_no_command_waits_for_what_is_no_file(bomb, folder, tmp_path, run, impatient):
     """Every command that reads such a file, as ``benchmarks/bombs.py`` lists them."""
-    model = tmp_path / "good.json"
-    model.write_text(
-        json.dumps({"schema": "tinygc-model/1", "kind": "linear", "weights": {"E": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "B": [0, 0, 0]}})
-    )
+    model = linear_model(tmp_path)
     log = shutil.copyfile(folder / "log0001.csv", tmp_path / "log.csv")
     path = bomb.put(folder)
     for number, line in enumerate(readers_of(bomb)):

@@ -21,6 +21,8 @@ from session.log.samples import Samples
 
 #: a block is a second, or so many samples where a second holds fewer: the scatter within it must mean something
 BLOCK_S, BLOCK_SAMPLES = 1.0, 8
+#: six weeks, at some 200 bytes each
+MOST_BLOCKS = 4_000_000
 #: told of each piece of samples as it is read
 Watch = Callable[[Samples], None]
 
@@ -88,7 +90,10 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -
         has_temperature |= samples.temp_c is not None
         if len(samples) > 1:
             steps_s.append(samples.period_s)
-        blocks.add(samples)
+        try:
+            blocks.add(samples)
+        except DataError as error:
+            raise DataError(f"{path.name}: {error}") from None
         watch(samples)
     if blocks.samples == 0:
         raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
@@ -136,7 +141,7 @@ class BlockMeans:
     """Sums over blocks of ``block_s``, piece by piece; the block that a piece ends in waits for the next piece."""
 
     def __init__(self, block_s: float):
-        self.block_s, self.samples = block_s, 0
+        self.block_s, self.samples, self._blocks = block_s, 0, 0
         self._first_ns: int | None = None
         self._rows: list[np.ndarray] = []
         self._open: np.ndarray | None = None
@@ -156,6 +161,9 @@ class BlockMeans:
         starts = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
         columns = np.column_stack([np.ones(len(samples)), temp, values, values**2])
         rows = np.column_stack([number[starts], np.add.reduceat(columns, starts, axis=0)])
+        self._blocks += len(rows)
+        if self._blocks > MOST_BLOCKS:
+            raise DataError(f"more than {MOST_BLOCKS} blocks of {self.block_s:g} s; are the stamps in the unit that the header says?")
         if self._open is not None:
             if self._open[0] == rows[0, 0]:
                 rows[0, 1:] += self._open[1:]

@@ -7,7 +7,7 @@
 ``columns``    any CSV at all, as ``--columns`` says
 ``recognise``  a file's first lines -> a layout, or one line that asks for what no file tells, in the words of the options
 ``stamps``     time, exact until it is a difference
-``lines``      a text file's lines, plain or gzipped, in pieces
+``lines``      a text file's lines, plain or gzipped, in pieces and within bounds
 ``rows``       lines -> numbers, or what is wrong with which line
 ``reader``     all of it: a file's rows, in pieces or at once
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ LONGEST_INTEGER = 18
 def read_json(path: Path) -> Any:
     """What a JSON file holds.  FormatError says what is wrong with the file."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_int=_integer)
+        return json.loads(path.read_text(encoding="utf-8"), parse_int=_integer, object_pairs_hook=_table)
     except OSError as error:
         raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
     except ValueError as error:
@@ -27,13 +28,39 @@ def read_json(path: Path) -> Any:
         raise FormatError(f"{path}: broken JSON: lists or tables nested too deeply") from None
 
 
+def _table(pairs: list[tuple[str, Any]]) -> dict:
+    """A table, each of whose keys stands once: of two, nobody knows which is meant."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {json.dumps(twice[:40], ensure_ascii=False)} stands twice in one table; keep one")
+    return table
+
+
 def _integer(digits: str) -> int | float:
     return int(digits) if len(digits) <= LONGEST_INTEGER else float(digits)
 
 
 def write_whole(path: Path, table: dict) -> None:
     """JSON, whole or not at all: a full disk must not leave half a model."""
-    write_text_whole(path, json.dumps(table, indent=1, ensure_ascii=False) + "\n")
+    write_text_whole(path, json_text(table) + "\n")
+
+
+def json_text(table: Any, ensure_ascii: bool = False) -> str:
+    """JSON; null for a number that is not finite, which JSON has no word for: what is not known is null (docs/formats.md)."""
+    try:
+        return json.dumps(table, indent=1, ensure_ascii=ensure_ascii, allow_nan=False)
+    except ValueError:
+        return json.dumps(_known(table), indent=1, ensure_ascii=ensure_ascii, allow_nan=False)
+
+
+def _known(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _known(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_known(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_text_whole(path: Path, text: str) -> None:

@@ -16,6 +16,7 @@ from session.checks.bridges import check_bridges
 from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
 from session.checks.copies import check_copies
 from session.checks.dead import check_dead
+from session.checks.dials import check_dials
 from session.checks.findings import Finding, worst
 from session.checks.impacts import check_impacts
 from session.checks.known_turns import check_known_turns
@@ -136,7 +137,7 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
     findings += check_excluded(session)
     if all_stills and session.truths is None:
         findings += check_segment_count(session.name, all_stills)
-    return findings + check_known_turns(session, found)
+    return findings + check_dials(session, found) + check_known_turns(session, found)
 
 
 def check_keys(config: Config) -> list[Finding]:

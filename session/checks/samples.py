@@ -17,6 +17,7 @@ from session.log.samples import Samples
 
 LOST_SHARE = 0.001  #: of single samples; more is a fault of the logger that will cost more one day
 TEMP_CHANGE_C = 3.0
+STUCK = "look at the wiring, the register map, the columns; or is it quantisation, a full scale or a unit whose steps hide its noise?"
 
 
 def check_reading(log: Log) -> list[Finding]:
@@ -113,7 +114,7 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
         stuck = np.ptp(values, axis=0) == 0
         if stuck.any():
             says = f"{axes_text(stuck)} reads one value throughout; a sensor has noise"
-            findings.append(Finding("error", log.path.name, f"{name} stuck", says, "look at the wiring, the register map, the columns"))
+            findings.append(Finding("error", log.path.name, f"{name} stuck", says, STUCK))
         noise = np.median(stds, axis=0) if stds else np.zeros(3)
         each = [
             _clipping(values[:, i] / factor, noise[i] / factor, reach, t_s, f"{axis}", unit) for i, axis in enumerate("xyz") if not stuck[i]

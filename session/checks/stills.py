@@ -22,11 +22,13 @@ ENOUGH_SEGMENTS = 13
 ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes; fewer can all have gravity's length by chance
 
 
-def check_stills(where: str, stills: list[Still]) -> list[Finding]:
-    """How many stills there are, how long, and those that are no reference."""
+def check_stills(where: str, stills: list[Still], blind: bool = False) -> list[Finding]:
+    """How many stills there are, how long, and those that are no reference; blind: the gyro shows no noise, which has been said."""
     good = [still for still in stills if still.problem is None]
     if not good:
         do = "let go of the table for still_s between turns; is it vibrating?"
+        if blind:
+            do = "no still can be found while the gyro shows no noise: mend that first"
         reason = f"none of {len(stills)} quiet phases is at rest: each {stills[0].problem}" if stills else "none found: it never rests"
         return [Finding("error", where, "stills", reason, do)]
     durations = np.array([still.duration_s for still in good])

@@ -25,7 +25,7 @@ from session.checks.known_turns import check_known_turns
 from session.checks.quantised import check_quantised
 from session.checks.rate import check_length, check_rate, check_warming
 from session.checks.rests import check_rests
-from session.checks.samples import check_comments, check_reading, check_registers, check_stamps, check_temperature
+from session.checks.samples import check_comments, check_reading, check_registers, check_stamps
 from session.checks.stills import (
     accel_unit_factor,
     check_gravity,
@@ -35,6 +35,7 @@ from session.checks.stills import (
     check_unused_rests,
     check_zero_rate,
 )
+from session.checks.temperature import check_temperature
 from session.checks.truth import check_truth
 from session.checks.undersampling import check_undersampling
 from session.common.errors import CalibrationError

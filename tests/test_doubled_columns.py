@@ -80,7 +80,7 @@ def test_columns_that_are_named_must_stand_once(tmp_path):
     path = tmp_path / "LOG.CSV"
     path.write_text("n,a,b,c,d,e,f,a\n" + rows(EPOCH_NS + SAMPLES.t_ns, *GYRO["dps"].T, *ACCEL["g"].T, GYRO["dps"][:, 0]))
     named = "t_ns=n,gx_dps=a,gy_dps=b,gz_dps=c,ax_g=d,ay_g=e,az_g=f"
-    with pytest.raises(FormatError, match=r"LOG\.CSV: 'a' stands 2 times in the header; give its number, --columns"):
+    with pytest.raises(FormatError, match=r"LOG\.CSV: 'a' stands 2 times in the header; give --columns its number, from 1"):
         convert([path], tmp_path / "out", Answers(gyro_fs_dps=500.0, accel_fs_g=4.0, columns=named))
     same(convert([path], tmp_path / "by number", Answers(gyro_fs_dps=500.0, accel_fs_g=4.0, columns=named.replace("gx_dps=a", "gx_dps=2"))))
 

@@ -140,7 +140,7 @@ def accel_unit_factor(stills: list[Still], config: Config) -> tuple[float, float
     g, one = config.site.expected_gravity_mps2, STANDARD_GRAVITY_MPS2
     candidates = [1.0, one, 1 / one, 1e3, 1e-3, 0.125, 0.25, 0.5, 2.0, 4.0, 8.0]
     lengths = [float(np.linalg.norm(config.accelerometer.correct(measured * c), axis=1).mean()) for c in candidates]
-    best = int(np.argmin([abs(np.log(length / g)) for length in lengths]))
+    best = int(np.argmin([abs(np.log(max(length, 1e-300) / g)) for length in lengths]))
     if abs(lengths[0] / g - 1) < GRAVITY_WRONG:
         best = 0
     return candidates[best], lengths[best]

@@ -12,6 +12,7 @@ import calibrate
 import tinygc
 from session.accelerometer.parameters import NAMES
 from session.checks.accelerometer import with_own_accelerometer
+from session.common.errors import FormatError
 from session.log.folder import read_session
 from tinygc.models import linear
 from tinygc.plan.proposals import (
@@ -136,11 +137,45 @@ def test_an_explanation_of_other_logs_asks_for_nothing(tmp_path):
     assert requested_by_explain(tmp_path) is None
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"next": null}', '{"next": 3}', '{"next": ""}'])
-def test_a_damaged_explanation_asks_for_nothing(tmp_path, text):
+@pytest.mark.parametrize("text", ['{"next": null}', '{"next": ""}', "{}"])
+def test_an_explanation_may_ask_for_nothing(tmp_path, text):
     assert requested_by_explain(tmp_path) is None
     (tmp_path / "explain").mkdir()
     (tmp_path / "explain" / "explain.json").write_text(text)
+    assert requested_by_explain(tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "broken JSON"),
+        ("[]", "it is a list of 0, expected a table"),
+        ("{", "broken JSON"),
+        ('{"next": 3}', "next is 3, expected text"),
+        ('{"next": "turn", "next": "rest"}', 'the key "next" stands twice'),
+        ('{"next": "turn", "logs": []}', "logs is a list of 0, expected a table"),
+        ('{"next": "turn", "logs": {"log0001.csv": null}}', "logs.log0001.csv is null, expected text"),
+        ('{"next": "turn", "schema": "tinygc-explain/2"}', 'schema is "tinygc-explain/2", expected one of tinygc-explain/1'),
+    ],
+)
+def test_a_damaged_explanation_is_said_in_one_line_by_plan_and_does_not_stop_a_recording(tmp_path, text, says, capsys):
+    (tmp_path / "explain").mkdir()
+    (tmp_path / "explain" / "explain.json").write_text(text)
+    with pytest.raises(FormatError, match=r"explain\.json: .*; explain again, or remove it$") as caught:
+        requested_by_explain(tmp_path)
+    assert says in str(caught.value)
+    (tmp_path / "session.toml").write_text(CONFIG)
+    words = ["record", "--port", str(tmp_path / "no-port"), "--out", str(tmp_path / "new"), "--like", str(tmp_path / "session.toml")]
+    assert calibrate.main(words) == 3
+    first, second = capsys.readouterr().err.splitlines()
+    assert says in first
+    assert "no-port" in second
+
+
+@pytest.mark.parametrize("name", ["../session.toml", "/etc/hostname", "a\u0000b", ""])
+def test_an_explanation_names_only_logs_of_its_own_folder(tmp_path, name):
+    (tmp_path / "explain").mkdir()
+    (tmp_path / "explain" / "explain.json").write_text(json.dumps({"next": "turn", "logs": {name: "0" * 64}}))
     assert requested_by_explain(tmp_path) is None
 
 

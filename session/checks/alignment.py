@@ -122,7 +122,7 @@ def _frame(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, str,
         return "warning", FRAME, says, do
     if tilt_deg > TILTED_DEG:
         return "note", FRAME, says, "the truth's world is tilted, or the accelerometer is off"
-    keeps = f'truth.frame = "{frame}" in session.toml keeps it'
+    keeps = f'truth.frame = "{frame}" in session.toml keeps it; an accelerometer whose three axes are all negated looks the same'
     return ("note", FRAME, says, keeps) if alignment.source["frame"] == FOUND and frame != "ned" else ("ok", FRAME, says, "")
 
 

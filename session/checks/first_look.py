@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from session.checks.accelerometer import with_own_accelerometer
 from session.checks.alignment import with_aligned_truth
 from session.checks.axes import check_axes
@@ -16,12 +18,14 @@ from session.checks.bridges import check_bridges
 from session.checks.ceiling import ENOUGH_CLEAN, Ceiling, ceiling_finding, clean_turns, find_ceiling
 from session.checks.copies import check_copies
 from session.checks.dead import check_dead
+from session.checks.dials import check_dials
 from session.checks.findings import Finding, worst
 from session.checks.impacts import check_impacts
 from session.checks.known_turns import check_known_turns
+from session.checks.quantised import check_quantised
 from session.checks.rate import check_length, check_rate, check_warming
 from session.checks.rests import check_rests
-from session.checks.samples import check_comments, check_reading, check_registers, check_stamps, check_temperature
+from session.checks.samples import check_comments, check_reading, check_registers, check_stamps
 from session.checks.stills import (
     accel_unit_factor,
     check_gravity,
@@ -31,6 +35,7 @@ from session.checks.stills import (
     check_unused_rests,
     check_zero_rate,
 )
+from session.checks.temperature import check_temperature
 from session.checks.truth import check_truth
 from session.checks.undersampling import check_undersampling
 from session.common.errors import CalibrationError
@@ -71,7 +76,9 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
         findings += check_length(log, config.protocol.segment_s)
     if not good and ceiling is not None:
         return [*findings, ceiling_finding(log, config.sensor, ceiling, good)]
-    findings += check_stills(where, stills) + check_unused_rests(where, unused, stills)
+    coarse = [] if good else check_quantised(log, config.sensor)
+    stuck = bool((np.ptp(log.samples.gyro, axis=0) == 0).any())
+    findings += coarse + check_stills(where, stills, bool(coarse) or stuck) + check_unused_rests(where, unused, stills)
     if not good:
         return findings
     factor, _ = accel_unit_factor(good, config)
@@ -136,7 +143,7 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
     findings += check_excluded(session)
     if all_stills and session.truths is None:
         findings += check_segment_count(session.name, all_stills)
-    return findings + check_known_turns(session, found)
+    return findings + check_dials(session, found) + check_known_turns(session, found)
 
 
 def check_keys(config: Config) -> list[Finding]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from session.checks.findings import Finding
+from session.checks.temperature import CHIP_C, other_unit, units_of_people
 from session.common.errors import CalibrationError
 from session.common.units import DEG, G
 from session.detect.knocks import knocked
@@ -21,8 +22,6 @@ TILT_DEG, TILT_BLOCKS = 0.5, 30
 KNOCKED_SHARE = 0.2
 #: degC: what a rest log must cover before a dependence on temperature can be told from one on time
 LEAST_RANGE_C = 5.0
-#: degC that a chip survives
-CHIP_C = (-60.0, 150.0)
 
 
 def check_rests(paths: tuple[Path, ...], sensor: Sensor) -> list[Finding]:
@@ -86,7 +85,10 @@ def _temperature(log: RestLog, where: str) -> Finding:
     low, high = float(log.temp_c.min()), float(log.temp_c.max())
     said = f"{low:.1f} to {high:.1f} °C"
     if low < CHIP_C[0] or high > CHIP_C[1]:
-        return Finding("error", where, "temperature", f"{said}, where no chip lives", "is the column's unit right? temp_c is in °C")
+        do = f"is the column's unit right? temp_c is in °C{units_of_people(low, high, None)}"
+        return Finding("error", where, "temperature", f"{said}, where no chip lives", do)
+    if (other := other_unit(low, high, None)) is not None:
+        return Finding(other[0], where, "temperature", *other[1:])
     if high - low < LEAST_RANGE_C:
         do = "let it go through the temperatures of its use, up and down"
         return Finding("warning", where, "temperature", f"{said}: {high - low:.1f} °C of change (at least {LEAST_RANGE_C:g})", do)

@@ -16,7 +16,7 @@ from session.log.logfile import Log
 from session.log.samples import Samples
 
 LOST_SHARE = 0.001  #: of single samples; more is a fault of the logger that will cost more one day
-TEMP_CHANGE_C = 3.0
+STUCK = "look at the wiring, the register map, the columns; or is it quantisation, a full scale or a unit whose steps hide its noise?"
 
 
 def check_reading(log: Log) -> list[Finding]:
@@ -113,7 +113,7 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
         stuck = np.ptp(values, axis=0) == 0
         if stuck.any():
             says = f"{axes_text(stuck)} reads one value throughout; a sensor has noise"
-            findings.append(Finding("error", log.path.name, f"{name} stuck", says, "look at the wiring, the register map, the columns"))
+            findings.append(Finding("error", log.path.name, f"{name} stuck", says, STUCK))
         noise = np.median(stds, axis=0) if stds else np.zeros(3)
         each = [
             _clipping(values[:, i] / factor, noise[i] / factor, reach, t_s, f"{axis}", unit) for i, axis in enumerate("xyz") if not stuck[i]
@@ -162,31 +162,6 @@ def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
     fresh_hz = (1 - share) / log.samples.period_s
     says = f"{share:.0%} of the rows repeat all six readings (by noise {chance:.1g}): new ones come at {fresh_hz:.0f} Hz"
     return [Finding("warning", log.path.name, "repeats", says, "read on the data-ready signal or from the FIFO; log each sample once")]
-
-
-def check_temperature(log: Log, stills: list[Still], sensor: Sensor) -> list[Finding]:
-    """Temperature there, plausible, and how far it moves.
-
-    A zero-rate level moves by some 0.01 dps/degC: 3 degC are 0.03 dps, or 0.15 deg over a turn of 5 s, ten times the noise.
-    """
-    temp_c, where = log.samples.temp_c, log.path.name
-    if temp_c is None:
-        return [Finding("note", where, "temperature", "not recorded: a bias that follows temperature cannot be told from drift")]
-    low, high = np.percentile(temp_c, [1, 99])
-    profile = sensor.profile
-    if profile is not None and profile.works_c is not None and (low < profile.works_c[0] or high > profile.works_c[1]):
-        says = f"{low:.1f} to {high:.1f} degC; the sensor works from {profile.works_c[0]:g} to {profile.works_c[1]:g}"
-        register = profile.thermometer
-        said = "" if register is None else f"{register.lsb_per_c:.6g} LSB per degC, 0 at {register.at_zero_c:.4g} degC: "
-        return [Finding("warning", where, "temperature", says, f"{said}look at the column and its unit")]
-    if np.ptp(temp_c) == 0:
-        return [Finding("note", where, "temperature", f"stands at {temp_c[0]:.2f} degC: is the register read?")]
-    means = np.array([still.temp_c for still in stills]) if len(stills) > 1 else np.array([low, high])
-    moved, says = np.ptp(means), f"{means.min():.1f} to {means.max():.1f} degC"
-    if moved > TEMP_CHANGE_C:
-        says += f", moved {moved:.1f} (bar {TEMP_CHANGE_C:g}): the bias is likely to follow"
-        return [Finding("note", where, "temperature", says, "let it warm up before, or let the fit include temperature")]
-    return [Finding("ok", where, "temperature", says)]
 
 
 def _step(values: np.ndarray) -> float:

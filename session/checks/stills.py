@@ -22,11 +22,13 @@ ENOUGH_SEGMENTS = 13
 ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes; fewer can all have gravity's length by chance
 
 
-def check_stills(where: str, stills: list[Still]) -> list[Finding]:
-    """How many stills there are, how long, and those that are no reference."""
+def check_stills(where: str, stills: list[Still], blind: bool = False) -> list[Finding]:
+    """How many stills there are, how long, and those that are no reference; blind: the gyro shows no noise, which has been said."""
     good = [still for still in stills if still.problem is None]
     if not good:
         do = "let go of the table for still_s between turns; is it vibrating?"
+        if blind:
+            do = "no still can be found while the gyro shows no noise: mend that first"
         reason = f"none of {len(stills)} quiet phases is at rest: each {stills[0].problem}" if stills else "none found: it never rests"
         return [Finding("error", where, "stills", reason, do)]
     durations = np.array([still.duration_s for still in good])
@@ -138,7 +140,7 @@ def accel_unit_factor(stills: list[Still], config: Config) -> tuple[float, float
     g, one = config.site.expected_gravity_mps2, STANDARD_GRAVITY_MPS2
     candidates = [1.0, one, 1 / one, 1e3, 1e-3, 0.125, 0.25, 0.5, 2.0, 4.0, 8.0]
     lengths = [float(np.linalg.norm(config.accelerometer.correct(measured * c), axis=1).mean()) for c in candidates]
-    best = int(np.argmin([abs(np.log(length / g)) for length in lengths]))
+    best = int(np.argmin([abs(np.log(max(length, 1e-300) / g)) for length in lengths]))
     if abs(lengths[0] / g - 1) < GRAVITY_WRONG:
         best = 0
     return candidates[best], lengths[best]

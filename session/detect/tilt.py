@@ -153,6 +153,8 @@ def _blocks(samples: Samples, first: Still, last: Still, size: int) -> tuple[np.
     force = np.add.reduceat((samples.accel[start + 1 : stop] + samples.accel[start : stop - 1]) / 2, edges) / counts
     ends = [samples.accel[still.start : still.stop].mean(axis=0) for still in (first, last)]
     gravity = np.linalg.norm(ends, axis=1).mean()
+    if not all(np.linalg.norm(end) > 0 for end in ends):  # an accelerometer that reads nothing knows no direction
+        return None
     length = np.linalg.norm(force, axis=1, keepdims=True)
     down = np.where(np.abs(length / gravity - 1) < FORCE_RATIO, -force / np.maximum(length, 1e-9), np.nan)
     if _tilt_path(down) < LEAST_TILT_RAD:

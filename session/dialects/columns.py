@@ -27,6 +27,10 @@ def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, in
             places = {key: place for key, place in looked_up.items() if place is not None}
             if len(places) < len(wanted) or (all(what.isdigit() for what, _, _ in wanted.values()) and not _numeric(names, places)):
                 continue
+            if twice := [what for what, _, _ in wanted.values() if not what.isdigit() and names.count(what) > 1]:
+                raise FormatError(
+                    f"{name}: {twice[0]!r} stands {names.count(twice[0])} times in the header; give --columns its number, from 1"
+                )
             headless = all(what.isdigit() for what, _, _ in wanted.values())
             columns = {key: (places[key], unit, sign) for key, (_, unit, sign) in wanted.items()}
             if headless:

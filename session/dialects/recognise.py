@@ -37,7 +37,9 @@ def recognise(lines: list[str], name: str, answers: Answers) -> Layout:
             "name its columns, --columns t_us=NAME,gx_dps=NAME,…,az_g=NAME"
         )
     _, number, delimiter, dialect, columns, names = found
-    if dialect is None:
+    if dialect is not None:
+        _refuse_doubled(names, columns, f"{name} line {number + 1}")
+    else:
         columns = _own_columns(names, f"{name} line {number + 1}")
     return _layout(
         name, dialect.name if dialect else OWN, delimiter, number + 1, names, columns, answers, dialect.frame if dialect else "", lines
@@ -104,6 +106,14 @@ def _columns_of(dialect: Dialect, names: list[tuple[str, str]]) -> dict[str, Col
     if dialect.temp in at:
         found["temp"] = at[dialect.temp][0], at[dialect.temp][1] or "degc", 1
     return {"t": (time[0], time[1] or dialect.time_unit, 1), **found} if found else {}
+
+
+def _refuse_doubled(names: tuple[str, ...], columns: dict[str, Column], where: str) -> None:
+    """Of two columns of one name nobody knows which is meant; what is not read may be doubled."""
+    known = [_name_and_unit(text)[0] for text in names]
+    for column, _, _ in columns.values():
+        if (times := known.count(known[column])) > 1:
+            raise FormatError(f"{where}: the column {names[column]} stands {times} times; keep one, or say which by number, --columns")
 
 
 def _is_own(names: tuple[str, ...]) -> bool:

@@ -11,6 +11,8 @@ from session.dialects.units import STAMP_NS, endings
 
 OWN = "TinyGC"
 TEMPERATURES = {f"temp{ending}": unit for ending, unit in endings("temp").items()}
+#: a temperature that says it is in another unit
+OTHER_TEMPERATURES = ("temp_f", "temp_k", "temp_degf", "temp_fahrenheit", "temp_kelvin", "temperature_f", "temperature_k")
 KNOWN = {
     "time": tuple(STAMP_NS),
     "gyroscope": tuple(f"g{axis}{ending}" for ending in endings("gyro") for axis in "xyz"),
@@ -41,12 +43,17 @@ def parse_header(line: str, where: str, first: int = 1) -> Layout:
             raise FormatError(f"{where}: separated by {called}; expected commas")
     if len(names) < 7 or all(re.fullmatch(r"[-+.\deE]*", name) for name in names):
         raise FormatError(f"{where}: no header line but {line.strip()[:60]!r}; {expected}")
+    _refuse_doubled(names, where)
     times = [name for name in names if name in STAMP_NS]
     if len(times) != 1:
         raise FormatError(f"{where}: {_problem('time', names, times)}; {expected}")
     gyro = _triad(names, "gyro", where, expected)
     accel = _triad(names, "accel", where, expected)
     temps = [name for name in names if name in TEMPERATURES]
+    if not temps and (other := next((name for name in names if name.lower() in OTHER_TEMPERATURES), None)) is not None:
+        raise FormatError(
+            f"{where}: {other!r}: a temperature is in degC; convert it and call it temp_c, or call it otherwise to leave it out"
+        )
     if len(temps) > 1:
         raise FormatError(f"{where}: two temperature columns ({', '.join(temps)[:80]}); keep one")
     return Layout(
@@ -64,6 +71,13 @@ def parse_header(line: str, where: str, first: int = 1) -> Layout:
         header_line=line.strip(),
         standard=True,
     )
+
+
+def _refuse_doubled(names: tuple[str, ...], where: str) -> None:
+    """Of two columns of one name nobody knows which is meant; further columns are ignored, and may be doubled."""
+    read = {*TEMPERATURES, *(name for known in KNOWN.values() for name in known)}
+    if twice := [name for name in dict.fromkeys(names) if name in read and names.count(name) > 1]:
+        raise FormatError(f"{where}: the column {twice[0]} stands {names.count(twice[0])} times; keep one, or rename the other")
 
 
 def _triad(names: tuple[str, ...], kind: str, where: str, expected: str) -> Triad:

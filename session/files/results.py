@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,21 @@ LONGEST_INTEGER = 18
 def read_json(path: Path) -> Any:
     """What a JSON file holds.  FormatError says what is wrong with the file."""
     try:
-        return json.loads(read_bytes(path, MOST_JSON).decode(), parse_int=_integer)
+        return json.loads(read_bytes(path, MOST_JSON).decode(), parse_int=_integer, object_pairs_hook=_table)
     except ValueError as error:
         raise FormatError(f"{path}: broken JSON: {error}") from None
     except RecursionError:
         raise FormatError(f"{path}: broken JSON: lists or tables nested too deeply") from None
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict:
+    """A table, each of whose keys stands once: of two, nobody knows which is meant."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {json.dumps(twice[:40], ensure_ascii=False)} stands twice in one table; keep one")
+    return table
 
 
 def _integer(digits: str) -> int | float:
@@ -32,7 +43,23 @@ def _integer(digits: str) -> int | float:
 
 def write_whole(path: Path, table: dict) -> None:
     """JSON, whole or not at all: a full disk must not leave half a model."""
-    write_text_whole(path, json.dumps(table, indent=1, ensure_ascii=False) + "\n")
+    write_text_whole(path, json_text(table) + "\n")
+
+
+def json_text(table: Any, ensure_ascii: bool = False) -> str:
+    """JSON; null for a number that is not finite, which JSON has no word for: what is not known is null (docs/formats.md)."""
+    try:
+        return json.dumps(table, indent=1, ensure_ascii=ensure_ascii, allow_nan=False)
+    except ValueError:
+        return json.dumps(_known(table), indent=1, ensure_ascii=ensure_ascii, allow_nan=False)
+
+
+def _known(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _known(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_known(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_text_whole(path: Path, text: str) -> None:

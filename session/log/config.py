@@ -15,6 +15,7 @@ from session.files.toml import read_toml
 from session.log.toml_reader import Note, TomlReader, said
 from session.log.truth_reading import FRAMES, ORDERS, SAME_FRAME, SENSES, TruthGiven
 from session.sensor.known import DEFAULT, profile_of
+from session.sensor.plausible import BEYOND
 from session.sensor.profiles.profile import Profile
 from session.sensor.registers import RegisterUnits
 
@@ -178,14 +179,18 @@ def read_config(path: Path) -> Config:
         temp_at_zero_c=reader.number("sensor", "temp_at_zero_c", None, low=-300, high=300),
     )
     accelerometer = Accelerometer(
-        reader.array("accelerometer", "matrix", (3, 3), np.eye(3)),
-        reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3)),
+        reader.array("accelerometer", "matrix", (3, 3), np.eye(3), most=100.0),
+        reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3), most=BEYOND["accel"]),
         "given" if {"matrix", "bias_mps2"} & set(_table(table, "accelerometer")) else "none",
         reader.number("accelerometer", "sigma_mg", None, low=1e-3, high=1000),
         reader.flag("accelerometer", "own_stills"),
     )
-    with np.errstate(all="ignore"):
-        determinant = abs(np.linalg.det(accelerometer.matrix))
+    determinant = float(np.linalg.det(accelerometer.matrix))
+    if determinant <= -0.1:
+        raise FormatError(
+            f"{path}: accelerometer.matrix is of determinant {determinant:.3g}: it mirrors the axes; expected a 3x3 matrix close to the "
+            "identity; wrong signs are corrected where the log is written"
+        )
     if not 0.1 <= determinant <= 10:
         what = "singular" if determinant < 0.1 else f"of determinant {determinant:g}"
         raise FormatError(f"{path}: accelerometer.matrix is {what}; expected a 3x3 matrix close to the identity")

@@ -93,14 +93,14 @@ class TomlReader:
         """A rotation matrix (3, 3), made exactly orthogonal, or None where the key is missing."""
         if self._value(section, key, None) is None:
             return None
-        matrix = self.array(section, key, (3, 3), np.eye(3))
+        matrix = self.array(section, key, (3, 3), np.eye(3), most=10.0)
         if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_WITHIN or np.linalg.det(matrix) < 0:
             raise FormatError(f"{self._path}: {section}.{key} is no rotation: its rows must be of length 1, at right angles, right-handed")
         left, _, right = np.linalg.svd(matrix)
         return left @ right
 
-    def array(self, section: str, key: str, shape: tuple[int, ...], default: np.ndarray) -> np.ndarray:
-        """Finite numbers of a shape."""
+    def array(self, section: str, key: str, shape: tuple[int, ...], default: np.ndarray, most: float) -> np.ndarray:
+        """Numbers of a shape, none larger than ``most``."""
         value = self._value(section, key, default)
         try:
             array = np.asarray(value, dtype=float)
@@ -108,6 +108,8 @@ class TomlReader:
             array = np.empty(0)
         if array.shape != shape or not np.isfinite(array).all():
             raise FormatError(f"{self._path}: {section}.{key} is {said(value)}, expected finite numbers of shape {shape}")
+        if not (np.abs(array) <= most).all():
+            raise FormatError(f"{self._path}: {section}.{key} holds {np.abs(array).max():g}, expected numbers within {most:g}")
         return array
 
     def notes(self) -> dict[str, Note]:

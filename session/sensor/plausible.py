@@ -8,6 +8,8 @@ from session.common.units import DEG, G
 
 #: the fastest gyroscopes end at some 5 000 dps, shock sensors at some thousand g; generous, in SI
 BEYOND = {"gyro": 1e5 * DEG, "accel": 1e4 * G, "temp": 1e4}
+#: units of the same in memory
+SI = {"gyro": "rad/s", "accel": "m/s^2", "temp": "degC"}
 SAID = {"gyro": "100000 dps", "accel": "10000 g", "temp": "10000 degC"}
 
 

@@ -81,6 +81,25 @@ def estimate_heading(latitude_deg: float, q_tb: np.ndarray, rate: np.ndarray, si
     return EarthRate(_north(latitude_deg) * mean + [0, 0, _down(latitude_deg)], heading, float(spread), source)
 
 
+def vertical_rate(q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tuple[float, float] | None:
+    """Rate about down, rad/s, and its sigma, that Q stills show: attitudes q_tb (Q, 4), calibrated rates (Q, 3) but for a common bias,
+    sigma (Q, 3) rad/s.  None where their attitudes do not tell it from the bias.
+
+    All three components are free; the noise is scaled up to what the stills scatter, as for the heading.
+    """
+    turn = rotation.matrix(q_tb)
+    count = len(rate)
+    design = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), turn.transpose(0, 2, 1)], axis=-1)
+    jacobian = (design / sigma[..., None]).reshape(-1, 6)
+    value = (rate / sigma).ravel()
+    freedom = len(value) - 6
+    if freedom < 1 or np.linalg.matrix_rank(jacobian) < 6:
+        return None
+    solution = np.linalg.lstsq(jacobian, value, rcond=None)[0]
+    excess = max(1.0, float(np.sum((value - jacobian @ solution) ** 2)) / freedom)
+    return float(solution[5]), float(np.sqrt(np.linalg.inv(jacobian.T @ jacobian)[5, 5] * excess))
+
+
 def contradicts(estimate: EarthRate, given: EarthRate) -> bool:
     """Whether a heading that the stills show well differs from the one that was given by more than three sigmas."""
     if estimate.source != "estimated" or estimate.heading_rad is None or given.heading_rad is None:

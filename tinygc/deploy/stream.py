@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from session.common.errors import CalibrationError
 from session.common.units import NS
 from session.log.samples import Samples
+from session.sensor.plausible import SI, beyond_any_sensor
 from tinygc.deploy.needs import Needs
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.model import Model
@@ -86,6 +87,10 @@ class Stream:
         return omega
 
 
+#: array of a call -> what it measures
+KINDS = {"raw": "gyro", "acc": "accel", "measured": "accel", "temp": "temp"}
+
+
 def as_numbers(name: str, values: ArrayLike) -> np.ndarray:
     """An array of float64; CalibrationError for what is not made of numbers."""
     try:
@@ -95,10 +100,13 @@ def as_numbers(name: str, values: ArrayLike) -> np.ndarray:
 
 
 def refuse_gaps(name: str, array: np.ndarray) -> None:
-    """CalibrationError, with the row, where a value is not finite: it would pass for a rate."""
+    """CalibrationError, with the row, where a value is not finite, or beyond any sensor: it would pass for a rate."""
     if not np.isfinite(array).all():
         row = int(np.argmin(np.isfinite(array).reshape(len(array), -1).all(axis=1)))
         raise CalibrationError(f"{name}[{row}] is not finite; give numbers, or leave such rows out")
+    if (far := beyond_any_sensor(array, 1.0, KINDS[name])).any():
+        row = int(np.argmax(far.reshape(len(array), -1).any(axis=1)))
+        raise CalibrationError(f"{name}[{row}] is {np.abs(array[row]).max():g} {SI[KINDS[name]]}, beyond any sensor; is its unit right?")
 
 
 class _Rows:

@@ -25,7 +25,6 @@ import numpy as np
 from scipy import stats
 
 from session.common.errors import DataError, FormatError
-from session.files.results import read_json
 from session.log.config import Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of
@@ -41,6 +40,7 @@ from tinygc.fitting.compare_triads import (
     into_frame_of,
     read_triad,
 )
+from tinygc.fitting.fit_file import read_fit
 from tinygc.models.field_parameters import WORDS, field_jacobian, field_vector
 from tinygc.models.linear import BIAS, MATRIX, NAMES, LinearModel
 
@@ -116,21 +116,17 @@ def read_calibrated(folder: Path) -> Calibrated:
     config, path = read_config(folder / "session.toml"), folder / "fit" / "model_least_squares.json"
     if not path.exists():
         raise FormatError(f"{path}: not found; run `calibrate.py fit {folder}` first")
-    model = models.load(path)
-    covariance = _matrix((table := read_json(path)).get("covariance"))
+    model, table = models.load_with_table(path)
+    covariance = _matrix(table.get("covariance"))
     if not isinstance(model, LinearModel) or covariance.shape != (12, 12) or not np.isfinite(covariance).all():
         raise FormatError(f"{path}: no linear model with a covariance of 12 x 12; run `calibrate.py fit {folder}` again")
     if np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() <= 0:
         raise FormatError(f"{path}: the covariance is not positive definite; run `calibrate.py fit {folder}` again")
     notes = []
-    fit = folder / "fit" / "fit.json"
-    try:
-        p_value = float(read_json(fit)["goodness"]["p_value"])
-    except FormatError as error:
-        raise FormatError(f"{error}; run `calibrate.py fit {folder}` again") from None
-    except (ValueError, KeyError, TypeError):
-        raise FormatError(f"{fit}: goodness.p_value is missing or no number; run `calibrate.py fit {folder}` again") from None
-    if p_value < DIFFERS_P:
+    fit = read_fit(folder / "fit" / "fit.json", f"run `calibrate.py fit {folder}` again")
+    if fit.get("goodness") is None:
+        raise FormatError(f"{folder / 'fit' / 'fit.json'}: goodness is missing, expected a table; run `calibrate.py fit {folder}` again")
+    if fit["goodness"]["p_value"] < DIFFERS_P:
         notes.append("its closure is above its noise floor: its sigmas are widened for that, and `explain` says why")
     unobserved = tuple(name for name in NAMES if name in (table.get("unobserved") or ()))
     hashes = tuple(sha256_of(log) for log in log_paths(folder, "log"))
@@ -139,7 +135,7 @@ def read_calibrated(folder: Path) -> Calibrated:
         accelerometer = _matrix(table["accelerometer_covariance"])
         if accelerometer.shape != (12, 12) or not np.isfinite(accelerometer).all():
             raise FormatError(f"{path}: accelerometer_covariance is not 12 x 12; run `calibrate.py fit {folder}` again")
-    triad = read_triad(table, read_json(fit), config, str(path))
+    triad = read_triad(table, fit, config, str(path))
     return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes), accelerometer, triad)
 
 

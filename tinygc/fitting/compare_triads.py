@@ -79,10 +79,9 @@ class TriadComparison:
         }
 
 
-def read_triad(table: dict, fit: Any, config: Config, where: str) -> Triad:
+def read_triad(table: dict, fit: dict, config: Config, where: str) -> Triad:
     """Of a model file and the ``fit.json`` beside it; session.toml's where an older fit does not say.  FormatError for a damaged one."""
-    said = fit.get("accelerometer") if isinstance(fit, dict) else None
-    said = said if isinstance(said, dict) else {}
+    said = fit.get("accelerometer") or {}
     mode = said.get("mode", "given")
     left = said.get("unobserved") or []
     calibration = accelerometer_of(table, where) or config.accelerometer

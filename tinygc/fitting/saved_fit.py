@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.errors import CalibrationError
+from session.common.errors import CalibrationError, FormatError
 from session.common.version import VERSION
-from session.files.results import read_json
+from session.files.shapes import Array, Keys, MapOf, Number, Text, read_required
 from tinygc import models
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
@@ -18,6 +18,9 @@ from tinygc.problem.problem import Problem
 NAME, SCHEMA = "fitted.json", "tinygc-fitted/1"
 #: what decides the numbers of a method; which methods were asked for does not
 IRRELEVANT = ("methods", "physics", "conditions", "checkpoints", "resume")
+_ANGLES = Array((None, None))
+_METHOD = Keys({"fitted_rad": _ANGLES, "held_out_rad": _ANGLES, "seconds": Number(0), "notes": Keys()})
+SHAPE = Keys({"schema": Text((SCHEMA,)), "key": Keys(), "methods": MapOf(_METHOD)})
 
 
 def key(options: FitOptions, hashes: dict[str, str]) -> dict:
@@ -38,11 +41,11 @@ def _entry(fit: MethodFit) -> dict:
 def saved_methods(folder: Path, problem: Problem, options: FitOptions, hashes: dict[str, str]) -> dict[str, MethodFit]:
     """The methods asked for that a folder of ``fit`` holds for this very problem; none where anything differs or cannot be read."""
     try:
-        table = read_json(folder / NAME)
+        table = read_required(folder / NAME, SHAPE)
         if table["key"] != key(options, hashes):
             return {}
         found = {name: _read(folder, name, table["methods"][name], problem) for name in options.methods if name in table["methods"]}
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, CalibrationError):
+    except CalibrationError:
         return {}
     if "tinygc_denoised" in options.methods and "tinygc_denoised" not in found:
         found.pop("tinygc", None)  # the denoiser is trained on the fits of the folds, which are not saved
@@ -52,6 +55,6 @@ def saved_methods(folder: Path, problem: Problem, options: FitOptions, hashes: d
 def _read(folder: Path, name: str, entry: dict, problem: Problem) -> MethodFit:
     angles, held_out = (np.asarray(entry[which], dtype=float) for which in ("fitted_rad", "held_out_rad"))
     shape = (len(problem.batch), problem.batch.angles)
-    if angles.shape != shape or held_out.shape != shape or not (np.isfinite(angles).all() and np.isfinite(held_out).all()):
-        raise ValueError(f"{name}: not the angles of {shape[0]} segments")
+    if angles.shape != shape or held_out.shape != shape:
+        raise FormatError(f"{name}: not the angles of {shape[0]} segments")
     return MethodFit(name, models.load(folder / f"model_{name}.json"), angles, held_out, float(entry["seconds"]), dict(entry["notes"]))

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isfinite
-from typing import Any
 
 import numpy as np
 
-from session.common.errors import FormatError
+from session.files.shapes import Array, Keys, Maybe, Number, Text, require
 from session.log.config import OWN_UNITS, Accelerometer, Sensor
+from tinygc.models.shapes import FORCE, MATRIX
 
 EQUATION = "f = matrix @ (measured - bias_mps2), m/s^2"
 SOURCES = ("given", "prior", "stills", "none")
 FULL_SCALES = ("gyro_fs_dps", "accel_fs_g")
+_KEYS = Keys({"matrix": MATRIX, "bias_mps2": Array((3,), FORCE)}, {"source": Text(SOURCES), "equation": Text()})
+_ABOVE_0 = Maybe(Number(0, above=True))
+_SENSOR = Keys(
+    may={
+        "model": Maybe(Text()),
+        "serial": Maybe(Text()),
+        "odr_hz": _ABOVE_0,
+        **dict.fromkeys((*FULL_SCALES, *OWN_UNITS), _ABOVE_0),
+        "temp_at_zero_c": Maybe(Number(-1e4, 1e4)),
+    }
+)
 
 
 def accelerometer_table(accelerometer: Accelerometer) -> dict:
@@ -31,16 +41,9 @@ def accelerometer_of(table: dict, where: str = "model") -> Accelerometer | None:
     entry = table.get("accelerometer")
     if entry is None:
         return None
-    try:
-        matrix, bias = (np.asarray(entry[key], dtype=float) for key in ("matrix", "bias_mps2"))
-    except (KeyError, TypeError, ValueError):
-        matrix, bias = np.empty(0), np.empty(0)
-    sound = matrix.shape == (3, 3) and bias.shape == (3,) and np.isfinite(matrix).all() and np.isfinite(bias).all()
-    if not sound or abs(np.linalg.det(matrix)) < 1e-6:
-        raise FormatError(f"{where}: accelerometer is no calibration, expected matrix 3x3 and bias_mps2 of 3 finite numbers; fit again")
+    require(table, Keys({"accelerometer": _KEYS}), where)
+    matrix, bias = (np.asarray(entry[key], dtype=float) for key in ("matrix", "bias_mps2"))
     source = entry.get("source", "given")
-    if source not in SOURCES:
-        raise FormatError(f"{where}: accelerometer.source is {source!r}, expected one of {', '.join(SOURCES)}; fit again")
     return None if source == "none" else Accelerometer(matrix, bias, source)
 
 
@@ -67,17 +70,10 @@ class KnownSensor:
 
 def sensor_of(table: dict, where: str = "model") -> KnownSensor:
     """That of a model file.  FormatError for what is no number."""
-    entry: Any = table.get("sensor")
+    entry = table.get("sensor")
     if entry is None:
         return KnownSensor()
-    numbers: dict[str, float | None] = {}
-    for key in (*FULL_SCALES, *OWN_UNITS):
-        value = entry.get(key) if isinstance(entry, dict) else entry
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value)):
-            raise FormatError(f"{where}: sensor.{key} is {value!r}, expected a number; fit again")
-        numbers[key] = None if value is None else float(value)
-    if any(number is not None and number <= 0 for number in (numbers[key] for key in FULL_SCALES)):
-        raise FormatError(f"{where}: sensor.gyro_fs_dps and sensor.accel_fs_g must be above 0; fit again")
-    model = entry.get("model")
-    own = {key: numbers[key] for key in OWN_UNITS if numbers[key] is not None}
-    return KnownSensor(numbers["gyro_fs_dps"], numbers["accel_fs_g"], model if isinstance(model, str) and model else None, own)
+    require(table, Keys({"sensor": _SENSOR}), where)
+    gyro, accel = (entry.get(key) for key in FULL_SCALES)
+    own: dict[str, float | None] = {key: float(entry[key]) for key in OWN_UNITS if entry.get(key) is not None}
+    return KnownSensor(None if gyro is None else float(gyro), None if accel is None else float(accel), entry.get("model") or None, own)

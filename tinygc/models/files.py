@@ -13,7 +13,10 @@ from typing import Any
 
 from session.common.errors import FormatError
 from session.files.results import read_json
+from session.files.shapes import require, shown
+from tinygc.models.accelerometer import accelerometer_of, sensor_of
 from tinygc.models.model import Model
+from tinygc.models.shapes import MODEL
 
 SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"
 #: kind in the file -> module of tinygc.models.kinds, imported when the first model of it is met
@@ -39,10 +42,11 @@ def from_dict(table: Any, where: str = "model") -> Model:
     if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         raise FormatError(f'{where}: no model of this tool, expected "schema": "{SCHEMA}"')
     if (units := table.get("units", UNITS)) != UNITS:
-        raise FormatError(f'{where}: units are {units!r}, expected "{UNITS}"; convert the numbers, or fit again')
+        raise FormatError(f'{where}: units are {shown(units)}, expected "{UNITS}"; convert the numbers, or fit again')
     kind = table.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        raise FormatError(f"{where}: kind is {kind!r}, expected one of {', '.join(KINDS)}")
+        raise FormatError(f"{where}: kind is {shown(kind)}, expected one of {', '.join(KINDS)}; fit again")
+    require(table, MODEL, where)
     return _module(kind).from_table(table, where, from_dict)
 
 
@@ -53,11 +57,16 @@ def load(path: Path | str) -> Model:
 
 def load_with_table(path: Path | str) -> tuple[Model, dict]:
     """The model, and all that stands in its file (covariance, hashes of what it was made from, …)."""
-    table = read_json(Path(path))
+    table, where = read_json(Path(path)), str(path)
     try:
-        return from_dict(table, str(path)), table
+        model = from_dict(table, where)
     except RecursionError:
         raise FormatError(f"{path}: models nested too deeply, expected at most a model within a model") from None
+    if (rows := len(table.get("covariance") or ())) not in (0, model.parameters):
+        raise FormatError(f"{where}: covariance has {rows} rows, expected {model.parameters}, one for each parameter; fit again")
+    accelerometer_of(table, where)
+    sensor_of(table, where)
+    return model, table
 
 
 def _module(kind: str) -> ModuleType:

@@ -17,6 +17,7 @@ from session.common.errors import CalibrationError
 from session.detect.session_stills import SessionStills
 from session.log.folder import Session, read_session
 from tinygc.problem.build import build_problem
+from tinygc.problem.gravity_sign import check_gravity_sign
 from tinygc.problem.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint
 from tinygc.problem.joint_fit import JointFit
 from tinygc.problem.problem import Problem
@@ -88,6 +89,8 @@ def prepare(
     whole = with_bridges(session)
     found = SessionStills(whole, found)
     problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, progress=progress)
+    if use_earth:
+        findings = findings + check_gravity_sign(problem)
     if accelerometer == "given" or source not in ("given", "none"):  # or an estimation that has been made before
         return Prepared(findings, problem)
     progress("accelerometer")

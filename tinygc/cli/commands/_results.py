@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.common.errors import CalibrationError
+from session.files.results import json_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -62,10 +62,10 @@ def write_json(path: Path | None, table: dict) -> None:
     if str(path) == "-":
         whole = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
         with standard_output():
-            sys.stdout.write(json.dumps(table, indent=1, ensure_ascii=not whole) + "\n")
+            sys.stdout.write(json_text(table, ensure_ascii=not whole) + "\n")
         return
     try:
-        path.write_text(json.dumps(table, indent=1, ensure_ascii=False) + "\n", encoding="utf-8", errors="backslashreplace")
+        path.write_text(json_text(table) + "\n", encoding="utf-8", errors="backslashreplace")
     except OSError as error:
         raise _no_json(path, error) from None
 

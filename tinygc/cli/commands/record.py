@@ -133,10 +133,16 @@ def _require_place(folder: Path, resume: bool) -> None:
 
 def _say_what_was_asked(args: argparse.Namespace, folder: Path) -> None:
     """What `explain` wants to see of this sensor: of this session when it is resumed, or of the one that it is like."""
+    from session.common.errors import FormatError
     from tinygc.plan.requested import requested_by_explain
 
     for place in (folder, args.like.parent if args.like else None):
-        if place and (words := requested_by_explain(place)) and not args.quiet:
+        try:
+            words = requested_by_explain(place) if place else None
+        except FormatError as error:  # nobody at the table waits for an old explanation
+            print(f"calibrate: {error}", file=sys.stderr)
+            continue
+        if words and not args.quiet:
             print(f"explain asks ({place}): {words}", file=sys.stderr)
             return
 

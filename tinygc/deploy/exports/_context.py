@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from session.common.units import DEG, DEG_PER_HOUR, G
-from session.files.results import read_json
 from session.log.config import Accelerometer, Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of
@@ -20,6 +19,7 @@ from tinygc.deploy.errors import ExportError
 from tinygc.deploy.needs import Needs
 from tinygc.fitting import bias
 from tinygc.fitting.against_raw import worse_in_table
+from tinygc.fitting.fit_file import read_fit
 from tinygc.fitting.save import AT_END
 from tinygc.models.accelerometer import accelerometer_of
 from tinygc.models.model import Model
@@ -76,9 +76,7 @@ class Context:
     @property
     def accelerometer_unobserved(self) -> tuple[str, ...]:
         """Names of its numbers that stay as they were, since nothing in the session tells them."""
-        found = self.fit.get("accelerometer")
-        left = found.get("unobserved") if isinstance(found, dict) else None
-        return tuple(map(str, left)) if isinstance(left, list) else ()
+        return tuple((self.fit.get("accelerometer") or {}).get("unobserved") or ())
 
     @property
     def gyro_noise(self) -> np.ndarray | None:
@@ -124,17 +122,17 @@ def read_context(
     if method is None and (folder / "fit" / "model_physics.json").exists():
         ended = "_at_end" if (folder / "fit" / "model_physics_at_end.json").exists() else ""
         say(f"least squares is exported; the fit holds physics as well: --model physics{ended}")
-    model = models.load(path)
+    model, table = models.load_with_table(path)
     if bygone := Needs(model).of_one_session:
         raise ExportError(
             f"{path.name} undoes {', '.join(bygone)}, which follows the time of its own session and holds nowhere else; "
             f"give --model {path.stem.removeprefix('model_')}_at_end, which fit saves beside it"
         )
-    table, fit = read_json(path), _fit_beside(path)
+    fit = _fit_beside(path)
     sources = [path, folder / "session.toml", *log_paths(folder, "log"), *log_paths(folder, "closure")]
     hashes = {source.name: sha256_of(source) for source in sources}
-    name = table.get("session") if isinstance(table.get("session"), str) else folder.resolve().name
-    named = table.get("method") if isinstance(table.get("method"), str) else path.stem.removeprefix("model_")
+    name: str = table.get("session") or folder.resolve().name
+    named: str = table.get("method") or path.stem.removeprefix("model_")
     if worse := worse_in_table(fit, named.removesuffix(AT_END)):
         words = f"{path.name} closes held-out segments with {worse[0]:.4g} deg, worse than the raw rates with {worse[1]:.4g} deg"
         if not anyway:
@@ -159,5 +157,4 @@ def _fit_beside(path: Path) -> dict:
     """What was found with a model: ``rebiased.json`` for one whose bias was taken anew, ``fit.json`` for the others; empty without."""
     names = (bias.FIGURES, "fit.json") if path.name == bias.MODEL else ("fit.json",)
     beside = next((path.parent / name for name in names if (path.parent / name).exists()), None)
-    table = {} if beside is None else read_json(beside)
-    return table if isinstance(table, dict) else {}
+    return {} if beside is None else read_fit(beside)

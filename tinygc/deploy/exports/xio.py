@@ -7,12 +7,15 @@ import json
 import numpy as np
 
 from session.common.units import DEG, G
+from tinygc.deploy.errors import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import linear_part
 from tinygc.deploy.exports._remarks import remarks
 from tinygc.models.model import Model
 
 NAME = "xio"
+#: of an axis' own factor: the misalignment is what the others add over it
+LEAST = 1e-3
 SUMMARY = "misalignment, sensitivity, offset for x-io's Fusion (C) and x-IMU3 (JSON)"
 
 
@@ -45,6 +48,8 @@ def export(model: Model, context: Context) -> dict[str, str]:
 def factor(E: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(misalignment, sensitivity) with ``E = misalignment @ diag(sensitivity)``; the misalignment has ones on its diagonal."""
     sensitivity = np.diag(E)
+    if not (np.abs(sensitivity) > LEAST).all():
+        raise ExportError("xio scales each axis by itself, and one of the model's has nothing of its own; json and c carry it")
     return E / sensitivity, sensitivity
 
 

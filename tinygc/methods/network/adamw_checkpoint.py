@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.common.errors import FitError, FormatError
-from session.files.results import read_json, write_whole
+from session.files.results import write_whole
+from session.files.shapes import Array, Keys, Text, read_required
 from tinygc.methods.checkpoint import NAME, Checkpoint
 
 if TYPE_CHECKING:
@@ -114,21 +115,15 @@ def _write(path: Path, state: dict) -> None:
 
 
 def _read(path: Path, mark: str, shape: tuple[int, ...]) -> dict:
+    arrays = {name: Array(shape) for name in ("weights", "best", "exp_avg", "exp_avg_sq")}
+    wanted = Keys({"schema": Text((SCHEMA,)), "of": Text(), "losses": Array((None,)), **arrays})
     try:
-        table = read_json(path)
-        if table["schema"] != SCHEMA:
-            raise ValueError(f"schema is {table['schema']!r}, expected {SCHEMA!r}")
-        arrays = {name: np.asarray(table[name], dtype=float).reshape(shape) for name in ("weights", "best", "exp_avg", "exp_avg_sq")}
-        losses = [float(value) for value in table["losses"]]
-        if not losses or not all(np.isfinite(array).all() for array in (*arrays.values(), np.array(losses))):
-            raise ValueError("it holds no epochs, or numbers that are not finite")
+        table = read_required(path, wanted, "remove it, or train without --resume")
     except FormatError as error:
-        raise FitError(f"{error}; remove it, or train without --resume") from None
-    except (ValueError, KeyError, TypeError, OverflowError) as error:
-        raise FitError(f"{path}: no checkpoint to resume from ({error}); remove it, or train without --resume") from None
+        raise FitError(str(error)) from None
     if table.get("of") != mark:
         raise FitError(f"{path}: a checkpoint of other data or settings; remove it, or train without --resume")
-    return {"losses": losses, **arrays}
+    return {"losses": [float(value) for value in table["losses"]], **{name: np.asarray(table[name], dtype=float) for name in arrays}}
 
 
 def _fingerprint(arrays: list) -> str:

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from session.common.errors import FormatError
-from tinygc.effects.conditions import Conditions
+from session.files.shapes import Array, Keys, ListOf, Text, require
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.conditions_net import CONDITIONS, ConditionsModel, ConditionsNet
-from tinygc.models.kinds.weights import array
+from tinygc.models.kinds.known import CONDITIONS_TABLE, known_of
+from tinygc.models.shapes import FACTOR
 
 EQUATION = "omega = net(m) + bias @ c + m * (gain @ c), c: temperature less conditions.first_temp_c in degC, force in g"
 
@@ -30,16 +31,15 @@ def to_table(model: ConditionsModel, write: Callable[..., dict]) -> dict:
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> ConditionsModel:
     """The model; FormatError says what is wrong with the table."""
-    names = table.get("inputs")
-    if not isinstance(names, list) or not names or not all(isinstance(name, str) and name in CONDITIONS for name in names):
-        raise FormatError(f"{where}: inputs are {names!r}, expected some of {', '.join(CONDITIONS)}")
+    require(table, Keys({"inputs": ListOf(Text(tuple(CONDITIONS))), "conditions": CONDITIONS_TABLE}), where)
+    names = tuple(table["inputs"])
+    if not names or len(set(names)) < len(names):
+        raise FormatError(f"{where}: inputs name {len(names)} conditions, expected each of {', '.join(CONDITIONS)} once at most; fit again")
     count = sum(CONDITIONS[name][0] for name in names)
-    weights = {name: array(table.get("weights"), name, (3, count), f"{where}: weights") for name in ("bias", "gain")}
-    try:
-        known = Conditions(**{name: float("nan") if value is None else float(value) for name, value in table["conditions"].items()})
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise FormatError(f"{where}: the conditions cannot be read: {error}") from None
+    require(table, Keys({"weights": Keys({name: Array((3, count), FACTOR) for name in ("bias", "gain")})}), where)
+    bias, gain = (np.asarray(table["weights"][name], dtype=float) for name in ("bias", "gain"))
+    known = known_of(table, {"temperature"} & set(names), where)
     net = read(table.get("net"), f"{where}: net")
     if not isinstance(net, CalibrationNet):
         raise FormatError(f"{where}: net is of another kind, expected tinygc")
-    return ConditionsModel(ConditionsNet(net, weights["bias"], weights["gain"], tuple(names)), known)
+    return ConditionsModel(ConditionsNet(net, bias, gain, names), known)

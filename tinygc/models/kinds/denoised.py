@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from session.common.errors import FormatError
+from session.files.shapes import Array, Keys, Number, require
 from tinygc.models.denoiser import KERNEL, SHAPES, WINDOW, DenoisedNet, Denoiser
+from tinygc.models.shapes import FACTOR
 
 EQUATION = (
     "omega = calibration(m); per axis y1 = L(conv1 * omega), y2 = L(conv2 * y1), g = L(conv3 * y2), L(h) = h if h >= 0 else slope * h; "
@@ -16,6 +18,14 @@ EQUATION = (
 )
 #: a constant rate must pass unchanged; what rounding to seven digits may do
 GAIN_WITHIN = 1e-6
+_NET = Keys(
+    {
+        "slope": Number(0, 1),
+        "dilations": Array((3,), Number(1, WINDOW, whole=True)),
+        **{name: Array(shape, FACTOR) for name, shape in SHAPES.items()},
+    }
+)
+_DENOISED = Keys({"rate_hz": Number(0, 1e6, above=True), "denoiser": _NET, "calibration": Keys()})
 
 
 def to_table(model: DenoisedNet, write: Callable[..., dict]) -> dict:
@@ -34,31 +44,16 @@ def to_table(model: DenoisedNet, write: Callable[..., dict]) -> dict:
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> DenoisedNet:
     """The model; FormatError says what is wrong with the table."""
-    try:
-        entries = table["denoiser"]
-        rate_hz, slope = float(table["rate_hz"]), float(entries["slope"])
-        dilations = tuple(_whole(value) for value in entries["dilations"])
-        weights = {name: np.asarray(entries[name], dtype=float) for name in SHAPES}
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise FormatError(f"{where}: the denoiser cannot be read: {error}") from None
-    for name, shape in SHAPES.items():
-        if weights[name].shape != shape or not np.isfinite(weights[name]).all():
-            raise FormatError(f"{where}: denoiser.{name} has shape {weights[name].shape}, expected {shape} of finite numbers")
-    if len(dilations) != 3 or min(dilations) < 1 or 1 + (KERNEL - 1) * sum(dilations) > WINDOW:
-        raise FormatError(f"{where}: denoiser.dilations are {list(dilations)}, expected three that reach at most {WINDOW} samples")
-    if not (0 <= slope <= 1 and 0 < rate_hz < float("inf")):
-        raise FormatError(f"{where}: slope {slope:g} or rate_hz {rate_hz:g} is out of range")
-    denoiser = Denoiser(**weights, slope=slope, dilations=dilations)
+    require(table, _DENOISED, where)
+    entries = table["denoiser"]
+    weights = {name: np.asarray(entries[name], dtype=float) for name in SHAPES}
+    first, second, third = map(int, entries["dilations"])
+    if 1 + (KERNEL - 1) * (first + second + third) > WINDOW:
+        raise FormatError(f"{where}: denoiser.dilations reach farther than the {WINDOW} samples of the window; fit again")
+    denoiser = Denoiser(**weights, slope=float(entries["slope"]), dilations=(first, second, third))
     if not np.abs(denoiser.gain - 1).max() <= GAIN_WITHIN:
         raise FormatError(f"{where}: the denoiser's gain at a constant rate is {denoiser.gain}, expected 1: it would miscalibrate")
     calibration = read(table.get("calibration"), f"{where}: calibration")
     if not calibration.pointwise:
         raise FormatError(f"{where}: the denoiser's calibration is of a kind that it does not follow")
-    return DenoisedNet(calibration, denoiser, rate_hz)
-
-
-def _whole(value: object) -> int:
-    """A dilation is a number of samples: 2.5 of them must not pass for 2."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or value != int(value):
-        raise ValueError(f"dilations hold {value!r}, expected whole numbers of samples")
-    return int(value)
+    return DenoisedNet(calibration, denoiser, float(table["rate_hz"]))

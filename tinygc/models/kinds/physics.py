@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from session.common.errors import FormatError
-from tinygc.effects import AppliedEffect, Conditions, EffectError, effect_of
+from session.files.shapes import Array, Keys, ListOf, Number, Text, require
+from tinygc.effects import AppliedEffect, EffectError, effect_of
 from tinygc.effects.effect import READINGS
+from tinygc.models.kinds.known import CONDITIONS_TABLE, known_of
+from tinygc.models.kinds.weights import weight
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
@@ -18,6 +21,11 @@ EQUATIONS = {
     "physics": "omega = (each effect undone, in order)(E @ m + B), m the measured rate in rad/s",
     "tinygc_physics": "omega = net(E^-1 ((each effect undone, in order)(E @ m + B) - B))",
 }
+
+#: of an effect's generous sigma (``Parameter.plausible``): nothing that a sensor does is larger
+PLAUSIBLE = 1e3
+_LINEAR = Keys({name: weight(name, shape) for name, shape in LinearModel.SHAPES.items()})
+_PHYSICS = Keys({"linear": _LINEAR, "conditions": CONDITIONS_TABLE, "effects": ListOf(Keys({"id": Text()}))})
 
 
 def to_table(model: PhysicsModel | CarriedNet, write: Callable[..., dict]) -> dict:
@@ -40,24 +48,24 @@ def _claim(claim: AppliedEffect) -> dict:
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> PhysicsModel | CarriedNet:
     """The model; FormatError says what is wrong with the table."""
-    try:
-        E, B = (np.asarray(table["linear"][name], dtype=float).reshape(shape) for name, shape in (("E", (3, 3)), ("B", (3,))))
-        known = Conditions(**{name: float("nan") if value is None else float(value) for name, value in table["conditions"].items()})
-        claims = tuple(_read_claim(entry) for entry in table["effects"])
-    except EffectError as error:
-        raise FormatError(f"{where}: {error}") from None
-    except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(f"{where}: the physics cannot be read: {error}") from None
-    if not (np.isfinite(E).all() and np.isfinite(B).all() and all(np.isfinite(claim.theta).all() for claim in claims)):
-        raise FormatError(f"{where}: the physics holds numbers that are not finite")
-    physics = PhysicsModel(LinearModel(E, B), claims, known)
+    require(table, _PHYSICS, where)
+    linear = LinearModel(*(np.asarray(table["linear"][name], dtype=float) for name in LinearModel.SHAPES))
+    claims = tuple(_read_claim(entry, f"{where}: effects[{i}]") for i, entry in enumerate(table["effects"]))
+    known = known_of(table, {name for claim in claims for name in claim.effect.inputs}, where)
+    physics = PhysicsModel(linear, claims, known)
     return physics if table["kind"] == PhysicsModel.kind else CarriedNet(physics, read(table.get("net"), f"{where}: net"))
 
 
-def _read_claim(entry: dict) -> AppliedEffect:
-    effect = effect_of(entry["id"])
-    if effect.scan is not None:
-        effect = effect.at(float(entry[effect.scan.name]) * effect.scan.si)
+def _read_claim(entry: dict, where: str) -> AppliedEffect:
+    try:
+        effect = effect_of(entry["id"])
+        most = PLAUSIBLE * effect.parameter.plausible
+        require(entry, Keys({"theta_si": Array((effect.parameter.size,), Number(-most, most))}), where)
+        if effect.scan is not None:
+            require(entry, Keys({effect.scan.name: Number()}), where)
+            effect = effect.at(float(entry[effect.scan.name]) * effect.scan.si)
+    except EffectError as error:
+        raise FormatError(f"{where}: {error}") from None
     if entry.get("of") == READINGS and effect.of_readings is not None:
         effect = effect.of_readings
     return AppliedEffect(effect, np.asarray(entry["theta_si"], dtype=float))

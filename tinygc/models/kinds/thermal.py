@@ -7,12 +7,41 @@ from typing import Any
 
 import numpy as np
 
-from session.common.errors import FormatError
+from session.files.shapes import Array, Keys, require
+from tinygc.models.shapes import CELSIUS, FACTOR, RATE, SECONDS, invertible
 from tinygc.models.thermal import ThermalModel
 
 EQUATION = (
     "omega = E(T) @ (m - zero(T_e)), E(T) = sum_n E[n] (T - reference_c)^n, zero_i = sum_n zero_rps[n][i] (T_e,i - reference_c)^n, "
     "T and T_e held within range_c; a y' = T - y, T_e = y + r (T - y), lag = a (1 - r), r = 0 for a lag, 20 for a lead"
+)
+
+#: coefficients of a polynomial; beyond, no fit of readings goes
+MOST_TERMS = 20
+
+
+def _terms(values: np.ndarray) -> str:
+    if len(values) > MOST_TERMS:
+        return f"has {len(values)} coefficients, expected {MOST_TERMS} at most"
+    return invertible(values[0]) if values.ndim == 3 else ""
+
+
+def _range(values: np.ndarray) -> str:
+    return "" if values[0] <= values[1] else "goes down, expected coldest and warmest"
+
+
+_THERMAL = Keys(
+    {
+        "thermal": Keys(
+            {
+                "E": Array((None, 3, 3), FACTOR, _terms),
+                "zero_rps": Array((None, 3), RATE, _terms),
+                "lag_s": Array((3,), SECONDS),
+                "reference_c": CELSIUS,
+                "range_c": Array((2,), CELSIUS, _range),
+            }
+        )
+    }
 )
 
 
@@ -32,14 +61,8 @@ def to_table(model: ThermalModel, write: Callable[..., dict]) -> dict:
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> ThermalModel:
     """The model; FormatError says what is wrong with the table."""
-    try:
-        part = table["thermal"]
-        E, zero, lag = (np.asarray(part[name], dtype=float) for name in ("E", "zero_rps", "lag_s"))
-        reference_c, (low, high) = float(part["reference_c"]), map(float, part["range_c"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(f"{where}: the temperature's terms cannot be read: {error}") from None
-    if E.ndim != 3 or E.shape[1:] != (3, 3) or zero.ndim != 2 or zero.shape[1] != 3 or lag.shape != (3,) or not (len(E) and len(zero)):
-        raise FormatError(f"{where}: E is {E.shape}, zero_rps {zero.shape}, lag_s {lag.shape}; expected (n, 3, 3), (n, 3), (3,)")
-    if not all(np.isfinite(values).all() for values in (E, zero, lag, np.array([reference_c, low, high]))) or low > high:
-        raise FormatError(f"{where}: the temperature's terms hold numbers that are not finite, or range_c is not [coldest, warmest]")
-    return ThermalModel(E, zero, lag, reference_c, (low, high))
+    require(table, _THERMAL, where)
+    part = table["thermal"]
+    E, zero, lag = (np.asarray(part[name], dtype=float) for name in ("E", "zero_rps", "lag_s"))
+    low, high = map(float, part["range_c"])
+    return ThermalModel(E, zero, lag, float(part["reference_c"]), (low, high))

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from session.common.errors import FormatError
+from session.files.shapes import Array, Keys, require
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.linear import LinearModel
 from tinygc.models.published_net import PublishedNet
+from tinygc.models.shapes import FACTOR, MATRIX, RATE
 
 CLASSES: dict[str, Any] = {each.kind: each for each in (LinearModel, CalibrationNet, PublishedNet)}
 EQUATIONS = {
@@ -28,17 +29,10 @@ def to_table(model: Any, write: Callable[..., dict]) -> dict:
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> LinearModel | CalibrationNet | PublishedNet:
     """The model; FormatError says what is wrong with the table."""
     cls = CLASSES[table["kind"]]
-    return cls(**{name: array(table.get("weights"), name, shape, f"{where}: weights") for name, shape in cls.SHAPES.items()})
+    require(table, Keys({"weights": Keys({name: weight(name, shape) for name, shape in cls.SHAPES.items()})}), where)
+    return cls(**{name: np.asarray(table["weights"][name], dtype=float) for name in cls.SHAPES})
 
 
-def array(weights: Any, name: str, shape: tuple[int, ...], where: str) -> np.ndarray:
-    """One array of finite numbers; FormatError where it is missing, not made of numbers, or of another shape."""
-    try:
-        found = np.asarray(weights[name], dtype=float)
-    except (KeyError, TypeError, ValueError):
-        raise FormatError(f"{where}.{name} is missing or not made of numbers") from None
-    if found.shape != shape:
-        raise FormatError(f"{where}.{name} has shape {found.shape}, expected {shape}")
-    if not np.isfinite(found).all():
-        raise FormatError(f"{where}.{name} holds numbers that are not finite")
-    return found
+def weight(name: str, shape: tuple[int, ...]) -> Array:
+    """What an array of weights must hold: E can be undone, what is added to a rate (B, b1, b2) is a rate, all else a factor."""
+    return MATRIX if name == "E" else Array(shape, RATE if name.lower().startswith("b") else FACTOR)

@@ -1,0 +1,40 @@
+"""A gyroscope whose register steps are larger than its noise: at rest it repeats one value, and rest cannot be told from a slow turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from session.checks.findings import Finding, axes_text
+from session.common.units import MDPS
+from session.log.config import Sensor
+from session.log.logfile import Log
+
+WHAT = "quantisation"
+#: of neighbours that are equal: a step of 2.5 sigma makes so many of pure noise
+REPEATS = 0.6
+#: stretches that are looked at, and the share of them, the quietest, that must repeat
+STRETCH_S, LEAST_READINGS, QUIETEST = 1.0, 8, 0.2
+
+
+def check_quantised(log: Log, sensor: Sensor) -> list[Finding]:
+    """Of a log in which no still was found: whether its steps are the reason, axis by axis; one that never moves is said as stuck."""
+    gyro = log.samples.gyro
+    moves = np.ptp(gyro, axis=0) > 0
+    size = max(LEAST_READINGS, round(STRETCH_S / log.samples.period_s))
+    count = (len(gyro) - 1) // size
+    if not count or not moves.any():
+        return []
+    same = (np.diff(gyro, axis=0) == 0)[: count * size].reshape(count, size, 3).mean(axis=1)
+    share = np.quantile(same, 1 - QUIETEST, axis=0)
+    coarse = moves & (share > REPEATS)
+    if not coarse.any():
+        return []
+    steps = np.abs(np.diff(gyro, axis=0))
+    step = float(np.min(steps[:, coarse], where=steps[:, coarse] > 0, initial=np.inf))
+    says = f"the gyro ({axes_text(coarse)}) moves in steps of {step / MDPS:.3g} mdps, and repeats {share[coarse].max():.0%} of its readings"
+    says += " where it is quietest: the steps are larger than its noise"
+    if (typical := sensor.typical("gyro_noise_mdps_rthz")) is not None:
+        rms = typical[1] * np.sqrt(0.5 / log.samples.period_s)
+        says += f" ({rms:.3g} mdps rms for the {typical[0]} at {1 / log.samples.period_s:.4g} Hz)"
+    do = "choose a smaller full scale, or a higher data rate; with such steps a rest cannot be told from a slow turn"
+    return [Finding("error", log.path.name, WHAT, says, do)]

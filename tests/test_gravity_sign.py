@@ -1,0 +1,117 @@
+"""An accelerometer with all axes negated: turns are blind to it, the Earth's rotation, dials and a truth file are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import DEG
+from looks import of
+from test_problem import with_dials
+from truth_sessions import Wrong, made
+
+from session.checks.alignment import with_aligned_truth
+from session.checks.first_look import check_session
+from session.detect.stills import find_stills
+from session.detect.tilt import agreement
+from session.log.folder import read_session
+from session.log.truth_reading import TruthGiven
+from tinygc.attitude.earth import vertical_only, vertical_rate
+from tinygc.problem.build import build_problem
+from tinygc.problem.gravity_sign import WHAT
+from tinygc.problem.prepared import prepare
+
+
+@pytest.fixture(scope="module")
+def folder(simulated):
+    return simulated(segments=30, closure_s=0.0, seed=7, odr_hz=208.0)
+
+
+def upside_down(session):
+    """All specific forces negated, and with them the zero of a calibration that was given."""
+    logs = tuple(replace(log, samples=log.samples.with_accel(-log.samples.accel)) for log in session.logs)
+    triad = session.config.accelerometer
+    return replace(session, logs=logs, config=replace(session.config, accelerometer=replace(triad, bias_mps2=-triad.bias_mps2)))
+
+
+def said(session):
+    return [finding for finding in prepare(session).warnings if finding.what == WHAT]
+
+
+def test_the_turns_do_not_tell_gravitys_sign(folder):
+    session = read_session(folder)
+    pair = [each.calibrated(each.logs[0]) for each in (session, upside_down(session))]
+    right, wrong = (agreement(samples, find_stills(samples)[0]) for samples in pair)
+    assert (wrong.misfit, wrong.residual, wrong.scale) == pytest.approx((right.misfit, right.residual, right.scale), rel=1e-6)
+    assert all(finding.level != "error" for finding in check_session(upside_down(session)))
+
+
+def test_the_earth_tells_an_accelerometer_that_is_upside_down(folder):
+    session = read_session(folder)
+    assert said(session) == []
+    (finding,) = said(upside_down(session))
+    assert finding.level == "warning"
+    assert "if all axes of the accelerometer are negated" in finding.says
+    assert "the axis that points up must read +1 g" in finding.do
+    assert "\n" not in f"{finding.says}{finding.do}"
+
+
+def test_a_latitude_with_the_wrong_sign_looks_the_same_and_is_named_beside_it(folder):
+    session = read_session(folder)
+    site = session.config.site
+    south = replace(session, config=replace(session.config, site=replace(site, latitude_deg=-site.latitude_deg)))
+    (finding,) = said(south)
+    assert "is the latitude north?" in finding.do
+    assert said(upside_down(south)) == []
+
+
+def test_without_a_latitude_nothing_is_taken_off_and_nothing_is_said(folder):
+    session = read_session(folder)
+    nowhere = replace(session, config=replace(session.config, site=replace(session.config.site, latitude_deg=None)))
+    assert said(upside_down(nowhere)) == []
+    assert not prepare(upside_down(nowhere)).problem.batch.earth.any()
+
+
+def test_the_vertical_rate_is_the_earths_within_its_sigma(folder):
+    problem = build_problem(read_session(folder))
+    rates = problem.still_rates
+    down, sigma = vertical_rate(rates.q_tb, problem.first(rates.rate), rates.sigma)
+    expected = vertical_only(problem.session.config.site.latitude_deg).rate_t[2]
+    assert abs(down - expected) < 4 * sigma
+    assert sigma < abs(expected) / 4
+    one = np.tile(rates.q_tb[:1], (len(rates.q_tb), 1))
+    assert vertical_rate(one, rates.rate, rates.sigma) is None  # in one attitude it is a bias
+
+
+def test_dials_tell_it_at_once(folder, tmp_path):
+    session = read_session(with_dials(folder, build_problem(read_session(folder)), tmp_path))
+    assert of(check_session(session), "dials against gravity").level == "ok"
+    finding = of(check_session(upside_down(session)), "dials against gravity")
+    assert finding.level == "error"
+    assert "upside down" in finding.says
+    turned = replace(session, attitudes=np.add(session.attitudes, [40 * DEG, 0, 0]))
+    assert of(check_session(turned), "dials against gravity").level == "warning"
+
+
+@pytest.mark.parametrize("given", [None, "ned"])
+def test_a_truth_whose_world_has_z_up_is_said_in_one_line(given):
+    session, _ = made(Wrong(frame="enu", turns=12, given=TruthGiven(frame=given)))
+    finding = of(with_aligned_truth(session)[1], "truth's frame")
+    if given is None:
+        assert finding.level == "note"
+        assert "z up (found)" in finding.says
+        assert "an accelerometer whose three axes are all negated looks the same" in finding.do
+    else:
+        assert finding.level == "warning"
+        assert "gravity says 18" in finding.says or "gravity says 17" in finding.says
+    right, _ = made(Wrong(turns=12))
+    assert of(with_aligned_truth(right)[1], "truth's frame").level == "ok"
+
+
+def test_no_real_recording_is_said_to_be_upside_down(shared):
+    tried = 0
+    for name in ("xsens", "mikov/imu0", "concealed/case001", "concealed/case024"):
+        if (shared / name / "session.toml").exists():
+            assert said(read_session(shared / name)) == []
+            tried += 1
+    if not tried:
+        pytest.skip("no recordings in ../shared")

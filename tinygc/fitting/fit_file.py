@@ -1,0 +1,35 @@
+"""``fit.json`` and ``rebiased.json`` as ``export`` and ``compare`` read them again; what nobody reads is not looked at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from session.files.shapes import Array, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required
+from tinygc.fitting.fit_json import SCHEMA
+
+#: dps and g per root Hz: a thousandth of what any sensor's range is
+_DENSITY = Array((3,), Number(0, 1e3))
+_TILT_DEG = Maybe(Number(0, 1e4))
+_NOISE: dict[str, Shape] = {
+    "gyro_dps_rthz": _DENSITY,
+    "accel_g_rthz": _DENSITY,
+    "gyro_bias_instability_dph": Maybe(Number(0, 1e9)),
+    "gyro_bias_instability_source": Maybe(Text()),
+}
+SHAPE = Keys(
+    {"schema": Text((SCHEMA,))},
+    {
+        "session": Text(),
+        "segments": Keys(may={"used": Number(0, whole=True)}),
+        "noise": Keys(may=_NOISE),
+        "accelerometer": Maybe(Keys(may={"mode": Text(("given", "fit", "prior")), "unobserved": Maybe(ListOf(Text()))})),
+        "goodness": Maybe(Keys({"p_value": Number(0, 1)})),
+        "methods": MapOf(Keys(may={"holdout": Keys(may={"tilt_rms_deg": _TILT_DEG})})),
+        "against_raw": Maybe(Keys(may={"tilt_rms_deg": _TILT_DEG})),
+    },
+)
+
+
+def read_fit(path: Path, do: str = "fit again") -> dict:
+    """The figures of a fit.  FormatError: which key is what, what was expected there, and ``do``."""
+    return read_required(path, SHAPE, do)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 
@@ -39,7 +40,7 @@ KINDS = {
 }
 
 
-def open_file(path: Path) -> BinaryIO:
+def open_file(path: Path) -> BufferedReader:
     """A regular file, opened for its bytes, at once.  FormatError says what it is instead, or why it cannot be read."""
     try:
         _require_file(path, os.stat(path))

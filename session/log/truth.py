@@ -90,9 +90,8 @@ def read_truth(path: Path, reading: TruthReading | None = None) -> Truth:
             raise FormatError(f"{path.name}: more than {MOST_MOMENTS} moments; thin it out")
     if len(t_ns) < 2:
         raise FormatError(f"{path.name}: {len(t_ns)} moments; a segment needs two")
-    q = np.array(rows).reshape(-1, 4)
-    q = np.roll(q, 1, axis=1) if names[1:5] == SCALAR_LAST else q
-    found = Truth(
-        path, np.array(t_ns, dtype=np.int64), q / np.linalg.norm(q, axis=1, keepdims=True), np.array(window) if names[5:] else None
-    )
+    wxyz = np.array(rows).reshape(-1, 4)
+    wxyz = np.roll(wxyz, 1, axis=1) if names[1:5] == SCALAR_LAST else wxyz
+    wxyz /= np.linalg.norm(wxyz, axis=1, keepdims=True)
+    found = Truth(path, np.array(t_ns, dtype=np.int64), wxyz, np.array(window) if names[5:] else None)
     return found if reading is None else found.reread(TruthReading(), reading)

@@ -56,7 +56,7 @@ class Lines:
         self._file = open_file(path) if stream is None else stream
         try:
             # A stream has no name that tells.
-            packed = path.suffix.lower() == ".gz" or (self.once and self._file.peek(2)[:2] == GZIP)  # type: ignore[attr-defined]
+            packed = path.suffix.lower() == ".gz" or (self.once and self._file.peek(2)[:2] == GZIP)
         except OSError as error:
             raise unreadable(path, error) from None
         self._unpack = _Unpack() if packed else None
@@ -170,11 +170,11 @@ class Lines:
     def _read_any(self) -> bytes:
         try:
             if self._unpack is None:
-                return self._file.read1(READ_BYTES) or b""  # type: ignore[attr-defined]
+                return self._file.read1(READ_BYTES) or b""
             while True:
                 if data := self._unpack.more():
                     return data
-                if self._unpack.broken or not (packed := self._file.read1(READ_BYTES)):  # type: ignore[attr-defined]
+                if self._unpack.broken or not (packed := self._file.read1(READ_BYTES)):
                     break
                 self._unpack.feed(packed)
         except OSError as error:

@@ -12,7 +12,6 @@ import re
 import stat
 from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from session.common.errors import FormatError
 
@@ -55,7 +54,7 @@ def open_file(path: Path) -> BufferedReader:
         raise unreadable(path, error) from None
 
 
-def open_stream(path: Path) -> BinaryIO | None:
+def open_stream(path: Path) -> BufferedReader | None:
     """What somebody has opened for us already, ``-`` or a shell's ``/dev/fd/63``, where it is no regular file; else None.
 
     That one may wait for: who gave it writes to it.

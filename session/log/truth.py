@@ -73,11 +73,11 @@ def read_truth(path: Path, reading: TruthReading | None = None) -> Truth:
         cells = line.split(",")
         try:
             stamp = round(float(cells[0]) * NS_PER_S) if names[0] == "t_s" else int(cells[0]) * STAMP_NS[names[0]]
-            q = [float(cell) for cell in cells[1:5]]
+            row = [float(cell) for cell in cells[1:5]]
             group = int(cells[5]) if names[5:] else 0
         except (ValueError, IndexError, OverflowError):
             raise FormatError(f"{path.name} line {number}: {line[:60]!r}, expected {','.join(names)}") from None
-        if len(q) != 4 or not abs(math.hypot(*q) - 1) < UNIT_WITHIN:
+        if len(row) != 4 or not abs(math.hypot(*row) - 1) < UNIT_WITHIN:
             raise FormatError(f"{path.name} line {number}: {line[:60]!r} has no quaternion of length 1")
         if not abs(group) < 2**62:
             raise FormatError(f"{path.name} line {number}: the window {cells[5][:20]} is no number that counts windows")
@@ -85,7 +85,7 @@ def read_truth(path: Path, reading: TruthReading | None = None) -> Truth:
             raise FormatError(f"{path.name} line {number}: the time {cells[0][:20]} does not go on from the line before")
         t_ns.append(stamp)
         window.append(group)
-        rows.extend(q)
+        rows.extend(row)
         if len(t_ns) > MOST_MOMENTS:
             raise FormatError(f"{path.name}: more than {MOST_MOMENTS} moments; thin it out")
     if len(t_ns) < 2:

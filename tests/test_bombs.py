@@ -19,6 +19,7 @@ from commandline import refused
 from session.common.errors import FormatError
 from session.files import reading
 from session.files.reading import open_file, open_stream, read_bytes
+from session.recording.growing import GrowingFile
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import COMMANDS
 
@@ -209,6 +210,13 @@ def test_a_path_that_becomes_another_between_two_looks_is_noticed(kind, tmp_path
     monkeypatch.setattr(reading.os, "stat", lambda path: regular)
     with pytest.raises(FormatError, match="a named pipe" if kind == "fifo" else "a device"):
         open_file(path)
+
+
+def test_a_log_is_not_recorded_into_a_named_pipe(tmp_path, impatient):
+    """Opening it would wait for whoever reads it, while bytes come in."""
+    os.mkfifo(tmp_path / "log0001.csv")
+    with pytest.raises(FileExistsError, match="a named pipe"):
+        GrowingFile(tmp_path / "log0001.csv")
 
 
 def test_a_file_that_grows_beyond_its_size_is_not_read_on(tmp_path, monkeypatch):

@@ -19,9 +19,9 @@ class GrowingFile:
         self.path = path
         self.aside: Path | None = None
         self._same = 0  # bytes of the old file that were found again
-        if path.exists() and not path.is_file():  # opening a named pipe would wait for its reader
-            raise FileExistsError(errno.EEXIST, "is there, and is no file", str(path))
-        self._left = path.stat().st_size if path.exists() else 0
+        if path.is_fifo():  # opening it would wait for its reader
+            raise FileExistsError(errno.EEXIST, f"{path.name} is a named pipe", str(path))
+        self._left = path.stat().st_size if path.is_file() else 0
         self._file = path.open("r+b" if self._left else "wb")
 
     def write(self, text: str) -> None:

@@ -1,0 +1,194 @@
+"""Readings of a whole log in as few bytes as they were written with, and in SI, float64, where they are asked for.
+
+A day at 208 Hz is 18 million rows: 24 bytes each as float64, a sixth of that as a sensor's registers.  Decimals are kept as whole numbers
+of a power of ten where that gives back the very same float64; else as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, cast
+
+import numpy as np
+
+#: from (K, …) as written to (K, …) in SI, each row by itself; something that can be pickled
+Step = Callable[[np.ndarray], np.ndarray]
+#: decimals that are tried: a register has none, a careful logger nine
+MOST_DECIMALS = 9
+#: rows that are turned into float64 at once where all are looked at
+TOGETHER = 1 << 17
+
+
+class Readings(np.lib.mixins.NDArrayOperatorsMixin):
+    """Acts as the float64 array (N,) or (N, C) that it stands for: rows, columns and operators give plain arrays.
+
+    Whoever asks for all of it at once gets all of it in float64: ``pieces`` is for long logs.
+    """
+
+    def __init__(self, packed: np.ndarray, divisor: float, steps: tuple[Step, ...] = ()):
+        """packed (N, …) / divisor is what was written; steps from there to SI."""
+        self._packed, self._divisor, self._steps = packed, divisor, steps
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the array that it stands for."""
+        return self._packed.shape
+
+    @property
+    def ndim(self) -> int:
+        """1 or 2."""
+        return self._packed.ndim
+
+    @property
+    def size(self) -> int:
+        """How many numbers."""
+        return self._packed.size
+
+    @property
+    def dtype(self) -> np.dtype:
+        """float64, whatever it is kept as."""
+        return np.dtype(float)
+
+    @property
+    def nbytes(self) -> int:
+        """As it is kept."""
+        return self._packed.nbytes
+
+    @property
+    def T(self) -> np.ndarray:
+        """All of it, transposed."""
+        return self._in_si(self._packed).T
+
+    def __len__(self) -> int:
+        return len(self._packed)
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self._in_si(self._packed))
+
+    def __getitem__(self, which: Any) -> Any:
+        rows, *columns = which if isinstance(which, tuple) else (which,)
+        if columns and all(isinstance(step, partial) for step in self._steps):  # of each number by itself
+            return self._in_si(self._packed[which])
+        if isinstance(rows, int | np.integer):
+            found = self._in_si(self._packed[rows : rows + 1 if rows != -1 else None])[0]
+        else:
+            found = self._in_si(self._packed[rows])
+        if not columns:
+            return found
+        return found[(*columns,)] if isinstance(rows, int | np.integer) else found[(..., *columns)]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        if copy is False:
+            raise ValueError("readings are kept in another form, and have to be converted")
+        return self._in_si(self._packed).astype(dtype or float, copy=False)
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **more: Any) -> Any:
+        return getattr(ufunc, method)(*(np.asarray(each) if isinstance(each, Readings) else each for each in inputs), **more)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._in_si(self._packed), name)
+
+    def mapped(self, step: Step) -> Readings:
+        """The same after one more step, which is taken when rows are asked for."""
+        return Readings(self._packed, self._divisor, (*self._steps, step))
+
+    def pick(self, which: slice | np.ndarray) -> Readings:
+        """Some of the rows, kept as they are."""
+        return Readings(self._packed[which], self._divisor, self._steps)
+
+    def _in_si(self, packed: np.ndarray) -> np.ndarray:
+        values = packed / self._divisor if self._divisor != 1 else packed.astype(float)
+        for step in self._steps:
+            values = step(values)
+        return values
+
+
+def times(factor: float) -> Step:
+    """Multiplies."""
+    return partial(np.multiply, factor)
+
+
+def mapped(values: np.ndarray, step: Step) -> np.ndarray:
+    """``step`` of each row: of ``Readings`` when rows are asked for, of an array at once."""
+    return cast(np.ndarray, values.mapped(step)) if isinstance(values, Readings) else step(values)
+
+
+def pick(values: np.ndarray, which: slice | np.ndarray) -> np.ndarray:
+    """Some of the rows, kept as they are kept."""
+    return cast(np.ndarray, values.pick(which)) if isinstance(values, Readings) else values[which]
+
+
+def pieces(values: np.ndarray, size: int = TOGETHER, overlap: int = 0) -> Iterator[tuple[int, np.ndarray]]:
+    """(row of the first, rows as float64) of consecutive parts of ``size`` rows; each goes on for ``overlap`` rows into the next."""
+    for start in range(0, max(len(values) - overlap, 1), size):
+        yield start, values[start : start + size + overlap]
+
+
+class Packer:
+    """Takes tables (K, C) of numbers as they were written, piece by piece, and keeps them in as few bytes as give them back."""
+
+    def __init__(self) -> None:
+        self._parts: list[np.ndarray] = []
+        self._decimals: int | None = 0  # None: no power of ten gives them back
+
+    def add(self, table: np.ndarray) -> None:
+        """The next rows."""
+        if self._decimals is not None:
+            for decimals in range(self._decimals, MOST_DECIMALS + 1):
+                whole = _whole(table, decimals)
+                if whole is not None:
+                    if decimals > self._decimals:
+                        self._rescale(decimals)
+                    if self._decimals == decimals:
+                        self._parts.append(whole)
+                        return
+                    break
+            self._as_floats()
+        self._parts.append(np.array(table, dtype=float))
+
+    def packed(self) -> tuple[np.ndarray, float]:
+        """All rows, and what they are to be divided by; what was added is let go of."""
+        parts, self._parts = self._parts, []
+        kind = np.result_type(*{part.dtype for part in parts})
+        together, at = np.empty((sum(map(len, parts)), *parts[0].shape[1:]), dtype=kind), 0
+        parts.reverse()
+        while parts:  # one after the other: never all of them twice
+            part = parts.pop()
+            together[at : at + len(part)] = part
+            at += len(part)
+        return together, 10.0 ** (self._decimals or 0)
+
+    def _rescale(self, decimals: int) -> None:
+        """More decimals than those before had."""
+        assert self._decimals is not None
+        divisor, self._decimals = 10.0**self._decimals, decimals
+        for i, part in enumerate(self._parts):
+            whole = _whole(part / divisor, decimals)
+            if whole is None:  # too many digits together
+                self._decimals = None
+                self._parts = [(each / 10.0**decimals if k < i else each / divisor) for k, each in enumerate(self._parts)]
+                return
+            self._parts[i] = whole
+
+    def _as_floats(self) -> None:
+        if self._decimals is not None:
+            divisor, self._decimals = 10.0**self._decimals, None
+            self._parts = [part / divisor for part in self._parts]
+
+
+def _whole(table: np.ndarray, decimals: int) -> np.ndarray | None:
+    """Whole numbers of 10^-decimals that give the table back to the last bit, in 16 or 32 bits; None where none do.
+
+    The quotient of two whole numbers that a float64 holds exactly is rounded once, as a decimal that is read is: the same number.
+    """
+    scaled = np.rint(table * 10.0**decimals) if decimals else table
+    size = np.abs(scaled).max(initial=0)
+    if not size < 2**31:
+        return None
+    whole = scaled.astype(np.int16 if size < 2**15 else np.int32)
+    same = np.array_equal(whole, table) if not decimals else np.array_equal(whole / 10.0**decimals, table)
+    # -0.0 is written by some, and is another number to who divides by it; 0 is the same to everybody here.
+    return whole if same else None

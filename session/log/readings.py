@@ -26,9 +26,10 @@ class Readings(np.lib.mixins.NDArrayOperatorsMixin):
     Whoever asks for all of it at once gets all of it in float64: ``pieces`` is for long logs.
     """
 
-    def __init__(self, packed: np.ndarray, divisor: float, steps: tuple[Step, ...] = ()):
-        """packed (N, …) / divisor is what was written; steps from there to SI."""
-        self._packed, self._divisor, self._steps = packed, divisor, steps
+    def __init__(self, packed: np.ndarray, divisor: float, steps: tuple[Step, ...] = (), put_in: tuple[np.ndarray, np.ndarray] | None = None):
+        """packed (N, …) / divisor is what was written; steps from there to SI; put_in: rows (K,), in order, that nobody has written, and
+        what they hold (K, …) in SI."""
+        self._packed, self._divisor, self._steps, self._put_in = packed, divisor, steps, put_in
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -58,30 +59,30 @@ class Readings(np.lib.mixins.NDArrayOperatorsMixin):
     @property
     def T(self) -> np.ndarray:
         """All of it, transposed."""
-        return self._in_si(self._packed).T
+        return self[:].T
 
     def __len__(self) -> int:
         return len(self._packed)
 
     def __iter__(self) -> Iterator[Any]:
-        return iter(self._in_si(self._packed))
+        return iter(self[:])
 
     def __getitem__(self, which: Any) -> Any:
         rows, *columns = which if isinstance(which, tuple) else (which,)
+        one = isinstance(rows, int | np.integer)
+        some: Any = slice(rows, rows + 1 if rows != -1 else None) if one else rows
         if columns and all(isinstance(step, partial) for step in self._steps):  # of each number by itself
-            return self._in_si(self._packed[which])
-        if isinstance(rows, int | np.integer):
-            found = self._in_si(self._packed[rows : rows + 1 if rows != -1 else None])[0]
+            found = self._written_or_put_in(some, (*columns,))
         else:
-            found = self._in_si(self._packed[rows])
-        if not columns:
-            return found
-        return found[(*columns,)] if isinstance(rows, int | np.integer) else found[(..., *columns)]
+            found = self._written_or_put_in(some, ())
+            if columns:
+                found = found[(slice(None), *columns)] if found.ndim == self.ndim else found[(..., *columns)]
+        return found[0] if one else found
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         if copy is False:
             raise ValueError("readings are kept in another form, and have to be converted")
-        return self._in_si(self._packed).astype(dtype or float, copy=False)
+        return self[:].astype(dtype or float, copy=False)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **more: Any) -> Any:
         return getattr(ufunc, method)(*(np.asarray(each) if isinstance(each, Readings) else each for each in inputs), **more)
@@ -89,15 +90,58 @@ class Readings(np.lib.mixins.NDArrayOperatorsMixin):
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
-        return getattr(self._in_si(self._packed), name)
+        return getattr(self[:], name)
 
     def mapped(self, step: Step) -> Readings:
         """The same after one more step, which is taken when rows are asked for."""
-        return Readings(self._packed, self._divisor, (*self._steps, step))
+        put_in = None if self._put_in is None else (self._put_in[0], step(self._put_in[1]))
+        return Readings(self._packed, self._divisor, (*self._steps, step), put_in)
 
     def pick(self, which: slice | np.ndarray) -> Readings:
         """Some of the rows, kept as they are."""
-        return Readings(self._packed[which], self._divisor, self._steps)
+        put_in = None
+        if self._put_in is not None:
+            taken = np.arange(len(self))[which]
+            mine, place = self._among_put_in(taken)
+            put_in = np.flatnonzero(mine), self._put_in[1][place[mine]]
+        return Readings(self._packed[which], self._divisor, self._steps, put_in)
+
+    def replaced(self, rows: np.ndarray, values: np.ndarray) -> Readings:
+        """With other values (K, …), SI, in rows (K,), in order."""
+        old_rows, old_values = (rows[:0], values[:0]) if self._put_in is None else self._put_in
+        kept = ~np.isin(old_rows, rows)
+        all_rows, all_values = np.concatenate([old_rows[kept], rows]), np.concatenate([old_values[kept], values])
+        order = np.argsort(all_rows, kind="stable")
+        return Readings(self._packed, self._divisor, self._steps, (all_rows[order], all_values[order]))
+
+    def inserted(self, at: np.ndarray, values: np.ndarray) -> Readings:
+        """With values (K, …), SI, before rows (K,), in order, as ``np.insert`` has them."""
+        rows = at + np.arange(len(at))
+        moved = None
+        if self._put_in is not None:
+            old = self._put_in[0]
+            moved = old + np.searchsorted(at, old, side="right"), self._put_in[1]
+        return Readings(np.insert(self._packed, at, 0, axis=0), self._divisor, self._steps, moved).replaced(rows, values)
+
+    def _written_or_put_in(self, rows: Any, columns: tuple[Any, ...]) -> np.ndarray:
+        found = self._in_si(self._packed[(rows, *columns)] if columns else self._packed[rows])
+        if self._put_in is None or not len(self._put_in[0]):
+            return found
+        if isinstance(rows, slice) and rows.step in (None, 1):
+            start, stop, _ = rows.indices(len(self))
+            first, last = np.searchsorted(self._put_in[0], (start, max(start, stop)))
+            found[self._put_in[0][first:last] - start] = self._put_in[1][(slice(first, last), *columns)]
+            return found
+        mine, place = self._among_put_in(np.arange(len(self))[rows])
+        found[mine] = self._put_in[1][(place[mine], *columns)]
+        return found
+
+    def _among_put_in(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which of rows (…) are none that was written, and where they stand among those."""
+        assert self._put_in is not None
+        known = self._put_in[0]
+        place = np.minimum(np.searchsorted(known, rows), max(len(known) - 1, 0))
+        return (known[place] == rows if len(known) else np.zeros(rows.shape, dtype=bool)), place
 
     def _in_si(self, packed: np.ndarray) -> np.ndarray:
         values = packed / self._divisor if self._divisor != 1 else packed.astype(float)
@@ -119,6 +163,20 @@ def mapped(values: np.ndarray, step: Step) -> np.ndarray:
 def pick(values: np.ndarray, which: slice | np.ndarray) -> np.ndarray:
     """Some of the rows, kept as they are kept."""
     return cast(np.ndarray, values.pick(which)) if isinstance(values, Readings) else values[which]
+
+
+def replaced(values: np.ndarray, rows: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """With other values (K, …) in rows (K,), in order."""
+    if isinstance(values, Readings):
+        return cast(np.ndarray, values.replaced(rows, others))
+    values = values.copy()
+    values[rows] = others
+    return values
+
+
+def inserted(values: np.ndarray, at: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """``np.insert`` of rows."""
+    return cast(np.ndarray, values.inserted(at, others)) if isinstance(values, Readings) else np.insert(values, at, others, axis=0)
 
 
 def pieces(values: np.ndarray, size: int = TOGETHER, overlap: int = 0) -> Iterator[tuple[int, np.ndarray]]:

@@ -11,6 +11,8 @@ from tinygc.models.denoiser import DILATIONS, KERNEL, DenoisedNet
 from tinygc.problem.problem import Problem
 
 REACH = (KERNEL - 1) * sum(DILATIONS)
+#: samples at rest that show the noise, an hour of them: of longer rests the first so many of each, and never fewer than a few seconds
+MOST_AT_REST, FEWEST_OF_EACH = 1 << 20, 1 << 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +53,12 @@ def of_problem(problem: Problem) -> Material:
         gyro = problem.logs[segment.log].samples.gyro
         row[:] = gyro[np.clip(np.arange(segment.start - REACH, segment.start + longest + REACH), 0, len(gyro) - 1)]
     counts = np.array([segment.stop - segment.start for segment in problem.used])
-    stills = [log.samples.gyro[still.start : still.stop] for log in problem.logs for still in log.stills if still.problem is None]
+    stills = [(log.samples.gyro, still) for log in problem.logs for still in log.stills if still.problem is None]
+    each = max(MOST_AT_REST // max(len(stills), 1), FEWEST_OF_EACH)
+    long = sum(still.stop - still.start for _, still in stills) > MOST_AT_REST
+    at_rest = [gyro[still.start : min(still.stop, still.start + each) if long else still.stop] for gyro, still in stills]
     period_s = float(np.median([log.samples.period_s for log in problem.logs]))
-    return Material(problem.batch, problem.floor.sigma, context, counts, stills, 1 / period_s)
+    return Material(problem.batch, problem.floor.sigma, context, counts, at_rest, 1 / period_s)
 
 
 def of_batch(batch: Batch, sigma: np.ndarray, stills: list[np.ndarray]) -> Material:

@@ -11,6 +11,8 @@ from tinygc.models.denoiser import DILATIONS, KERNEL, DenoisedNet
 from tinygc.problem.problem import Problem
 
 REACH = (KERNEL - 1) * sum(DILATIONS)
+#: segments, and stills, that tell 56 weights an axis all that they need (benchmarks/long_sessions.py)
+ENOUGH = 400
 #: samples at rest that show the noise, an hour of them: of longer rests the first so many of each, and never fewer than a few seconds
 MOST_AT_REST, FEWEST_OF_EACH = 1 << 20, 1 << 10
 
@@ -39,6 +41,13 @@ class Material:
     def pick(self, which: np.ndarray) -> Material:
         """Some of the segments, by index or mask; the stills, which only show noise, stay."""
         return replace(self, batch=self.batch.pick(which), sigma=self.sigma[which], context=self.context[which], counts=self.counts[which])
+
+    def enough(self) -> Material:
+        """What a denoiser learns as much from: of many segments and stills every so many, evenly over the session."""
+        every, apart = (-(-len(each) // ENOUGH) for each in (self.counts, self.stills))
+        if every <= 1 and apart <= 1:
+            return self
+        return replace(self.pick(np.arange(0, len(self.counts), max(every, 1))), stills=self.stills[:: max(apart, 1)])
 
     def rate(self, model: DenoisedNet) -> np.ndarray:
         """What the whole net makes of the segments, (S, T, 3) rad/s, each answer at the sample that it belongs to."""

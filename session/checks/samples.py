@@ -141,9 +141,7 @@ def without_force(samples: Samples) -> np.ndarray:
     return np.concatenate([(part == 0).all(axis=1) for _, part in pieces(samples.accel)])
 
 
-def _clipping(
-    values: np.ndarray, noise_std: float, reach: float, stamps: tuple[np.ndarray, int], axis: str, unit: str
-) -> str | None:
+def _clipping(values: np.ndarray, noise_std: float, reach: float, stamps: tuple[np.ndarray, int], axis: str, unit: str) -> str | None:
     """At the register's end, or at an extreme that the axis keeps for longer than noise lets it; stamps (N,) ns, and the log's first."""
     run = run_bar(noise_std, _step(values))
     rest = np.median(values)

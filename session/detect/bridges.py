@@ -92,10 +92,11 @@ def _without_gaps(samples: Samples) -> tuple[Samples, list[Bridge]]:
 
 def _with_peaks(samples: Samples, sensor: Sensor, gaps: list[Bridge]) -> tuple[Samples, list[Bridge]]:
     end = register_end_dps(sensor, samples.gyro) * DEG
-    at_end = np.concatenate([np.abs(part) >= end for _, part in pieces(samples.gyro)])
+    at_end: np.ndarray = np.concatenate([np.abs(part) >= end for _, part in pieces(samples.gyro)])
     if not at_end.any():
         return samples, []
-    spoilt, around = at_end.any(axis=1), round(AROUND_S / samples.period_s)
+    spoilt: np.ndarray = at_end.any(axis=1)
+    around = round(AROUND_S / samples.period_s)
     for gap in gaps:
         spoilt[gap.row : gap.row + gap.count] = True
     put_in: dict[int, np.ndarray] = {}

@@ -14,7 +14,7 @@ from session.dialects.layout import Layout
 from session.dialects.reader import Reader
 from session.dialects.stamps import fresh
 from session.log.config import Sensor
-from session.log.readings import Packer, Readings, times
+from session.log.readings import Growing, Packer, Readings, times
 from session.log.samples import Samples
 from session.sensor.registers import RegisterUnits
 
@@ -89,16 +89,17 @@ def read_log(path: Path, sensor: Sensor) -> Log:
     A last line that was cut off is left out and noted.  A log of another program is refused: ``replay`` makes it one of ours.
     """
     reader = Reader(path, None)
-    layout, units, stamps, packers = reader.layout, sensor.register_units, [], (Packer(), Packer(), Packer())
+    layout, units, stamps, packers = reader.layout, sensor.register_units, Growing(), (Packer(), Packer(), Packer())
     for rows in reader.pieces(as_written=True):
-        stamps.append(rows.t_ns)
+        assert rows.t_ns is not None  # a standard log without stamps was refused
+        stamps.add(rows.t_ns)
         for packer, values in zip(packers, (rows.gyro, rows.accel, rows.temp), strict=True):
             if values is not None:
                 packer.add(values)
-    if not stamps:
+    if not len(written := stamps.rows()):
         raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
-    t_ns = reader.unrolled(np.concatenate(stamps))
-    del stamps
+    t_ns = reader.unrolled(written)
+    del written
     try:
         factors = layout.gyro_si(units), layout.accel_si(units)
     except FormatError as error:

@@ -26,7 +26,9 @@ class Readings(np.lib.mixins.NDArrayOperatorsMixin):
     Whoever asks for all of it at once gets all of it in float64: ``pieces`` is for long logs.
     """
 
-    def __init__(self, packed: np.ndarray, divisor: float, steps: tuple[Step, ...] = (), put_in: tuple[np.ndarray, np.ndarray] | None = None):
+    def __init__(
+        self, packed: np.ndarray, divisor: float, steps: tuple[Step, ...] = (), put_in: tuple[np.ndarray, np.ndarray] | None = None
+    ):
         """packed (N, …) / divisor is what was written; steps from there to SI; put_in: rows (K,), in order, that nobody has written, and
         what they hold (K, …) in SI."""
         self._packed, self._divisor, self._steps, self._put_in = packed, divisor, steps, put_in
@@ -179,62 +181,75 @@ def inserted(values: np.ndarray, at: np.ndarray, others: np.ndarray) -> np.ndarr
     return cast(np.ndarray, values.inserted(at, others)) if isinstance(values, Readings) else np.insert(values, at, others, axis=0)
 
 
-def pieces(values: np.ndarray, size: int = TOGETHER, overlap: int = 0) -> Iterator[tuple[int, np.ndarray]]:
-    """(row of the first, rows as float64) of consecutive parts of ``size`` rows; each goes on for ``overlap`` rows into the next."""
-    for start in range(0, max(len(values) - overlap, 1), size):
-        yield start, values[start : start + size + overlap]
+def pieces(values: np.ndarray, overlap: int = 0) -> Iterator[tuple[int, np.ndarray]]:
+    """(row of the first, rows as float64) of consecutive parts of ``TOGETHER`` rows; each goes on for ``overlap`` rows into the next."""
+    for start in range(0, max(len(values) - overlap, 1), TOGETHER):
+        yield start, values[start : start + TOGETHER + overlap]
+
+
+class Growing:
+    """Rows (N, …) that are added piece by piece, in one array that grows where it lies: never all of them twice."""
+
+    def __init__(self) -> None:
+        self._rows, self._table = 0, np.zeros(0)
+
+    def add(self, rows: np.ndarray) -> None:
+        """The next rows; of a wider type than those before, all are of that type."""
+        if not self._rows:
+            self._table = np.empty((0, *rows.shape[1:]), dtype=rows.dtype)
+        elif (kind := np.result_type(self._table, rows)) != self._table.dtype:
+            self._table = self._table.astype(kind)
+        end = self._rows + len(rows)
+        if end > len(self._table):
+            self._table.resize((end + end // 8, *rows.shape[1:]), refcheck=False)
+        self._table[self._rows : end] = rows
+        self._rows = end
+
+    def change(self, work: Callable[[np.ndarray], np.ndarray | None]) -> bool:
+        """Put what ``work`` makes of all rows so far in their place; False, and as they were, where it makes None of them."""
+        changed = work(self._table[: self._rows])
+        if changed is not None:
+            self._table = changed
+        return changed is not None
+
+    def rows(self) -> np.ndarray:
+        """All of them; nothing can be added then."""
+        table, self._table = self._table, np.zeros(0)
+        table.resize((self._rows, *table.shape[1:]), refcheck=False)
+        return table
 
 
 class Packer:
     """Takes tables (K, C) of numbers as they were written, piece by piece, and keeps them in as few bytes as give them back."""
 
     def __init__(self) -> None:
-        self._parts: list[np.ndarray] = []
+        self._kept = Growing()
         self._decimals: int | None = 0  # None: no power of ten gives them back
 
     def add(self, table: np.ndarray) -> None:
         """The next rows."""
-        if self._decimals is not None:
-            for decimals in range(self._decimals, MOST_DECIMALS + 1):
-                whole = _whole(table, decimals)
-                if whole is not None:
-                    if decimals > self._decimals:
-                        self._rescale(decimals)
-                    if self._decimals == decimals:
-                        self._parts.append(whole)
-                        return
-                    break
-            self._as_floats()
-        self._parts.append(np.array(table, dtype=float))
+        while self._decimals is not None:
+            tried = range(self._decimals, MOST_DECIMALS + 1)
+            found = next(((decimals, whole) for decimals in tried if (whole := _whole(table, decimals)) is not None), None)
+            if found is not None and (found[0] == self._decimals or self._rescaled(found[0])):
+                self._kept.add(found[1])
+                return
+            divisor, self._decimals = 10.0**self._decimals, None
+            self._kept.change(lambda kept, divisor=divisor: kept / divisor)  # type: ignore[misc]
+        self._kept.add(np.array(table, dtype=float))
 
     def packed(self) -> tuple[np.ndarray, float]:
-        """All rows, and what they are to be divided by; what was added is let go of."""
-        parts, self._parts = self._parts, []
-        kind = np.result_type(*{part.dtype for part in parts})
-        together, at = np.empty((sum(map(len, parts)), *parts[0].shape[1:]), dtype=kind), 0
-        parts.reverse()
-        while parts:  # one after the other: never all of them twice
-            part = parts.pop()
-            together[at : at + len(part)] = part
-            at += len(part)
-        return together, 10.0 ** (self._decimals or 0)
+        """All rows, and what they are to be divided by."""
+        return self._kept.rows(), 10.0 ** (self._decimals or 0)
 
-    def _rescale(self, decimals: int) -> None:
-        """More decimals than those before had."""
+    def _rescaled(self, decimals: int) -> bool:
+        """Whether those before can have more decimals, too; then they have."""
         assert self._decimals is not None
-        divisor, self._decimals = 10.0**self._decimals, decimals
-        for i, part in enumerate(self._parts):
-            whole = _whole(part / divisor, decimals)
-            if whole is None:  # too many digits together
-                self._decimals = None
-                self._parts = [(each / 10.0**decimals if k < i else each / divisor) for k, each in enumerate(self._parts)]
-                return
-            self._parts[i] = whole
-
-    def _as_floats(self) -> None:
-        if self._decimals is not None:
-            divisor, self._decimals = 10.0**self._decimals, None
-            self._parts = [part / divisor for part in self._parts]
+        divisor = 10.0**self._decimals
+        if not self._kept.change(lambda kept: _whole(kept / divisor, decimals)):
+            return False
+        self._decimals = decimals
+        return True
 
 
 def _whole(table: np.ndarray, decimals: int) -> np.ndarray | None:
@@ -247,6 +262,5 @@ def _whole(table: np.ndarray, decimals: int) -> np.ndarray | None:
     if not size < 2**31:
         return None
     whole = scaled.astype(np.int16 if size < 2**15 else np.int32)
-    same = np.array_equal(whole, table) if not decimals else np.array_equal(whole / 10.0**decimals, table)
-    # -0.0 is written by some, and is another number to who divides by it; 0 is the same to everybody here.
+    same = np.array_equal(np.divide(whole, 10.0**decimals) if decimals else whole, table)
     return whole if same else None

@@ -50,10 +50,7 @@ class Glitches:
 def find_glitches(samples: Samples) -> Glitches | None:
     """All false readings; None where there are none, or so many that they are another thing."""
     found = [
-        (row + first, count, accel)
-        for first, own, part in in_parts(samples)
-        for row, count, accel in _found_in(part)
-        if row + first in own
+        (row + first, count, accel) for first, own, part in in_parts(samples) for row, count, accel in _found_in(part) if row + first in own
     ]
     return _glitches(found) if found and len(found) <= lost_samples.PER_SECOND * samples.duration_s else None
 

@@ -7,6 +7,7 @@ twin asks for.  A day at 208 Hz is 18 million rows, of which the turns are some 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from session.detect.segments import Segment
 from session.detect.stills import Still
 from session.log.samples import Samples
 from tinygc.effects import Conditions, Movement, movement_of
+from tinygc.problem.conditions import conditions
 from tinygc.problem.problem import Problem
 
 #: rows of a session from which on it is thinned: an hour and more at 208 Hz
@@ -23,6 +25,16 @@ TOGETHER_S, BESIDE_S = 1.0, 0.5
 #: rows that are looked at at once, and s on either side that they are looked at with: many times what temperature and vibration are
 #: taken over
 AT_ONCE, AROUND_S = 1 << 18, 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class ThinnedMovement(Movement):
+    """Rows that are not equally far apart; dt_s is that of the turns."""
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """(N, 3) rad/s^2, by differences over the time between the rows."""
+        return np.gradient(self.rate, self.t_s, axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +58,7 @@ class Thinning:
         while cuts[-1] < len(self.edges) - 1:
             behind = int(np.searchsorted(self.edges, self.edges[cuts[-1]] + AT_ONCE, side="right")) - 1
             cuts.append(max(behind, cuts[-1] + 1))
-        return list(zip(cuts[:-1], cuts[1:], strict=True))
+        return list(pairwise(cuts))
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """(M, …) of (N, …)."""
@@ -77,7 +89,7 @@ class Thinning:
             own = slice(first - begin, last - begin)
             found.append([self._means(values[own], a, b) for values in (moved.force_g, moved.temp_c, moved.vibration_g2)])
         force_g, temp_c, vibration_g2 = (np.concatenate(column) for column in zip(*found, strict=True))
-        return Movement(
+        return ThinnedMovement(
             t_s=began_s + thinned.t_s,
             dt_s=samples.period_s,
             rate=rate,
@@ -111,6 +123,15 @@ def thinned(problem: Problem) -> tuple[Problem, list[Thinning] | None]:
         return replace(segment, first=first, last=last, start=own.row(segment.start), stop=own.row(segment.stop - 1) + 1)
 
     return problem.changed(logs=logs, segments=[there(segment) for segment in problem.segments]), thinnings
+
+
+def movement_in(problem: Problem, seen: Problem, thinnings: list[Thinning] | None, number: int) -> Movement:
+    """What effects are given of one log; seen, thinnings: what ``thinned`` made of the problem."""
+    samples = seen.logs[number].samples
+    rate, known, began_s = problem.first(samples.gyro), conditions(problem), float(problem.began_s[number])
+    if thinnings is None:
+        return movement_of(samples, rate, known, began_s)
+    return thinnings[number].movement(problem.logs[number].samples, samples, rate, known, began_s)
 
 
 def _edges(samples: Samples, stills: list[Still], segments: list[Segment]) -> np.ndarray:

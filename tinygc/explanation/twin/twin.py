@@ -16,11 +16,10 @@ from session.detect.stills import Still
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
-from tinygc.effects import Effect, Movement, movement_of
+from tinygc.effects import Effect, Movement
 from tinygc.explanation.twin.state import Channels, State, bent_by
-from tinygc.explanation.twin.thinned import thinned
+from tinygc.explanation.twin.thinned import movement_in, thinned
 from tinygc.models import linear
-from tinygc.problem.conditions import conditions
 from tinygc.problem.problem import Problem
 
 #: a finite difference for what bends a still's gravity: m/s^2; 1e-4 of g, so bent by 1e-8 and rounded by 1e-12 of it
@@ -54,14 +53,7 @@ class Twin:
     @cached_property
     def movements(self) -> list[Movement]:
         """What effects are given of each log."""
-        return [self._movement(log) for log in range(len(self.problem.logs))]
-
-    def _movement(self, number: int) -> Movement:
-        problem, samples = self.problem, self.seen.logs[number].samples
-        rate, known, began_s = problem.first(samples.gyro), conditions(problem), float(problem.began_s[number])
-        if self._thinnings is None:
-            return movement_of(samples, rate, known, began_s)
-        return self._thinnings[number].movement(problem.logs[number].samples, samples, rate, known, began_s)
+        return [movement_in(self.problem, self.seen, self._thinnings, log) for log in range(len(self.problem.logs))]
 
     def rows(self, log: int, rows: slice) -> slice:
         """Where rows of a turn are among those that effects are given."""

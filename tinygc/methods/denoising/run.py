@@ -34,7 +34,9 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
         how = replace(how, loss="endpoint")
     steps = len(calibrated.fold_models) + 1
     began = time.perf_counter()
-    trained = train_denoiser(material.enough(), calibrated.model, how, partial(tell, progress, 0, steps), options.checkpoint("denoiser_whole"))
+    trained = train_denoiser(
+        material.enough(), calibrated.model, how, partial(tell, progress, 0, steps), options.checkpoint("denoiser_whole")
+    )
     seconds = time.perf_counter() - began
     smooth = train_smoothing(material.enough(), calibrated.model, how)
     held_out = np.zeros_like(calibrated.held_out)

@@ -19,8 +19,8 @@ from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, re
 from session.log.known_turns import NAME as KNOWN_TURNS
 from session.log.known_turns import KnownTurn, read_known_turns
 from session.log.logfile import Log, already_calibrated, read_log
-from session.log.rows_of_text import rows_of
 from session.log.readings import mapped
+from session.log.rows_of_text import rows_of
 from session.log.samples import Samples, joined
 from session.log.truth import Truth, read_truth, truth_path
 from session.log.truth_reading import TruthAlignment, TruthReading

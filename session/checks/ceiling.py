@@ -33,8 +33,10 @@ class Ceiling:
 def find_ceiling(gyro: np.ndarray) -> Ceiling | None:
     """Of rates (N, 3) rad/s: extremes of both signs that an axis stands at again and again, and never passes."""
     levels, at = np.full(3, np.nan), np.zeros(len(gyro), dtype=bool)
-    for axis, values in enumerate(gyro.T):
-        steps = np.abs(np.diff(values))
+    for axis in range(3):
+        values = gyro[:, axis]
+        steps = np.diff(values)
+        np.abs(steps, out=steps)
         noise = np.median(steps[steps > 0]) if (steps > 0).any() else 0.0
         rest = np.median(values)
         sides = [plateau(values, extreme, LEAST_RUN) for extreme in (values.max(), values.min()) if abs(extreme - rest) > FAR * noise]

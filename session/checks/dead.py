@@ -8,9 +8,11 @@ from statistics import NormalDist
 import numpy as np
 
 from session.checks.findings import Finding
+from session.checks.samples import without_force
 from session.common.runs import runs_of
 from session.common.units import DEG, G
 from session.log.logfile import Log
+from session.log.samples import Samples
 
 #: and so many readings: at 2 Hz two equal neighbours are a coarse register, not a second of silence
 LEAST_S, LEAST_READINGS = 1.0, 20
@@ -30,16 +32,16 @@ COARSE_S, COARSE_READINGS, COARSE_RUNS = 0.15, 10, 3
 def check_dead(log: Log, missing_accel: bool = False) -> list[Finding]:
     """The longest such run of each axis; ``missing_accel``: rows whose accelerometer reads 0, 0, 0 have none, by agreement."""
     samples, findings = log.samples, []
-    six = np.concatenate([samples.gyro / DEG, samples.accel / G], axis=1)
-    absent = (samples.accel == 0).all(axis=1) & missing_accel
+    absent = without_force(samples) if missing_accel else np.zeros(len(samples), dtype=bool)
     for number, column in enumerate(("gx", "gy", "gz", "ax", "ay", "az")):
-        found = _dead_runs(six, number, absent & (number >= 3), samples.period_s)
+        values = samples.gyro[:, number] / DEG if number < 3 else samples.accel[:, number - 3] / G
+        found = _dead_runs(samples, values, number, absent)
         if not found:
             continue
         start, stop = max(found, key=lambda run: run[1] - run[0])
         sensor, unit = ("gyro", "dps") if number < 3 else ("accelerometer", "g")
         says = (
-            f"{column} reads {six[start, number] + 0.0:.4g} {unit} from row {start} to row {stop - 1}, "
+            f"{column} reads {values[start] + 0.0:.4g} {unit} from row {start} to row {stop - 1}, "
             f"{samples.t_s[start]:.1f} to {samples.t_s[stop - 1]:.1f} s, while others go on; a sensor has noise"
         )
         says += f" ({len(found)} such places)" if len(found) > 1 else ""
@@ -48,13 +50,14 @@ def check_dead(log: Log, missing_accel: bool = False) -> list[Finding]:
     return findings
 
 
-def _dead_runs(six: np.ndarray, number: int, absent: np.ndarray, period_s: float) -> list[tuple[int, int]]:
-    """start, stop of each run of equal readings of one of six channels (N, 6) that neither noise, clipping nor a coarse register makes."""
-    values = six[:, number]
+def _dead_runs(samples: Samples, values: np.ndarray, number: int, absent: np.ndarray) -> list[tuple[int, int]]:
+    """start, stop of each run of equal readings of one of six channels, (N,) dps or g, that neither noise, clipping nor a coarse register
+    makes."""
+    period_s = samples.period_s
     extremes = (values.min(), values.max())
     if extremes[0] == extremes[1]:
         return []  # stuck throughout: said as such
-    starts, stops = runs_of((np.diff(values) == 0) & ~absent[1:])  # of steps: a run of readings is one longer
+    starts, stops = runs_of((values[1:] == values[:-1]) & ~(absent[1:] & (number >= 3)))  # of steps: a run of readings is one longer
     lengths = stops - starts + 1
     long = (lengths * period_s >= LEAST_S) & (lengths >= LEAST_READINGS)
     coarse = ~long & (lengths * period_s >= COARSE_S) & (lengths >= COARSE_READINGS) & ~np.isin(values[starts], extremes)
@@ -62,7 +65,8 @@ def _dead_runs(six: np.ndarray, number: int, absent: np.ndarray, period_s: float
         return []
     found = []
     for start, length in zip(starts[long].tolist(), lengths[long].tolist(), strict=True):
-        run = six[start : start + length]
+        some = slice(start, start + length)
+        run = np.concatenate([samples.gyro[some] / DEG, samples.accel[some] / G], axis=1)
         clips = values[start] in extremes and length * period_s <= CLIPPED_S
         if not clips and ((length >= MANY and _others_move(run, number)) or (not coarse.any() and _others_scatter(run, number))):
             found.append((start, start + length))

@@ -47,6 +47,7 @@ from session.detect.unused_rests import UnusedRest
 from session.log.config import Config, read_config
 from session.log.folder import Session, log_paths, read_session
 from session.log.logfile import Log, read_log
+from session.log.readings import mapped, times
 from session.log.samples import Samples
 
 __all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
@@ -82,7 +83,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
     if not good:
         return findings
     factor, _ = accel_unit_factor(good, config)
-    force = config.accelerometer.correct(log.samples.accel * factor)
+    force = mapped(mapped(log.samples.accel, times(factor)), config.accelerometer.correct)
     return [
         *findings,
         *check_noise(where, noise, config.sensor),

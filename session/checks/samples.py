@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.checks.findings import Finding, axes_text
-from session.common.units import DEG, G
+from session.common.units import DEG, NS, G
 from session.detect.bridges import MOST, short_gaps
 from session.detect.clipping import accel_reach_g, gyro_reach_dps, plateau, run_bar
 from session.detect.pace import pace_of
@@ -13,6 +13,7 @@ from session.detect.segments import GAP_PERIODS
 from session.detect.stills import Noise, Still
 from session.log.config import Sensor
 from session.log.logfile import Log
+from session.log.readings import pick, pieces
 from session.log.samples import Samples
 
 LOST_SHARE = 0.001  #: of single samples; more is a fault of the logger that will cost more one day
@@ -56,8 +57,8 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     # A step of two periods is no jitter where a sample is missing.
     share = single / max(int(np.count_nonzero(~gaps)), 1)
     jitter = float(np.sqrt(max(steps[~gaps].var() - share * (1 - share) * period**2, 0.0) / 2))
-    change = (samples.gyro[2:] - samples.gyro[:-2]) / 2
-    angle = float(np.sqrt((change**2).mean(axis=0).max(initial=0.0) * segment_s / period)) * jitter if len(change) else 0.0
+    square = sum((np.sum(((part[2:] - part[:-2]) / 2) ** 2, axis=0) for _, part in pieces(samples.gyro, overlap=2)), np.zeros(3))
+    angle = float(np.sqrt((square / (len(samples) - 2)).max() * segment_s / period)) * jitter if len(samples) > 2 else 0.0
     floor = float("inf") if noise is None else float(noise.angle_random_walk.max()) * np.sqrt(segment_s)
     says = f"{jitter * 1e6:.1f} us rms ({jitter / period:.1%} of a period): {angle / DEG:.4f} deg per turn"
     if np.isfinite(floor):
@@ -90,7 +91,7 @@ def _gaps(samples: Samples, gaps: np.ndarray, lost: int, single: int, where: str
 def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel: bool = False) -> list[Finding]:
     """Clipping, axes that never move, readings that repeat; ``missing_accel``: rows whose accelerometer reads 0, 0, 0 have none."""
     samples, findings = log.samples, []
-    absent = (samples.accel == 0).all(axis=1) & missing_accel
+    absent = without_force(samples) if missing_accel else np.zeros(len(samples), dtype=bool)
     if absent.any():
         says = f"{absent.sum()} of {len(absent)} rows read 0, 0, 0: taken as not recorded"
         findings.append(Finding("note", log.path.name, "accelerometer", says))
@@ -106,20 +107,25 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
             [s.accel_std for s in stills],
         ),
     ):
-        there = ~absent if name == "accelerometer" else np.ones(len(values), dtype=bool)
-        if not there.any():
-            continue
-        values, t_s = values[there], samples.t_s[there]
-        stuck = np.ptp(values, axis=0) == 0
+        t_ns = samples.t_ns
+        if name == "accelerometer" and absent.any():
+            if absent.all():
+                continue
+            values, t_ns = pick(values, ~absent), t_ns[~absent]
+        # One axis after the other: a day's log is three times as long side by side.
+        ends = np.array([(values[:, i].min(), values[:, i].max()) for i in range(3)])
+        stuck = ends[:, 0] == ends[:, 1]
         if stuck.any():
             says = f"{axes_text(stuck)} reads one value throughout; a sensor has noise"
             findings.append(Finding("error", log.path.name, f"{name} stuck", says, STUCK))
         noise = np.median(stds, axis=0) if stds else np.zeros(3)
         each = [
-            _clipping(values[:, i] / factor, noise[i] / factor, reach, t_s, f"{axis}", unit) for i, axis in enumerate("xyz") if not stuck[i]
+            _clipping(values[:, i] / factor, noise[i] / factor, reach, (t_ns, samples.t_ns[0]), f"{axis}", unit)
+            for i, axis in enumerate("xyz")
+            if not stuck[i]
         ]
         clipped = [text for text in each if text]
-        peak = np.abs(values).max() / factor
+        peak = np.abs(ends).max() / factor
         if clipped:
             do = "turn slower or choose a larger full scale" if name == "gyro" else "choose a larger full scale, or do not knock"
             findings.append(Finding("warning", log.path.name, f"{name} clipping", "; ".join(clipped), do))
@@ -130,8 +136,13 @@ def check_registers(log: Log, sensor: Sensor, stills: list[Still], missing_accel
     return findings + _repeats(log, stills)
 
 
-def _clipping(values: np.ndarray, noise_std: float, reach: float, t_s: np.ndarray, axis: str, unit: str) -> str | None:
-    """At the register's end, or at an extreme that the axis keeps for longer than noise lets it."""
+def without_force(samples: Samples) -> np.ndarray:
+    """(N,) bool: rows whose accelerometer reads 0, 0, 0."""
+    return np.concatenate([(part == 0).all(axis=1) for _, part in pieces(samples.accel)])
+
+
+def _clipping(values: np.ndarray, noise_std: float, reach: float, stamps: tuple[np.ndarray, int], axis: str, unit: str) -> str | None:
+    """At the register's end, or at an extreme that the axis keeps for longer than noise lets it; stamps (N,) ns, and the log's first."""
     run = run_bar(noise_std, _step(values))
     rest = np.median(values)
     mask = np.zeros(len(values), dtype=bool)
@@ -143,7 +154,8 @@ def _clipping(values: np.ndarray, noise_std: float, reach: float, t_s: np.ndarra
     if not mask.any():
         return None
     levels = " and ".join(f"{level:.5g}" for level in np.unique(values[mask]))
-    return f"{axis} stands at {levels} {unit} in {mask.sum()} samples, first at {t_s[np.argmax(mask)]:.1f} s"
+    first_s = (stamps[0][np.argmax(mask)] - stamps[1]) * NS
+    return f"{axis} stands at {levels} {unit} in {mask.sum()} samples, first at {first_s:.1f} s"
 
 
 def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
@@ -151,11 +163,14 @@ def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
 
     Noise repeats a reading with a chance of step / (2 sqrt(pi) std) per axis, all six at once nearly never.
     """
-    six = np.concatenate([log.samples.gyro, log.samples.accel], axis=1)
-    same = (np.diff(six, axis=0) == 0).all(axis=1)
+    samples = log.samples
+    same, steps = np.ones(max(len(samples) - 1, 0), dtype=bool), np.empty(6)
+    for number in range(6):
+        column = (samples.gyro if number < 3 else samples.accel)[:, number % 3]
+        same &= column[1:] == column[:-1]
+        steps[number] = _step(column)
     share = float(same.mean())
     std = np.median([np.concatenate([s.gyro_std, s.accel_std]) for s in stills], axis=0) if stills else np.zeros(6)
-    steps = np.array([_step(column) for column in six.T])
     chance = np.prod(np.minimum(1.0, steps / np.maximum(2 * np.sqrt(np.pi) * std, 1e-300)))
     if share < max(0.01, 10 * chance):
         return []
@@ -166,8 +181,10 @@ def _repeats(log: Log, stills: list[Still]) -> list[Finding]:
 
 def _step(values: np.ndarray) -> float:
     """The register's step as seen in the values: the smallest difference between neighbours, or 0."""
-    steps = np.abs(np.diff(values))
-    return float(steps[steps > 1e-9 * max(np.abs(values).max(), 1e-300)].min(initial=np.inf)) if (steps > 0).any() else 0.0
+    steps = np.diff(values)
+    np.abs(steps, out=steps)
+    size = max(abs(values.max()), abs(values.min()))
+    return float(steps.min(initial=np.inf, where=steps > 1e-9 * max(size, 1e-300))) if (steps > 0).any() else 0.0
 
 
 def _number(text: str | None) -> float | None:

@@ -9,13 +9,14 @@ E what all readings miss.  White noise is thinned out as well, and its share is 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from session.checks.findings import Finding
-from session.common.units import DEG
+from session.common.units import DEG, NS
 from session.detect.segments import why_broken
 from session.detect.stills import Noise, Still
 from session.log.config import Config
@@ -33,6 +34,8 @@ MARGIN = 4
 LEAST_SAID = 0.1
 #: fewer turns tell no exponent
 LEAST_TURNS = 5
+#: rows that are looked at together
+AT_ONCE = 1 << 19
 #: times the usual turn's error: beyond it, it is that turn's own fault
 MOST = 3.0
 
@@ -92,26 +95,42 @@ def missed_of_turns(samples: Samples, turns: list[tuple[Still, Still]], noise: N
     """
     if len(turns) < LEAST_TURNS:
         return None
-    # Beyond the stills' mean rate: sums over a log of hours then stay small.
-    rate = samples.gyro - np.mean([still.gyro_mean for turn in turns for still in turn], axis=0)
-    t_s = samples.t_s
     rows = np.array([[max(a.start, a.stop - 1 - MARGIN), min(b.stop - 1, b.start + MARGIN)] for a, b in turns]).T
     down = np.array([[a.accel_mean / max(a.gravity_mps2, 1e-12), b.accel_mean / max(b.gravity_mps2, 1e-12)] for a, b in turns])
-    lasts_s = t_s[rows[1]] - t_s[rows[0]]
+    # Beyond the stills' mean rate: sums over a log of hours then stay small.
+    rest = np.mean([still.gyro_mean for turn in turns for still in turn], axis=0)
     walk = np.mean(noise.angle_random_walk**2)
-    whole = _sums(rate, t_s, rows, 1, 0)
+    lasts_s = np.empty(len(turns))
     square = np.empty((len(STEPS), len(turns)))
-    for number, step in enumerate(STEPS):
-        apart = [_tilt_square(_sums(rate, t_s, rows, step, offset) - whole, down) for offset in range(step)]
-        square[number] = np.mean(apart, axis=0) - 2 * (step - 1) * walk * lasts_s
+    for some, looked_at in _together(rows, len(samples)):
+        rate, t_s = samples.gyro[looked_at] - rest, (samples.t_ns[looked_at] - samples.t_ns[0]) * NS
+        ends = np.searchsorted(looked_at, rows[:, some])
+        lasts_s[some] = t_s[ends[1]] - t_s[ends[0]]
+        whole = _sums(rate, t_s, ends, looked_at, 1, 0)
+        for number, step in enumerate(STEPS):
+            apart = [_tilt_square(_sums(rate, t_s, ends, looked_at, step, offset) - whole, down[some]) for offset in range(step)]
+            square[number, some] = np.mean(apart, axis=0) - 2 * (step - 1) * walk * lasts_s[some]
     exponent = thinning_exponent(square)
     error = np.sqrt(np.maximum(np.mean(square / thinning_weights(exponent)[:, None], axis=0), 0.0)) if exponent else np.zeros(len(turns))
     return Missed(error, exponent, float(np.sqrt(2 * walk * np.mean(np.maximum(lasts_s, segment_s)))), 1 / samples.period_s)
 
 
-def _sums(rate: np.ndarray, t_s: np.ndarray, rows: np.ndarray, step: int, offset: int) -> np.ndarray:
-    """(S, 3) rad: the readings (N, 3) rad/s from the first to the last of rows (2, S), every ``step``-th and both ends, by trapezoids."""
-    kept = np.arange(offset, len(rate), step)
+def _together(rows: np.ndarray, count: int) -> Iterator[tuple[slice, np.ndarray]]:
+    """Turns from the first to the last of rows (2, S), and the rows of the log that are looked at for them: all, or of a long log the
+    turns' own, so many at a time."""
+    if count <= AT_ONCE:
+        yield slice(0, rows.shape[1]), np.arange(count)
+        return
+    behind = np.cumsum(rows[1] - rows[0] + 1) // AT_ONCE
+    edges = [0, *(np.flatnonzero(np.diff(behind)) + 1).tolist(), rows.shape[1]]
+    for first, last in pairwise(edges):
+        yield slice(first, last), np.unique(np.concatenate([np.arange(a, b + 1) for a, b in rows[:, first:last].T.tolist()]))
+
+
+def _sums(rate: np.ndarray, t_s: np.ndarray, rows: np.ndarray, looked_at: np.ndarray, step: int, offset: int) -> np.ndarray:
+    """(S, 3) rad: the readings (N, 3) rad/s from the first to the last of rows (2, S), every ``step``-th and both ends, by trapezoids;
+    looked_at (N,): their rows in the log, by which every ``step``-th is counted."""
+    kept = np.flatnonzero((looked_at - offset) % step == 0)
     some, at_s = rate[kept], t_s[kept]
     running = np.concatenate([np.zeros((1, 3)), np.cumsum((some[1:] + some[:-1]) * (np.diff(at_s) / 2)[:, None], axis=0)])
     first, last = rows

@@ -18,6 +18,7 @@ from session.detect.interpolation import FEWEST_TRIALS, SIDE, Crossings, across,
 from session.detect.pace import pace_of
 from session.log.config import Sensor
 from session.log.logfile import Bridge
+from session.log.readings import inserted, pieces, replaced
 from session.log.samples import Samples
 
 #: readings: more are a movement that nobody saw (benchmarks/real_logs.py)
@@ -46,14 +47,16 @@ def short_gaps(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     if len(samples) < 2 * SIDE:
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
     pace = pace_of(samples.t_ns)
-    steps = samples.dt_s / pace.period_s
-    counts = pace.periods(samples.dt_s).astype(int) - 1
+    counts = pace.periods(samples.dt_s).astype(np.int32) - np.int32(1)
     rows = np.flatnonzero((counts >= 1) & (counts <= MOST))
+    if not len(rows):
+        return rows, counts[rows].astype(int)
+    steps = samples.dt_s / pace.period_s
     # A reading that only came late has its time made up in the steps beside it.
     total = np.concatenate([[0.0], np.cumsum(steps - np.maximum(counts, 0) - 1)])
     over = total[np.minimum(rows + 1 + SIDE, len(steps))] - total[np.maximum(rows - SIDE, 0)]
     rows = rows[over > -LATE]
-    return rows, counts[rows]
+    return rows, counts[rows].astype(int)
 
 
 def _without_gaps(samples: Samples) -> tuple[Samples, list[Bridge]]:
@@ -83,19 +86,21 @@ def _without_gaps(samples: Samples) -> tuple[Samples, list[Bridge]]:
         bridges.append(Bridge(GAP, row + 1 + before, count, float(samples.t_s[row]), sigma))
         before += count
     at = np.repeat(rows + 1, [len(part) for part in put_in["t_ns"]])
-    filled = {name: np.insert(getattr(samples, name), at, np.concatenate(put_in[name]), axis=0) for name in names}
+    filled = {name: inserted(getattr(samples, name), at, np.concatenate(put_in[name])) for name in names}
     return Samples(filled["t_ns"], filled["gyro"], filled["accel"], filled.get("temp_c")), bridges
 
 
 def _with_peaks(samples: Samples, sensor: Sensor, gaps: list[Bridge]) -> tuple[Samples, list[Bridge]]:
     end = register_end_dps(sensor, samples.gyro) * DEG
-    at_end = np.abs(samples.gyro) >= end
+    at_end: np.ndarray = np.concatenate([np.abs(part) >= end for _, part in pieces(samples.gyro)])
     if not at_end.any():
         return samples, []
-    spoilt, around = at_end.any(axis=1), round(AROUND_S / samples.period_s)
+    spoilt: np.ndarray = at_end.any(axis=1)
+    around = round(AROUND_S / samples.period_s)
     for gap in gaps:
         spoilt[gap.row : gap.row + gap.count] = True
-    gyro, bridges = samples.gyro.copy(), []
+    put_in: dict[int, np.ndarray] = {}
+    bridges = []
     crossings: dict[int, Crossings] = {}
     for axis in range(3):
         starts, stops = runs_of(at_end[:, axis])
@@ -104,18 +109,23 @@ def _with_peaks(samples: Samples, sensor: Sensor, gaps: list[Bridge]) -> tuple[S
             crowd = at_end[max(start - around, 0) : stop + around].sum()
             if crowd > MOST or at_end[near, axis].sum() > count or start < SIDE or stop > len(samples) - SIDE:
                 continue
-            crossings.setdefault(count, Crossings(samples.gyro, count, spoilt))
+            if count not in crossings:
+                crossings[count] = Crossings(samples.gyro, count, spoilt)
             if len(crossings[count]) < FEWEST_TRIALS:
                 continue
             order, errors = crossings[count].like(float(bend(samples.gyro, np.array([start - 1]), np.array([stop]))[0]))
             guess = across(samples.gyro, start - 1, stop, count, order)[:, axis]
             sign, spread = np.sign(samples.gyro[start, axis]), np.sqrt(np.mean(errors[:, :, axis] ** 2, axis=0))
             beyond, off = _beyond(sign * guess, spread, end)
-            gyro[start:stop, axis] = sign * beyond
+            for row, value in zip(range(start, stop), (sign * beyond).tolist(), strict=True):
+                put_in.setdefault(row, np.array(samples.gyro[row]))[axis] = value
             sigma = np.zeros(3)
             sigma[axis] = off.sum() * samples.period_s
             bridges.append(Bridge(CLIPPED, start, count, float(samples.t_s[start]), sigma))
-    return (replace(samples, gyro=gyro), bridges) if bridges else (samples, [])
+    if not bridges:
+        return samples, []
+    rows = np.array(sorted(put_in))
+    return replace(samples, gyro=replaced(samples.gyro, rows, np.array([put_in[row] for row in rows.tolist()]))), bridges
 
 
 def _beyond(guess: np.ndarray, spread: np.ndarray, end: float) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from session.common.runs import runs_of
 from session.common.units import G
+from session.log.readings import pieces
 from session.log.samples import Samples
 
 #: g, from one reading to the next; hand turns without a stop reach 0.8 at 62.5 to 100 Hz (docs/real-recordings.md)
@@ -32,8 +33,8 @@ class Impact:
 
 def find_impacts(samples: Samples) -> list[Impact]:
     """All of a log, in order."""
-    length = np.linalg.norm(samples.accel, axis=1)
-    jump = np.abs(np.diff(length)) / G
+    parts = [np.abs(np.diff(np.linalg.norm(part, axis=1))) / G for _, part in pieces(samples.accel, overlap=1)]
+    jump = np.concatenate(parts)
     rows = np.flatnonzero(jump >= JUMP_G)
     if not len(rows):
         return []

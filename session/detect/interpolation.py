@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.log.readings import pieces
 from session.log.samples import Samples
 
 SIDE = 4  #: samples on either side that carry the polynomial: two more than the highest order has coefficients
@@ -17,6 +18,8 @@ ORDERS = (1, 3, 5)
 AS_FAST = 0.5
 FEWEST_TRIALS = 40  #: places: their rms is then known to 11 %; where fewer are alike, all that are as fast
 BEND_STEPS = 4  #: to an octave, in which bends are alike
+#: places whose bend is looked up: those of a session of an hour; of a day every so many
+MOST_PLACES = 1 << 20
 MOST_TRIALS = 400  #: gaps that are tried where nothing is missing: their rms is then known to 4 %
 
 
@@ -29,7 +32,7 @@ def across(values: np.ndarray, before: int, after: int, count: int, order: int) 
 def best_order(samples: Samples, rows: np.ndarray, count: int) -> tuple[int, float]:
     """The order that crosses gaps of ``count`` best where the gyro turns as it does at ``rows``, and the rotation, rad rms per axis,
     that it misses."""
-    speed = np.linalg.norm(samples.gyro, axis=1)
+    speed = np.concatenate([np.linalg.norm(part, axis=1) for _, part in pieces(samples.gyro)])
     reach = count + SIDE
     here = np.median(speed[rows])
     usable = speed >= AS_FAST * here
@@ -60,6 +63,7 @@ class Crossings:
         places = np.arange(SIDE, max(len(gyro) - count - SIDE + 1, SIDE))
         near = np.concatenate([[0], np.cumsum(spoilt)])
         places = places[near[places + count + SIDE] == near[places - SIDE]]
+        places = places[:: max(1, -(-len(places) // MOST_PLACES))]
         bends = bend(gyro, places - 1, places + count)
         order = np.argsort(bends)
         self._places, self._bends = places[order], bends[order]

@@ -207,8 +207,8 @@ def _allan_steps(mean: np.ndarray, size: int) -> np.ndarray:
 
 
 def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
-    rows = np.concatenate([np.arange(a * size, b * size) for a, b in run])
-    t = (samples.t_ns[rows] - samples.t_ns[rows[0]]) * NS
+    rows, first = _rows_of(run, size), run[0][0] * size
+    t = (samples.t_ns[rows] - samples.t_ns[first]) * NS
     centred = t - t.mean()
     gyro, accel = samples.gyro[rows], samples.accel[rows]
     leverage = np.sum(centred**2)
@@ -218,9 +218,9 @@ def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
     squared = accel_mean @ accel_mean
     tilt_rate = np.cross(accel_slope, accel_mean) / squared if squared else np.full(3, np.nan)
     return Still(
-        start=int(rows[0]),
-        stop=int(rows[-1]) + 1,
-        start_s=float((samples.t_ns[rows[0]] - samples.t_ns[0]) * NS),
+        start=int(first),
+        stop=int(run[-1][1] * size),
+        start_s=float((samples.t_ns[first] - samples.t_ns[0]) * NS),
         duration_s=float(t[-1]) + samples.period_s,
         gyro_mean=gyro.mean(axis=0),
         gyro_std=gyro.std(axis=0, ddof=1),
@@ -231,6 +231,13 @@ def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
         temp_c=float("nan") if samples.temp_c is None else float(samples.temp_c[rows].mean()),
         bumps=len(run) - 1,
     )
+
+
+def _rows_of(run: list[tuple[int, int]], size: int) -> slice | np.ndarray:
+    """Samples of a still: a slice where nothing interrupts it, of which no index has to be held."""
+    if len(run) == 1:
+        return slice(run[0][0] * size, run[0][1] * size)
+    return np.concatenate([np.arange(a * size, b * size) for a, b in run])
 
 
 def _settled(samples: Samples, run: list[tuple[int, int]], size: int, noise: Noise, shortest: int) -> Still:
@@ -256,7 +263,7 @@ def _zero_rate(samples: Samples, run: list[tuple[int, int]], size: int, whole: S
     """
     rows = np.concatenate([np.arange(a * size, b * size) for a, b in run])
     part = (rows - rows[0] + 0.5) / (rows[-1] - rows[0] + 1)
-    return np.average(samples.gyro[rows], axis=0, weights=part * (1 - part)) - whole.tilt_rate
+    return np.average(samples.gyro[_rows_of(run, size)], axis=0, weights=part * (1 - part)) - whole.tilt_rate
 
 
 def _horizontal_rate(still: Still, zero_rate: np.ndarray) -> float:

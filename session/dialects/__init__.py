@@ -9,7 +9,7 @@
 ``stamps``     time, exact until it is a difference
 ``lines``      a text file's lines, plain or gzipped, in pieces and within bounds
 ``rows``       lines -> numbers, or what is wrong with which line
-``reader``     all of it: a file's rows, in pieces or at once
+``reader``     all of it: a file's rows, in pieces
 
 May import: common, files, sensor.
 """

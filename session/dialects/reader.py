@@ -56,6 +56,8 @@ class Reader:
         self._unroll = Unroll(self._counter_ns())
         self._before: int | None = None
         self._stood_at, self._standing = 0, 0  # the last stamp, and rows of the pieces that held no other
+        self._as_written = False
+        self._rows, self._begins = 0, [(0, 1)]  # rows so far; of each piece, its first row, and its first line from 1
         self._commas = False  # in the place of decimal points; whole numbers at the beginning do not show it
 
     @property
@@ -68,8 +70,12 @@ class Reader:
         """How often the counter of the stamps has come round so far."""
         return self._unroll.wraps
 
-    def pieces(self, size: int = PIECE_BYTES) -> Iterator[Piece]:
-        """All rows, a few ten thousand at a time.  Raises FormatError with the line that is at fault."""
+    def pieces(self, size: int = PIECE_BYTES, *, as_written: bool = False) -> Iterator[Piece]:
+        """All rows, a few ten thousand at a time.  Raises FormatError with the line that is at fault.
+
+        as_written: stamps as the file has them, for ``unrolled`` when all of them are there.
+        """
+        self._as_written = as_written
         with self._stream or Lines(self.path) as file:
             self._file, number, skip, lines = file, 1, self.layout.first, file.take(size)
             while lines:
@@ -83,13 +89,15 @@ class Reader:
                     yield piece
                 number, skip, lines = number + len(lines), max(skip - len(lines), 0), following
 
-    def whole(self) -> Piece | None:
-        """All rows at once, or None where there are none."""
-        pieces = list(self.pieces())
-        if not pieces:
-            return None
-        parts = ([getattr(piece, name) for piece in pieces] for name in ("t_ns", "gyro", "accel", "temp"))
-        return Piece(*(None if part[0] is None else np.concatenate(part) for part in parts))
+    def unrolled(self, stamps: np.ndarray) -> np.ndarray:
+        """(N,) ns that go on, of all stamps (N,) ns as they were written: all of them together tell a counter from an epoch.
+
+        Raises FormatError with the line from which they go back.
+        """
+        try:
+            return self._unrolled(stamps)
+        except RowFault as wrong:
+            raise FormatError(f"{self.path.name} line {self._line_of(wrong.row)}: {wrong.what}; {wrong.do}") from None
 
     def _head(self) -> list[str]:
         file = Lines(self.path)
@@ -130,7 +138,9 @@ class Reader:
                 table, stamps = parse(lines, self.layout)
             if not len(table):
                 return None
-            t_ns = None if stamps is None else self._unrolled(stamps)
+            self._begins.append((self._rows, number))
+            self._rows += len(table)
+            t_ns = stamps if stamps is None or self._as_written else self._unrolled(stamps)
         except RowFault as wrong:
             rows = [i for i, line in enumerate(lines) if line.split("#")[0].strip()]
             raise FormatError(f"{self.path.name} line {number + rows[wrong.row]}: {wrong.what}; {wrong.do}") from None
@@ -147,6 +157,21 @@ class Reader:
         if self._standing > MOST_STANDING:
             name = self.layout.name(self.layout.time_column)
             raise FormatError(f"{self.path.name} line {number}: {name} has not gone on for {self._standing} rows; cut the log before them")
+
+    def _line_of(self, row: int) -> int:
+        """The line, from 1, of a row that was read; the file is looked at once more."""
+        first, number = next(begin for begin in reversed(self._begins) if begin[0] <= row)
+        with Lines(self.path) as file:
+            at, lines = 1, file.take()
+            while lines:
+                for line in lines:
+                    if at >= number and at > self.layout.first and line.split("#")[0].strip():
+                        if first == row:
+                            return at
+                        first += 1
+                    at += 1
+                lines = file.take()
+        return number
 
     def _has_decimal_commas(self, lines: list[str]) -> bool:
         """Whether numbers of these rows have commas in them, and none has a point: 1,234 beside 0.5 may be a thousand."""

@@ -19,6 +19,7 @@ from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, re
 from session.log.known_turns import NAME as KNOWN_TURNS
 from session.log.known_turns import KnownTurn, read_known_turns
 from session.log.logfile import Log, already_calibrated, read_log
+from session.log.readings import mapped
 from session.log.rows_of_text import rows_of
 from session.log.samples import Samples, joined
 from session.log.truth import Truth, read_truth, truth_path
@@ -111,7 +112,7 @@ class Session:
 
     def calibrated(self, log: Log) -> Samples:
         """A log's samples with the accelerometer's pre-calibration applied."""
-        return log.samples.with_accel(self.config.accelerometer.correct(log.samples.accel))
+        return log.samples.with_accel(mapped(log.samples.accel, self.config.accelerometer.correct))
 
 
 def _from_memory(name: str, t_s: ArrayLike, gyro_rps: ArrayLike, accel_mps2: ArrayLike, temp_c: ArrayLike | None = None) -> Log:

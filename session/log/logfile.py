@@ -3,15 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from session.common.errors import DataError, FormatError
+from session.dialects.layout import Layout
 from session.dialects.reader import Reader
 from session.dialects.stamps import fresh
 from session.log.config import Sensor
+from session.log.readings import Growing, Packer, Readings, times
 from session.log.samples import Samples
+from session.sensor.registers import RegisterUnits
+
+
+def _temperature(packer: Packer, layout: Layout, units: RegisterUnits) -> np.ndarray | None:
+    """(N,) degC; None where there is none, or nobody knows what its register means."""
+    if layout.temp is None or layout.temperature_c(np.zeros(1), units) is None:
+        return None
+    return cast(np.ndarray, Readings(*packer.packed(), (partial(_in_degrees, layout, units),)))
+
+
+def _in_degrees(layout: Layout, units: RegisterUnits, values: np.ndarray) -> np.ndarray:
+    found = layout.temperature_c(values, units)
+    assert found is not None  # or there are no temperatures
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,26 +89,31 @@ def read_log(path: Path, sensor: Sensor) -> Log:
     A last line that was cut off is left out and noted.  A log of another program is refused: ``replay`` makes it one of ours.
     """
     reader = Reader(path, None)
-    rows, layout = reader.whole(), reader.layout
-    if rows is None:
+    layout, units, stamps, packers = reader.layout, sensor.register_units, Growing(), (Packer(), Packer(), Packer())
+    for rows in reader.pieces(as_written=True):
+        assert rows.t_ns is not None  # a standard log without stamps was refused
+        stamps.add(rows.t_ns)
+        for packer, values in zip(packers, (rows.gyro, rows.accel, rows.temp), strict=True):
+            if values is not None:
+                packer.add(values)
+    if not len(written := stamps.rows()):
         raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
-    assert rows.t_ns is not None  # a standard log without one of these three was refused
-    assert rows.gyro is not None
-    assert rows.accel is not None
-    units = sensor.register_units
+    t_ns = reader.unrolled(written)
+    del written
     try:
-        gyro, accel = rows.gyro * layout.gyro_si(units), rows.accel * layout.accel_si(units)
+        factors = layout.gyro_si(units), layout.accel_si(units)
     except FormatError as error:
         raise FormatError(f"{path.name} holds registers: {error}") from None
-    samples = Samples(rows.t_ns, gyro, accel, None if rows.temp is None else layout.temperature_c(rows.temp, units))
+    gyro, accel = (cast(np.ndarray, Readings(*p.packed(), (times(si),))) for p, si in zip(packers, factors, strict=False))
+    samples = Samples(t_ns, gyro, accel, _temperature(packers[2], layout, units))
     notes = list(reader.notes)
-    if rows.temp is not None and samples.temp_c is None:
+    if layout.temp is not None and samples.temp_c is None:
         notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
     if reader.wraps:
         notes.append(f"the 32-bit time counter wrapped {reader.wraps}x: unrolled")
     if not (kept := fresh(samples.t_ns)).all():
         notes.append(f"{np.count_nonzero(~kept)} rows repeat the stamp before them: left out")
-        samples = Samples(samples.t_ns[kept], gyro[kept], accel[kept], None if samples.temp_c is None else samples.temp_c[kept])
+        samples = samples.pick(kept)
     if len(samples) < 2:
         raise DataError(f"{path.name}: a single sample; expected a recording of some seconds")
     raw = any(triad is not None and triad.unit.si is None for triad in (layout.gyro, layout.accel))

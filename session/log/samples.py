@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from session.common.units import NS
+from session.log.readings import pick
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +17,8 @@ class Samples:
     """Consecutive readings of one log, in the order of time.
 
     t_ns (N,) int64, device time, increasing; gyro (N, 3) rad/s, measured rate m; accel (N, 3) m/s^2, specific force as
-    measured or, after ``with_accel``, as pre-calibrated; temp_c (N,) degC, or None where the log has none.
+    measured or, after ``with_accel``, as pre-calibrated; temp_c (N,) degC, or None where the log has none.  Of a file the last three are
+    ``Readings``, which act as such arrays: what is done to a whole log goes through their ``pieces``.
     """
 
     t_ns: np.ndarray
@@ -58,6 +60,11 @@ class Samples:
         """Samples start <= i < stop."""
         part = slice(start, stop)
         return Samples(self.t_ns[part], self.gyro[part], self.accel[part], None if self.temp_c is None else self.temp_c[part])
+
+    def pick(self, which: np.ndarray) -> Samples:
+        """Some of them, by mask or index, kept as they are kept."""
+        temp_c = None if self.temp_c is None else pick(self.temp_c, which)
+        return Samples(self.t_ns[which], pick(self.gyro, which), pick(self.accel, which), temp_c)
 
 
 def start_times(logs: Iterable[Samples]) -> np.ndarray:

@@ -22,7 +22,7 @@ from fuzz_targets.material import (
 from fuzz_targets.rules import choose, finite
 from session.common.errors import CalibrationError
 from session.dialects.layout import Answers
-from session.dialects.reader import Reader
+from session.dialects.reader import Piece, Reader
 from session.log.config import Sensor
 from session.log.logfile import read_log
 from session.log.rests import read_rest
@@ -114,10 +114,12 @@ def run(data: bytes, folder: Path) -> None:
 
 
 def _foreign(path: Path, answers: Answers) -> None:
-    """Whole, and in small pieces: the same rows, unless a counter or a comma is told from the whole alone."""
-    whole = Reader(path, answers).whole()
-    if whole is None:
+    """In usual, and in small pieces: the same rows, unless a counter or a comma is told from more of them alone."""
+    usual = list(Reader(path, answers).pieces())
+    if not usual:
         return
+    parts = ([getattr(piece, name) for piece in usual] for name in ("t_ns", "gyro", "accel", "temp"))
+    whole = Piece(*(None if part[0] is None else np.concatenate(part) for part in parts))
     finite(whole.gyro, whole.accel, whole.temp)
     assert whole.t_ns is None or (np.diff(whole.t_ns) >= 0).all()
     try:

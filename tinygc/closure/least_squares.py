@@ -119,11 +119,18 @@ def fit_least_squares(
 
 def _rows(batch: Batch, vector: np.ndarray, integrator: str, columns: np.ndarray | None) -> Rows:
     """Of a linear model; columns: those of one so near that they are the same."""
-    rate = LinearModel.from_vector(vector)(batch.rate)
-    if columns is not None:
-        return Rows(vector, 2 * closure.segment_residuals(batch, rate, integrator), columns)
-    end, sensitivity = closure.end_and_sensitivity(batch, rate)
-    if integrator != "exact":
-        end = closure.end_attitude(batch, rate, integrator)
-    angles = 2 * closure.batch_residual(batch, end)
-    return Rows(vector, angles, linear.columns(sensitivity, batch.rate)[:, : batch.angles])
+    model = LinearModel.from_vector(vector)
+    angles = np.empty((len(batch), batch.angles))
+    design = np.empty((len(batch), batch.angles, linear.PARAMETERS)) if columns is None else columns
+    for some in closure.parts(len(batch)):  # what is between them stays in the processor's cache
+        part = batch.pick(some)
+        rate = model(part.rate)
+        if columns is not None:
+            angles[some] = 2 * closure.segment_residuals(part, rate, integrator)
+            continue
+        end, sensitivity = closure.end_and_sensitivity(part, rate)
+        if integrator != "exact":
+            end = closure.end_attitude(part, rate, integrator)
+        angles[some] = 2 * closure.batch_residual(part, end)
+        design[some] = linear.columns(sensitivity, part.rate)[:, : batch.angles]
+    return Rows(vector, angles, design)

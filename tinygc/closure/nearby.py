@@ -24,6 +24,8 @@ from tinygc.models.linear import PARAMETERS, LinearModel
 FIRST, SECOND = np.triu_indices(PARAMETERS)
 #: segments whose columns along the way are held at once: some megabytes
 TOGETHER = 4
+#: segments that a swarm is looked at with at once: what is multiplied stays in the processor's cache
+AT_ONCE = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +60,12 @@ class Nearby:
         """Closure residuals (P, S, 2 or 3) of models (P, 12)."""
         delta = vectors - self.vector
         omega = delta @ self.phi + (delta[:, FIRST] * delta[:, SECOND]) @ self.half_x
-        turn = rotation.exp(omega.reshape(len(vectors), -1, 3))
-        return closure.batch_residual(self.batch, rotation.multiply(turn, self.end))
+        turns, found = omega.reshape(len(vectors), -1, 3), []
+        for first in range(0, len(self.batch), AT_ONCE):
+            some = slice(first, first + AT_ONCE)
+            ends = rotation.multiply(rotation.exp(turns[:, some]), self.end[some])
+            found.append(closure.batch_residual(self.batch.pick(some), ends))
+        return np.concatenate(found, axis=1)
 
 
 def _along(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -91,7 +91,7 @@ def end_attitude(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
 def turned(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
     """The same from no start (S, 4): by how much the body turns."""
     if isinstance(rate, np.ndarray) and len(rate) > TOGETHER:
-        return np.concatenate([turned(batch.pick(some), rate[some], integrator) for some in _parts(len(rate))])
+        return np.concatenate([turned(batch.pick(some), rate[some], integrator) for some in parts(len(rate))])
     earth, dt = (like(rate, x) for x in (batch.earth, batch.dt))
     return rotation.compose(steps(rate - earth, dt, integrator))
 
@@ -167,7 +167,7 @@ def end_and_sensitivity(batch: Batch, rate: np.ndarray) -> tuple[np.ndarray, np.
     segments, samples = rate.shape[:2]
     end = np.empty((segments, 4))
     found = np.empty((segments, 3, 3, samples))  # what sums over the samples finds them side by side
-    for some in _parts(segments):
+    for some in parts(segments):
         part = batch.pick(some)
         q_tb = attitudes(part, rate[some])
         end[some] = q_tb[:, -1]
@@ -177,7 +177,8 @@ def end_and_sensitivity(batch: Batch, rate: np.ndarray) -> tuple[np.ndarray, np.
     return end, found.transpose(0, 3, 1, 2)
 
 
-def _parts(count: int) -> list[slice]:
+def parts(count: int) -> list[slice]:
+    """Segments, of so many, that are best taken at once."""
     return [slice(first, first + TOGETHER) for first in range(0, count, TOGETHER)]
 
 

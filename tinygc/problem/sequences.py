@@ -15,7 +15,6 @@ import numpy as np
 from session.detect.segments import Segment
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.attitude.integrate import steps
 from tinygc.attitude.rotation import Array
 from tinygc.closure.residual import Batch
 
@@ -47,10 +46,14 @@ def place(before: np.ndarray) -> np.ndarray:
 
 def residuals(batch: Batch, rate: Array, before: np.ndarray, integrator: str = "exact") -> Array:
     """As ``closure.segment_residuals``, each part begun at the attitude that the one before was predicted to end with; NumPy or torch."""
-    earth, dt, start, first = (closure.like(rate, array) for array in (batch.earth, batch.dt, batch.start, (before < 0)[:, None]))
-    turn = rotation.compose(steps(rate - earth, dt, integrator))
+    return residuals_of_turns(batch, closure.turned(batch, rate, integrator), before)
+
+
+def residuals_of_turns(batch: Batch, turn: Array, before: np.ndarray) -> Array:
+    """The same of what the body turns by (S, 4) in each part."""
+    start, first = (closure.like(turn, array) for array in (batch.start, (before < 0)[:, None]))
     end = rotation.multiply(start, turn)
-    xp = rotation.namespace(rate)
+    xp = rotation.namespace(turn)
     rows = np.maximum(before, 0)
     for _ in range(int(place(before).max())):
         end = rotation.multiply(xp.where(first > 0, start, end[rows]), turn)

@@ -30,15 +30,17 @@ def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | No
     """A rate below the register's end that an axis reaches again and again, and never passes."""
     found = []
     for axis in range(3):
+        readings = samples.gyro[:, axis]
+        step = lsb(readings)
         for sign in (1, -1):
-            values = sign * samples.gyro[:, axis]
+            values = sign * readings
             top = values.max()
             if top > LEAST_CEILING * full_scale_rps:
-                at = values >= top - lsb(samples.gyro[:, axis])
-                bar = run_bar(float(sigma_of_steps(samples.gyro[:, axis])), 2 * lsb(samples.gyro[:, axis]))
+                at = values >= top - step
+                bar = run_bar(float(sigma_of_steps(readings)), 2 * step)
                 start, stop = _longest_run(at)
                 if stop - start >= bar:
-                    found.append((top, at, _has_corners(values, start, stop, lsb(samples.gyro[:, axis]))))
+                    found.append((top, at, _has_corners(values, start, stop, step)))
     if not any(corners for _, _, corners in found):
         return None
     level = float(np.median([top for top, _, _ in found]))

@@ -13,8 +13,10 @@ import numpy as np
 
 from session.common.runs import runs_of
 from session.detect import interpolation
+from session.log.readings import replaced
 from session.log.samples import Samples
 from tinygc.explanation.mends import lost_samples
+from tinygc.explanation.mends.parts import in_parts
 
 LONGEST = 8  #: samples: what the cubic across them may span, twice its own readings on a side
 SIDE = 4  #: samples on either side that carry the cubic: twice as many as it has coefficients
@@ -47,10 +49,16 @@ class Glitches:
 
 def find_glitches(samples: Samples) -> Glitches | None:
     """All false readings; None where there are none, or so many that they are another thing."""
+    found = [
+        (row + first, count, accel) for first, own, part in in_parts(samples) for row, count, accel in _found_in(part) if row + first in own
+    ]
+    return _glitches(found) if found and len(found) <= lost_samples.PER_SECOND * samples.duration_s else None
+
+
+def _found_in(samples: Samples) -> list[tuple[int, int, bool]]:
     impossible = _impossible(samples)
-    most = lost_samples.PER_SECOND * samples.duration_s
-    if len(impossible) > most:
-        return None
+    if len(impossible) > lost_samples.PER_SECOND * samples.duration_s:
+        return []
     cleaned = without_glitches(samples, _glitches(impossible))
     values = np.concatenate([cleaned.gyro, cleaned.accel], axis=1)
     size, scatter = lost_samples.third_differences(cleaned)
@@ -61,10 +69,7 @@ def find_glitches(samples: Samples) -> Glitches | None:
     whole = [(int(c[0]), int(c[-1])) for c in clusters if not missing[max(c[0] + 1 - SIDE, 0) : c[-1] + 3 + SIDE].any()]
     excursions = [run for first, last in whole if (run := _excursion(values, scatter, first, last)) is not None]
     found = sorted({*impossible, *excursions})
-    found = [run for i, run in enumerate(found) if i == 0 or run[0] >= found[i - 1][0] + found[i - 1][1]]
-    if not found or len(found) > most:
-        return None
-    return _glitches(found)
+    return [run for i, run in enumerate(found) if i == 0 or run[0] >= found[i - 1][0] + found[i - 1][1]]
 
 
 def _glitches(runs: list[tuple[int, int, bool]]) -> Glitches:
@@ -140,9 +145,19 @@ def _cubic(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray, np.nd
 
 def without_glitches(samples: Samples, glitches: Glitches) -> Samples:
     """False readings replaced by what their neighbours say."""
-    gyro, accel = samples.gyro.copy(), samples.accel.copy()
+    mended: dict[str, dict[int, np.ndarray]] = {"gyro": {}, "accel": {}}
     orders = {count: interpolation.best_order(samples, glitches.rows, count)[0] for count in set(glitches.samples.tolist())}
     for row, count, both in zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel, strict=True):
-        for values in (gyro, accel) if both else (gyro,):
-            values[row : row + count] = interpolation.across(values, row - 1, row + count, count, orders[count])
-    return replace(samples, gyro=gyro, accel=accel)
+        for name in ("gyro", "accel") if both else ("gyro",):
+            first = max(row - interpolation.SIDE, 0)
+            near = np.array(getattr(samples, name)[first : row + count + interpolation.SIDE])
+            for at in mended[name].keys() & set(range(first, first + len(near))):
+                near[at - first] = mended[name][at]
+            put_in = interpolation.across(near, row - 1 - first, row + count - first, count, orders[count])
+            mended[name] |= dict(zip(range(row, row + count), put_in, strict=True))
+    for name, by_row in mended.items():
+        if by_row:
+            rows = np.array(sorted(by_row))
+            values = replaced(getattr(samples, name), rows, np.array([by_row[row] for row in rows.tolist()]))
+            samples = replace(samples, **{name: values})
+    return samples

@@ -18,6 +18,7 @@ from session.common.units import NS_PER_S
 from session.detect import interpolation
 from session.detect.pace import pace_of
 from session.log.samples import Samples
+from tinygc.explanation.mends.parts import in_parts
 
 #: third differences this many times their neighbourhood's own scatter (all six channels together) are a jump
 #: (benchmarks/thresholds.py: half of it gives false names)
@@ -45,6 +46,16 @@ class Jumps:
 
 def find_jumps(samples: Samples) -> Jumps:
     """All steps that a smooth movement does not make, within a period's time."""
+    rows, sizes = [np.zeros(0, dtype=int)], [np.zeros((0, 6))]
+    for first, own, part in in_parts(samples):
+        found = _jumps_of(part)
+        mine = np.isin(found.rows + first, own) if len(part) < len(samples) else np.ones(len(found.rows), dtype=bool)
+        rows.append(found.rows[mine] + first)
+        sizes.append(found.size[mine])
+    return Jumps(np.concatenate(rows), np.concatenate(sizes))
+
+
+def _jumps_of(samples: Samples) -> Jumps:
     size, _ = third_differences(samples)
     total = np.sqrt(np.sum(size**2, axis=1))
     high = np.flatnonzero(total > JUMP)

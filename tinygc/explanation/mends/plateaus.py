@@ -10,6 +10,7 @@ import numpy as np
 
 from session.common.robust import sigma_of_steps
 from session.common.runs import runs_of
+from session.log.readings import pieces
 from session.log.samples import Samples
 from tinygc.explanation.mends.ceilings import ReachedCeiling
 
@@ -29,25 +30,27 @@ WHOLE, ALIKE = 0.9, 0.6
 
 def find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
     """The level of rates that were clipped before they were misaligned, filtered or made noisy; the same for all axes."""
-    noise = sigma_of_steps(samples.gyro)
-    levels, masks = [], []
+    levels, masks, peak = [], [], 0.0
     for axis in range(3):
+        readings = samples.gyro[:, axis]
+        noise, peak = float(sigma_of_steps(readings)), max(peak, readings.max(), -readings.min())
         for sign in (1.0, -1.0):
-            values = sign * samples.gyro[:, axis]
-            found = _plateaus(values, float(noise[axis]), LEAST * full_scale_rps, SHORTEST_S / samples.period_s)
+            found = _plateaus(sign * readings, noise, LEAST * full_scale_rps, SHORTEST_S / samples.period_s)
             levels += [level for level, _, _ in found]
             masks += [(level, start, stop) for level, start, stop in found]
     if len(levels) < FEWEST:
         return None
     level = float(np.median(levels))
     alike = [(start, stop) for each, start, stop in masks if abs(each - level) < SAME * level]
-    passed = np.abs(samples.gyro).max() > (1 + 2 * SAME) * level
+    passed = peak > (1 + 2 * SAME) * level
     if len(alike) < max(FEWEST, ALIKE * len(levels)) or passed:
         return None
     mask = np.zeros(len(samples), dtype=bool)
     for start, stop in alike:
         mask[start:stop] = True
-    return ReachedCeiling(level, mask | (np.abs(samples.gyro) > (1 - SAME) * level).any(axis=1))
+    for start, part in pieces(samples.gyro):
+        mask[start : start + len(part)] |= (np.abs(part) > (1 - SAME) * level).any(axis=1)
+    return ReachedCeiling(level, mask)
 
 
 def _plateaus(values: np.ndarray, noise: float, least: float, shortest: float) -> list[tuple[float, int, int]]:

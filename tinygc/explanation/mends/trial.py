@@ -67,7 +67,7 @@ class Trial:
         self.rates = twin.rates(self.state)
         # Bridged as readings: what undoes a delay smears a false reading over its neighbours.
         calm = Twin(quiet)
-        self._bridged = calm.rates(self.state)
+        self._calm, self._bridged = calm, calm.rates(self.state)
         self._smeared = SMEARED if any(claim.effect.reach for claim in self.state.claims) else 0
         whiten = Whitener(twin)
         noise = first_noise(twin, whiten, undersampling(calm) if len(quiet.used) == len(problem.used) else None)
@@ -83,20 +83,20 @@ class Trial:
 
     def segment_of(self, event: Event) -> int | None:
         """Number among the used segments of the one that an event is in; None in a rest or a rejected turn."""
-        for i, segment in enumerate(self.twin.segments):
+        for i, segment in enumerate(self.twin.problem.used):
             if segment.log == event.log and segment.start + interpolation.SIDE <= event.row < segment.stop - interpolation.SIDE:
                 return i
         return None
 
     def angles(self, i: int, mended: list[Event], cross: Callable[[Event], Crossing], length: int) -> np.ndarray:
         """(d,) rad that segment i misses with these of its events mended."""
-        segment, batch, full = self.twin.segments[i], self._batch, self.rates[self.twin.segments[i].log]
+        segment, batch, seen = self.twin.problem.used[i], self._batch, self.twin.segments[i]
         count = segment.stop - segment.start
-        rate, dt, earth = full[segment.start : segment.stop].copy(), batch.dt[i, : count - 1], batch.earth[i, :count]
+        rate, dt, earth = self.rates[seen.log][seen.start : seen.stop].copy(), batch.dt[i, : count - 1], batch.earth[i, :count]
         for event in (e for e in mended if e.id == FALSE):
             first, last = event.row - self._smeared, event.row + event.samples + self._smeared
             here = slice(max(first, segment.start), min(last, segment.stop))
-            rate[here.start - segment.start : here.stop - segment.start] = self._bridged[segment.log][here]
+            rate[here.start - segment.start : here.stop - segment.start] = self._bridged[segment.log][self._calm.rows(segment.log, here)]
         for event in sorted((e for e in mended if e.id == LOST), key=lambda e: -e.row):
             at = event.row - segment.start + 1
             between = interpolation.across(rate, at - 1, at, length, cross(event).order)
@@ -129,7 +129,7 @@ class Trial:
         inside: dict[int, list[int]] = {}
         for event in losses:
             if (i := self.segment_of(event)) is not None:
-                inside.setdefault(i, []).append(event.row - self.twin.segments[i].start)
+                inside.setdefault(i, []).append(event.row - self.twin.problem.used[i].start)
         if not inside:
             return 0
         numbers = np.array(sorted(inside))

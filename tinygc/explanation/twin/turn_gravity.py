@@ -95,7 +95,7 @@ def turn_equations(twin: Twin, fit: Refit) -> TurnEquations:
     turn = rotation.matrix(closure.attitudes(batch, padded))
     normal, right, square, count = [], [], [], []
     for i, segment in enumerate(twin.segments):
-        samples = twin.problem.logs[segment.log].samples
+        samples = twin.seen.logs[segment.log].samples
         length, dt = segment.stop - segment.start, samples.period_s
         omega = padded[i, :length] - batch.earth[i, :length]
         alpha = np.gradient(omega, dt, axis=0)

@@ -16,10 +16,10 @@ from session.detect.stills import Still
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
-from tinygc.effects import Effect, Movement, movement_of
+from tinygc.effects import Effect, Movement
 from tinygc.explanation.twin.state import Channels, State, bent_by
+from tinygc.explanation.twin.thinned import movement_in, thinned
 from tinygc.models import linear
-from tinygc.problem.conditions import conditions
 from tinygc.problem.problem import Problem
 
 #: a finite difference for what bends a still's gravity: m/s^2; 1e-4 of g, so bent by 1e-8 and rounded by 1e-12 of it
@@ -36,6 +36,9 @@ class Twin:
 
     def __init__(self, problem: Problem):
         self.problem, self.batch = problem, problem.batch
+        #: the problem in the rows that effects are given: of a long log, thinned where nothing moves
+        self.seen, self._thinnings = thinned(problem)
+        problem = self.seen
         self.segments = problem.used
         at_rest = all(segment.first is not None for segment in self.segments)  # not between moments of truth: no still is a reference
         self.stills: list[tuple[int, Still]] = [
@@ -50,7 +53,14 @@ class Twin:
     @cached_property
     def movements(self) -> list[Movement]:
         """What effects are given of each log."""
-        return [_movement(self.problem, log) for log in range(len(self.problem.logs))]
+        return [movement_in(self.problem, self.seen, self._thinnings, log) for log in range(len(self.problem.logs))]
+
+    def rows(self, log: int, rows: slice) -> slice:
+        """Where rows of a turn are among those that effects are given."""
+        if self._thinnings is None:
+            return rows
+        start = self._thinnings[log].row(rows.start)
+        return slice(start, start + rows.stop - rows.start)
 
     def start(self) -> State:
         """The present physics: the linear model alone."""
@@ -67,7 +77,7 @@ class Twin:
 
     def _undone(self, state: State, log: int, count: int) -> np.ndarray:
         """Rates (N, 3) of one log with the first ``count`` claims undone."""
-        readings = self.problem.logs[log].samples.gyro
+        readings = np.asarray(self.seen.logs[log].samples.gyro)
         for claim in state.claims[:count]:
             if claim.effect.on_readings:
                 readings = claim.effect.correct(readings, self.movements[log].with_rate(readings), claim.theta)
@@ -141,9 +151,13 @@ class Twin:
     def _still_means(self, by_log: list[np.ndarray]) -> np.ndarray:
         """(Q, …) of samples (N, …) of each log."""
         parts = [np.zeros((0, *by_log[0].shape[1:]))]
-        for values, (rows, begin, count) in zip(by_log, self._still_rows, strict=True):
+        for log, (values, (rows, begin, count)) in enumerate(zip(by_log, self._still_rows, strict=True)):
             if len(begin):
-                sums = np.add.reduceat(values[rows], begin, axis=0)
+                each = values[rows]
+                if self._thinnings is not None:  # a row may stand for a second
+                    weight = self._thinnings[log].counts[rows]
+                    each, count = each * weight.reshape(-1, *(1,) * (values.ndim - 1)), np.add.reduceat(weight, begin)
+                sums = np.add.reduceat(each, begin, axis=0)
                 parts.append(sums / count.reshape(-1, *(1,) * (values.ndim - 1)))
         return np.concatenate(parts)
 
@@ -172,7 +186,7 @@ class Twin:
         """Of the 12 linear parameters."""
         design = linear.columns(_square(sensitivity), self.batch.rate)[:, : self.batch.angles]
         still = np.zeros((len(self.stills), 3, linear.PARAMETERS))
-        mean = self._still_rates([log.samples.gyro for log in self.problem.logs])
+        mean = self._still_rates([np.asarray(log.samples.gyro) for log in self.seen.logs])
         for axis in range(3):
             still[:, axis, 3 * axis : 3 * axis + 3] = mean
             still[:, axis, linear.BIAS.start + axis] = 1.0
@@ -229,14 +243,14 @@ class Twin:
         """
         claimed = next((i for i, claim in enumerate(state.claims) if claim.effect.id == effect.id), None)
         if claimed is None and effect.on_readings:
-            readings = [log.samples.gyro for log in self.problem.logs]
+            readings = [np.asarray(log.samples.gyro) for log in self.seen.logs]
             moved = (effect.columns(movement.with_rate(rate)) for movement, rate in zip(self.movements, readings, strict=True))
             return [np.einsum("ij,njp->nip", state.model.E, columns) for columns in moved]
         if claimed is None or effect.exact_correct is None:
             return [effect.columns(movement.with_rate(rate)) for movement, rate in zip(self.movements, rates, strict=True)]
         theta, added = state.claims[claimed].theta, []
         for log, movement in enumerate(self.movements):
-            before = self.problem.logs[log].samples.gyro if effect.on_readings else self._undone(state, log, claimed)
+            before = np.asarray(self.seen.logs[log].samples.gyro) if effect.on_readings else self._undone(state, log, claimed)
             movement = movement.with_rate(before)
             here = effect.correct(before, movement, theta)
             small = SMALL_SHARE * effect.parameter.plausible
@@ -284,8 +298,3 @@ def _square(sensitivity: np.ndarray) -> np.ndarray:
     """``linear.columns`` wants three rows; the third is not looked at where yaw is unknown."""
     missing = 3 - sensitivity.shape[2]
     return sensitivity if not missing else np.pad(sensitivity, ((0, 0), (0, 0), (0, missing), (0, 0)))
-
-
-def _movement(problem: Problem, number: int) -> Movement:
-    log = problem.logs[number]
-    return movement_of(log.samples, problem.first(log.samples.gyro), conditions(problem), float(problem.began_s[number]))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.common.units import NS
 from tinygc.explanation.twin.twin import Twin
 
 #: s: longer than a gyro's low-pass of some 10 Hz and more remembers, short enough for ten and more in a still; as ``session.detect`` has it
@@ -29,9 +30,12 @@ class WithinStills:
 def within_stills(twin: Twin) -> WithinStills:
     """Slope of the rate, and mean square of the differences of 0.1 s means, against the angle random walk of the log."""
     slopes, scatters = [], []
-    for log, still in twin.stills:
-        samples, walk = twin.problem.logs[log].samples, twin.problem.logs[log].noise.angle_random_walk
-        rate, t_s = samples.gyro[still.start : still.stop], samples.t_s[still.start : still.stop]
+    logs = twin.problem.logs
+    as_recorded = [(log, still) for log in range(len(logs)) for still in logs[log].stills if still.problem is None and twin.stills]
+    for log, still in as_recorded:
+        samples, walk = logs[log].samples, logs[log].noise.angle_random_walk
+        rate = samples.gyro[still.start : still.stop]
+        t_s = (samples.t_ns[still.start : still.stop] - samples.t_ns[0]) * NS
         from_middle = t_s - t_s.mean()
         slope = from_middle @ rate / (from_middle @ from_middle)
         slopes.append(slope / (walk * np.sqrt(12 / still.duration_s**3)))

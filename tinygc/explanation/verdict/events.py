@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common.units import DEG
+from session.log.readings import pieces
 from session.log.samples import start_times
 from tinygc.effects.occurrence import LEVEL, ROWS, SECONDS, STILLS
 from tinygc.explanation.verdict.claims import Claim
@@ -44,7 +45,7 @@ def clipped_readings(e: Explanation, claim: Claim) -> Clipped:
     assert claim.effect.occurs is not None
     key = claim.effect.occurs.key
     level = claim.parameters[key] * DEG
-    magnitude = np.concatenate([np.abs(log.samples.gyro).max(axis=1) for log in e.session.logs])
+    magnitude = np.concatenate([np.abs(part).max(axis=1) for log in e.session.logs for _, part in pieces(log.samples.gyro)])
     rows = np.flatnonzero(magnitude >= level - claim.std[key] * DEG)
     return Clipped(reading_s(e, rows), magnitude[rows])
 

@@ -72,7 +72,7 @@ def _without_effects(found: PhysicsFit, model: PhysicsModel) -> Batch:
     """The batch as the sensor would have measured it without the effects."""
     twin = found.twin
     began = [movement.t_s[0] for movement in twin.movements]
-    rates = [model.equivalent_rate(log.samples, start) for log, start in zip(found.problem.logs, began, strict=True)]
+    rates = [model.equivalent_rate(log.samples, start) for log, start in zip(twin.seen.logs, began, strict=True)]
     return replace(twin.batch_at(found.fit.state), rate=twin.padded(rates))
 
 

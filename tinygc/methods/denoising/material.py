@@ -11,6 +11,10 @@ from tinygc.models.denoiser import DILATIONS, KERNEL, DenoisedNet
 from tinygc.problem.problem import Problem
 
 REACH = (KERNEL - 1) * sum(DILATIONS)
+#: segments, and stills, that tell 56 weights an axis all that they need (benchmarks/long_sessions.py)
+ENOUGH = 400
+#: samples at rest that show the noise, an hour of them: of longer rests the first so many of each, and never fewer than a few seconds
+MOST_AT_REST, FEWEST_OF_EACH = 1 << 20, 1 << 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +42,13 @@ class Material:
         """Some of the segments, by index or mask; the stills, which only show noise, stay."""
         return replace(self, batch=self.batch.pick(which), sigma=self.sigma[which], context=self.context[which], counts=self.counts[which])
 
+    def enough(self) -> Material:
+        """What a denoiser learns as much from: of many segments and stills every so many, evenly over the session."""
+        every, apart = (-(-len(each) // ENOUGH) for each in (self.counts, self.stills))
+        if every <= 1 and apart <= 1:
+            return self
+        return replace(self.pick(np.arange(0, len(self.counts), max(every, 1))), stills=self.stills[:: max(apart, 1)])
+
     def rate(self, model: DenoisedNet) -> np.ndarray:
         """What the whole net makes of the segments, (S, T, 3) rad/s, each answer at the sample that it belongs to."""
         return model.undelayed(self.context)[:, REACH : REACH + self.batch.rate.shape[1]]
@@ -51,9 +62,12 @@ def of_problem(problem: Problem) -> Material:
         gyro = problem.logs[segment.log].samples.gyro
         row[:] = gyro[np.clip(np.arange(segment.start - REACH, segment.start + longest + REACH), 0, len(gyro) - 1)]
     counts = np.array([segment.stop - segment.start for segment in problem.used])
-    stills = [log.samples.gyro[still.start : still.stop] for log in problem.logs for still in log.stills if still.problem is None]
+    stills = [(log.samples.gyro, still) for log in problem.logs for still in log.stills if still.problem is None]
+    each = max(MOST_AT_REST // max(len(stills), 1), FEWEST_OF_EACH)
+    long = sum(still.stop - still.start for _, still in stills) > MOST_AT_REST
+    at_rest = [gyro[still.start : min(still.stop, still.start + each) if long else still.stop] for gyro, still in stills]
     period_s = float(np.median([log.samples.period_s for log in problem.logs]))
-    return Material(problem.batch, problem.floor.sigma, context, counts, stills, 1 / period_s)
+    return Material(problem.batch, problem.floor.sigma, context, counts, at_rest, 1 / period_s)
 
 
 def of_batch(batch: Batch, sigma: np.ndarray, stills: list[np.ndarray]) -> Material:

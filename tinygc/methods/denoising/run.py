@@ -34,14 +34,16 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
         how = replace(how, loss="endpoint")
     steps = len(calibrated.fold_models) + 1
     began = time.perf_counter()
-    trained = train_denoiser(material, calibrated.model, how, partial(tell, progress, 0, steps), options.checkpoint("denoiser_whole"))
+    trained = train_denoiser(
+        material.enough(), calibrated.model, how, partial(tell, progress, 0, steps), options.checkpoint("denoiser_whole")
+    )
     seconds = time.perf_counter() - began
-    smooth = train_smoothing(material, calibrated.model, how)
+    smooth = train_smoothing(material.enough(), calibrated.model, how)
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
     for k, calibration in enumerate(calibrated.fold_models):
         told = partial(tell, progress, k + 1, steps)
-        seen, checkpoint = material.pick(fold != k), options.checkpoint(f"denoiser_fold{k}")
+        seen, checkpoint = material.pick(fold != k).enough(), options.checkpoint(f"denoiser_fold{k}")
         part = train_denoiser(seen, calibration, how, told, checkpoint, smooth)
         held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
     notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": how.loss}}

@@ -123,6 +123,7 @@ class _Problem:
         self.integrator, self.start = integrator, start
         self.before = np.full(len(batch), -1) if before is None else before
         self.batch, self.still_rates = batch, still_rates
+        self.parts = [batch.pick(some) for some in closure.parts(len(batch))]
         self.weight = 1 / sequences.carried_sigma(sigma.reshape(len(batch), -1), self.before, batch.turns is not None)
         self.typical_rps = float(np.sqrt(np.mean(batch.rate[..., :3] ** 2)))
         self.identity = start.vector
@@ -132,7 +133,8 @@ class _Problem:
 
     def residuals(self, vector: np.ndarray) -> np.ndarray:
         net = self.net(vector)
-        rows = [(2 * sequences.residuals(self.batch, net(self.batch.rate), self.before, self.integrator) * self.weight).ravel()]
+        turns = [closure.turned(part, net(part.rate), self.integrator) for part in self.parts]
+        rows = [(2 * sequences.residuals_of_turns(self.batch, np.concatenate(turns), self.before) * self.weight).ravel()]
         if self.still_rates is not None:
             rows.append(self.still_rates.residuals(net))
         r = np.concatenate(rows)
@@ -142,7 +144,8 @@ class _Problem:
 
     def jacobian(self, vector: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
         net = self.net(vector)
-        design = sequences.carried(net.columns(sensitivity, self.batch.rate), self.before, self.batch.turns is not None)
+        of_parts = [net.columns(sensitivity[some], self.batch.rate[some]) for some in closure.parts(len(self.batch))]
+        design = sequences.carried(np.concatenate(of_parts), self.before, self.batch.turns is not None)
         rows = [(design * self.weight[..., None]).reshape(-1, len(vector))]
         if self.still_rates is not None:
             each = np.eye(3)[None, None] / self.still_rates.sigma[:, None, :, None]
@@ -150,8 +153,11 @@ class _Problem:
         return np.concatenate(rows)
 
     def sensitivity(self, vector: np.ndarray) -> np.ndarray:
-        rate = self.net(vector)(self.batch.rate)
-        return closure.sensitivity(self.batch, rate)[:, :, : self.batch.angles]
+        net, (segments, samples), d = self.net(vector), self.batch.rate.shape[:2], self.batch.angles
+        found = np.empty((segments, d, 3, samples))  # what sums over the samples finds them side by side
+        for some, part in zip(closure.parts(segments), self.parts, strict=True):
+            found[some] = closure.sensitivity(part, net(part.rate))[:, :, :d].transpose(0, 2, 3, 1)
+        return found.transpose(0, 3, 1, 2)
 
     def settle(self, vector: np.ndarray, prior: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, list[float]]:
         """Minimise with one prior sigma (P,); returns the weights, the left-out squared errors (S,), and the loss after each step."""

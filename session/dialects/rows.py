@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import DTypeLike
 
+from session.common.plausible import beyond_any_sensor, complaint
 from session.dialects.layout import Layout
 from session.dialects.stamps import ERA_NS, exact_ns
-from session.sensor.plausible import beyond_any_sensor, complaint
 
 #: whole numbers up to here survive a float64
 EXACT = 2**53

@@ -4,13 +4,7 @@ import gzip
 
 import numpy as np
 import pytest
-from dialect_logs import (
-    DIALECTS,
-    SAMPLES,
-    inertial,
-    make,
-    same,
-)
+from dialect_logs import DIALECTS, SAMPLES, T_US, inertial, make, rows, same, triads
 
 from session.common.errors import CalibrationError, FormatError
 
@@ -152,3 +146,19 @@ def test_no_damage_raises_anything_but_one_line(tmp_path):
     assert min(outcomes.values()) > 10
     assert sum(outcomes.values()) == 250
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {"LOG.CSV"}
+
+
+@pytest.mark.parametrize("place", [1, 6, 7])
+def test_a_quotation_mark_that_is_not_closed_takes_no_lines_along(tmp_path, place):
+    """Found by fuzzing: NumPy reads on to the next one, in a column that nobody needs without a word."""
+    text = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,remark\n" + rows(T_US, *triads("dps", "g"), ["ok"] * len(T_US))
+    lines = text.splitlines(keepends=True)
+    for number in (40, 60):
+        cells = lines[number].rstrip("\n").split(",")
+        cells[place] = f'"{cells[place]}'
+        lines[number] = ",".join(cells) + "\n"
+    with pytest.raises(FormatError, match=r"line 41: a quotation mark that is not closed") as refused:
+        make(tmp_path, "".join(lines))
+    assert "\n" not in str(refused.value)
+    closed = "".join(lines[:1]) + "".join(line.replace('"', "").replace(",ok", ',"o, k"') for line in lines[1:])
+    same(make(tmp_path, closed, out="closed"))

@@ -198,6 +198,20 @@ def test_numbers_that_are_none(cell):
     assert found is None or cell == "1,"  # an empty column more is another width
 
 
+@pytest.mark.parametrize(("column", "number"), [(1, "100001"), (6, "-10000.1"), (7, "1e5"), (4, "1e99")])
+def test_what_no_sensor_measures_is_no_line(column, number, tmp_path):
+    """Found by fuzzing: it was written into a log that no command reads."""
+    t_us, values = values_of(40)
+    lines = lines_of(t_us, values)
+    cells = lines[20].split(b",")
+    lines[20] = b",".join([*cells[:column], number.encode(), *cells[column + 1 :]]).rstrip(b"\n") + b"\n"
+    (tmp_path / "raw.bin").write_bytes(COMMENT + b"".join(lines))
+    made = convert_raw(tmp_path / "raw.bin", tmp_path / "out")
+    assert f"{len(lines[20])} bytes of garbage" in made.notes
+    log = read_log(made.log, Sensor("MPU-9250", "77", 1666.5, 500, 4))
+    assert len(log.samples) == 38  # a line counts when the next one follows it
+
+
 def test_the_sensor_of_a_recording_is_the_one_that_is_named(tmp_path):
     """The option, then the board's comment, then ``--like``; else an ASM330LHH for registers, and nobody's for physical units."""
     named = Info(500, 4, 1666.5, "77", "MPU-9250")

@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import DTypeLike
 
+from session.common.plausible import beyond_any_sensor, complaint
 from session.dialects.layout import Layout
 from session.dialects.stamps import ERA_NS, exact_ns
-from session.sensor.plausible import beyond_any_sensor, complaint
 
 #: whole numbers up to here survive a float64
 EXACT = 2**53
@@ -20,6 +20,7 @@ EXACT = 2**53
 CLOSE_NS = 2**50
 #: whole numbers that a column can hold
 INT64 = (-(2**63), 2**63 - 1)
+OPEN = "a quotation mark that is not closed"
 MEND = "mend or remove that line"
 
 
@@ -38,12 +39,19 @@ def parse(lines: list[str], layout: Layout) -> tuple[np.ndarray, np.ndarray | No
     """
     if not any(line.lstrip()[:1] not in ("", "#") for line in lines):
         return np.zeros((0, len(layout.numbers))), None
+    if not layout.standard and any(map(_opens, lines)):
+        raise ValueError(OPEN)  # NumPy would read on to the next quotation mark, over however many lines
     if layout.time is None or layout.clock:
         table, time = _load(lines, layout.numbers, layout, np.float64), None
     else:
         table, time = _with_time(lines, layout)
     _refuse_impossible(table, time, layout)
     return table, None if layout.time is None else _stamps(time, lines, layout)
+
+
+def _opens(line: str) -> bool:
+    """Whether a cell begins with a quotation mark, and one is not closed in its line."""
+    return '"' in line and (line := line.split("#")[0]).count('"') % 2 == 1 and re.search(r'(?:^|[,;\t ])"', line) is not None
 
 
 def _load(lines: list[str], columns: tuple[int, ...], layout: Layout, kind: DTypeLike, dimensions: Literal[1, 2] = 2) -> np.ndarray:
@@ -143,6 +151,8 @@ def _refuse_impossible(table: np.ndarray, time: np.ndarray | None, layout: Layou
 def fault(line: str, layout: Layout) -> str | None:
     """What is wrong with a line, by itself; None where nothing is."""
     cells = [cell.strip() for cell in line.split("#")[0].split(layout.delimiter)]
+    if not layout.standard and _opens(line):
+        return OPEN
     if not layout.standard:
         cells = [cell.strip('"') for cell in cells]
     if len(cells) <= max(layout.used):

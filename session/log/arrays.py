@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.common.errors import DataError
+from session.common.plausible import SI, beyond_any_sensor
 from session.common.units import DEG, NS, G
 from session.dialects.stamps import ERA_NS
 from session.log.samples import Samples
-from session.sensor.plausible import SI, beyond_any_sensor
 
 LAST_S = ERA_NS * NS
 #: full scales that most sensors have, dps and g

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FormatError
+from session.common.plausible import BEYOND
 from session.common.units import STANDARD_GRAVITY_MPS2
 from session.files.toml import read_toml
 from session.log.toml_reader import Note, TomlReader, said
 from session.log.truth_reading import FRAMES, ORDERS, SAME_FRAME, SENSES, TruthGiven
 from session.sensor.known import DEFAULT, profile_of
-from session.sensor.plausible import BEYOND
 from session.sensor.profiles.profile import Profile
 from session.sensor.registers import RegisterUnits
 

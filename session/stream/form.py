@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from session.common.plausible import BEYOND
 from session.common.units import DEG, G
 
 COLUMNS = ("t_us", "gx", "gy", "gz", "ax", "ay", "az", "temp")
@@ -14,6 +16,8 @@ HEADER = ",".join(COLUMNS)
 TIME_US = {"t_us": 1.0, "t_s": 1e6, "t_ns": 1e-3}
 #: of a step that is doubted beside damage (``steps``), one sample period long: 0.8 % of ±2000 dps, 1.6 % of ±16 g, degC
 BARS = {"dps": 16.0, "rps": 16.0 * DEG, "g": 0.25, "mps2": 0.25 * G, "c": 0.25}
+#: SI per unit
+SI = {"dps": DEG, "rps": 1.0, "g": G, "mps2": 1.0, "c": 1.0}
 #: the same of registers, LSB: gyro 0.8 % of full scale, accelerometer 1.6 %, temperature 0.25 degC of an ASM330LHH
 REGISTER_BARS = np.array([256, 256, 256, 512, 512, 512, 64], np.int64)
 
@@ -56,6 +60,13 @@ class Form:
             return REGISTER_BARS
         gyro, accel = self.units
         return np.array([BARS[gyro]] * 3 + [BARS[accel]] * 3 + [BARS["c"]] * self.has_temperature)
+
+    @cached_property
+    def limits(self) -> tuple[float, ...]:
+        """Of each column but the time, in physical units: what no sensor measures is beyond it, and what holds it is no line."""
+        gyro, accel = self.units
+        kinds = [("gyro", gyro)] * 3 + [("accel", accel)] * 3 + [("temp", "c")] * self.has_temperature
+        return tuple(BEYOND[kind] / SI[unit] for kind, unit in kinds)
 
 
 REGISTERS = Form()

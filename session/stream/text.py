@@ -72,7 +72,8 @@ def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8))) -> tuple[i
 
 
 def parse_decimals(line: bytes, order: tuple[int, ...], form: Form) -> tuple[int, list] | None:
-    """One line in physical units: how many columns, and the stamp in whole us with the values; None where it is no such line."""
+    """One line in physical units: how many columns, and the stamp in whole us with the values; None where it is no such line, or holds
+    what no sensor measures."""
     if _DECIMALS.fullmatch(line):  # at once, as nearly all lines are
         cells = line.split(b",")
         if len(cells) <= max(order):
@@ -85,7 +86,10 @@ def parse_decimals(line: bytes, order: tuple[int, ...], form: Form) -> tuple[int
     if form.time_us <= 1.0 and not stamp.isdigit():
         return None  # us and ns are whole numbers
     t_us = int(stamp) // 1000 if form.names[0] == "t_ns" else round(float(stamp) * form.time_us)
-    return (len(cells), [t_us, *map(float, values)]) if 0 <= t_us < _LATEST_US else None
+    numbers = [float(value) for value in values]
+    if not 0 <= t_us < _LATEST_US or any(abs(number) > limit for number, limit in zip(numbers, form.limits, strict=True)):
+        return None
+    return len(cells), [t_us, *numbers]
 
 
 def parse_comment(line: bytes) -> str | None:

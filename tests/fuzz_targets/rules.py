@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import resource
 import shutil
 import sys
 import time
@@ -17,6 +16,11 @@ from typing import TypeVar
 import numpy as np
 
 from session.common.errors import CalibrationError
+
+try:
+    import resource
+except ImportError:  # Windows: memory is not watched there
+    resource = None
 
 #: of CPU, for an input of less than 10 KB
 LONGEST_S = 1.0
@@ -98,7 +102,7 @@ def must_hold(what: str) -> Iterator[None]:
 
 
 def _peak_bytes() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * RSS_UNIT
+    return 0 if resource is None else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * RSS_UNIT
 
 
 def _place(error: BaseException) -> str:

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.common.errors import CalibrationError
+from session.common.plausible import SI, beyond_any_sensor
 from session.common.units import NS
 from session.log.samples import Samples
-from session.sensor.plausible import SI, beyond_any_sensor
 from tinygc.deploy.needs import Needs
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.model import Model

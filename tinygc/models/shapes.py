@@ -9,7 +9,7 @@ from session.files.shapes import Array, Keys, ListOf, MapOf, Maybe, Number, Text
 
 #: of a factor on a rate or a force: even units that are mixed up, or mdps for dps, are within it
 FACTOR = Number(-1e4, 1e4)
-#: what no gyroscope and no accelerometer measures (session/sensor/plausible.py), rad/s and m/s^2
+#: what no gyroscope and no accelerometer measures (session/common/plausible.py), rad/s and m/s^2
 RATE, FORCE = Number(-1e5 * DEG, 1e5 * DEG), Number(-1e4 * G, 1e4 * G)
 CELSIUS = Number(-1e4, 1e4)
 SECONDS = Number(-1e9, 1e9)

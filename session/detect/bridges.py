@@ -95,7 +95,7 @@ def _with_peaks(samples: Samples, sensor: Sensor, gaps: list[Bridge]) -> tuple[S
     at_end: np.ndarray = np.concatenate([np.abs(part) >= end for _, part in pieces(samples.gyro)])
     if not at_end.any():
         return samples, []
-    spoilt: np.ndarray = at_end.any(axis=1)
+    spoilt = np.asarray(at_end.any(axis=1))
     around = round(AROUND_S / samples.period_s)
     for gap in gaps:
         spoilt[gap.row : gap.row + gap.count] = True

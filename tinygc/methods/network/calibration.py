@@ -63,5 +63,6 @@ def _by_second_order(seen: Seen, how: dict[str, Any]) -> Training:
 def _begin(seen: Seen) -> CalibrationNet | None:
     """Where a fold of many segments may begin: at what all of them gave, from which it cannot be far; None: at the identity."""
     whole = seen.whole
-    straight = isinstance(whole, CalibrationNet) and bool(np.abs(whole.slope - 1).max() < STRAIGHT)
-    return whole if straight and len(seen.batch) > MANY else None
+    if len(seen.batch) > MANY and isinstance(whole, CalibrationNet) and np.abs(whole.slope - 1).max() < STRAIGHT:
+        return whole
+    return None

@@ -154,6 +154,11 @@ BOMBS = [
     Bomb("number of 300 000 hex digits", "session.toml", text(lambda: TOML + "a = 0x" + "f" * 300_000 + "\n")),
     *_everywhere("session.toml"),
     Bomb("5 million empty lists", "model.json", text(lambda: MODEL % ("[" + "[]," * 5_000_000 + "1]"))),
+    Bomb(
+        "a million keys, the last one twice",
+        "model.json",
+        text(lambda: MODEL % ("{" + "".join(f'"{i}":1,' for i in range(10**6)) + '"7":1}')),
+    ),
     Bomb("2 GB of NULs", "model.json", sparse("{", 2 * GB)),
     Bomb("list, 1 000 000 deep", "model.json", text(lambda: MODEL % _deep(1_000_000, "[", "]"))),
     Bomb("30 million empty lists", "model.json", text(lambda: MODEL % ("[" + "[]," * 30_000_000 + "1]"))),

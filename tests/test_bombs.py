@@ -31,7 +31,9 @@ if os.name != "posix":
 from bombs import BOMBS, READERS, measured, readers_of  # noqa: E402
 
 #: of a process that has NumPy; a bomb of JSON within its bound takes the most
-MOST_MB, MOST_S = 1000, 20
+MOST_MB, MOST_CPU_S = 1000, 20
+#: of a clock, on however busy a machine: only what waits for ever takes as long
+WAITS_S = 300
 #: reads every bomb of a folder with what reads that kind of file, and says what became of it
 CHILD = r"""
 import json, re, signal, sys, time
@@ -70,9 +72,9 @@ for line in sys.stdin:
         open("/proc/self/clear_refs", "w").write("5")
     except OSError:
         pass  # then the peak is that of all so far
-    signal.alarm(int(sys.argv[1]))
     began = time.process_time()
     try:
+        signal.alarm(int(sys.argv[1]))
         read(Path(folder), Path(path))
         said = "accepted"
     except CalibrationError as error:
@@ -114,7 +116,7 @@ def taken(tmp_path_factory):
         pytest.skip("only Linux tells a process's peak")
     whole = shutil.copytree(ROOT / "data" / "session1", tmp_path_factory.mktemp("bombs") / "whole", copy_function=shutil.copyfile)
     (whole / "closure0001.csv.gz").unlink()
-    command = [sys.executable, "-c", CHILD, str(MOST_S)]
+    command = [sys.executable, "-c", CHILD, str(WAITS_S)]
     found = {}
     with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
         for number, bomb in enumerate(BOMBS):
@@ -137,7 +139,7 @@ def test_a_bomb_is_refused_in_one_line_within_a_gigabyte(taken, number):
     assert said.startswith(("refused: ", "accepted") if BOMBS[number].name in HARMLESS else "refused: ")
     assert "\n" not in said
     assert peak_mb < MOST_MB
-    assert cpu_s < MOST_S
+    assert cpu_s < MOST_CPU_S
 
 
 @pytest.mark.slow
@@ -167,7 +169,7 @@ def impatient():
         raise TimeoutError("it waits")
 
     before = signal.signal(signal.SIGALRM, on_alarm)
-    signal.alarm(60)
+    signal.alarm(WAITS_S)
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)

@@ -83,7 +83,7 @@ def read_bytes(path: Path, most: int) -> bytes:
         except OSError as error:
             raise unreadable(path, error) from None
         if size > most or len(data) > most:
-            said = f"{size / MB:.3g} MB" if size > most else "its bytes do not end"
+            said = f"{size / MB:.1f} MB" if size > most else "its bytes do not end"
             raise FormatError(f"{path}: {said}, and no file of its kind has more than {most / MB:g} MB; is it the right one?")
         return data
 

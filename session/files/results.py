@@ -31,8 +31,8 @@ def _table(pairs: list[tuple[str, Any]]) -> dict:
     """A table, each of whose keys stands once: of two, nobody knows which is meant."""
     table = dict(pairs)
     if len(table) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
+        seen: set[str] = set()
+        twice = next(name for name, _ in pairs if name in seen or seen.add(name))  # type: ignore[func-returns-value]
         raise ValueError(f"the key {json.dumps(twice[:40], ensure_ascii=False)} stands twice in one table; keep one")
     return table
 

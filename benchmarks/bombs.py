@@ -141,7 +141,7 @@ BOMBS = [
     *_everywhere("truth0001.csv"),
     Bomb("1 GB of NULs", "turns.csv", sparse("turn,axis,angle_deg,sigma_deg\n", GB)),
     Bomb("16 million blank lines", "turns.csv", text(lambda: "turn,axis,angle_deg,sigma_deg\n" + "\n" * 16_000_000)),
-    Bomb("99 999 turns", "turns.csv", text(lambda: "turn,axis,angle_deg,sigma_deg\n" + "".join(f"{i},x,90,1\n" for i in range(99_999)))),
+    Bomb("9 999 turns", "turns.csv", text(lambda: "turn,axis,angle_deg,sigma_deg\n" + "".join(f"{i},x,90,1\n" for i in range(9_999)))),
     *_everywhere("turns.csv"),
     Bomb("1 GB of NULs", "attitudes.csv", sparse("still,roll_deg,pitch_deg,yaw_deg\n", GB)),
     *_everywhere("attitudes.csv"),

@@ -98,7 +98,7 @@ HARMLESS = {
     "number of 10 million digits",
     "comment of 60 000 letters",
     "header of 60 000 brackets",
-    "99 999 turns",
+    "9 999 turns",
 }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from session.checks.findings import Finding
 from session.common.units import DEG
 from session.detect.known_turns import FoundTurn, angle_read, contradiction, find_known_turns
@@ -35,14 +37,16 @@ def check_known_turns(session: Session, found: SessionStills) -> list[Finding]:
     turns = find_known_turns(session.turns, segments, samples, names)
     named = {id(turn.segment) for turn in turns if turn.problem is None}
     free = [segment for segment in segments if segment.accepted and id(segment) not in named]
-    return [_finding(turn, free, samples) for turn in turns]
+    reads = [(segment.number, angle_read(samples[segment.log], segment)) for segment in free]
+    return [_finding(turn, reads) for turn in turns]
 
 
-def _finding(turn: FoundTurn, free: list[Segment], samples: list[Samples]) -> Finding:
+def _finding(turn: FoundTurn, free: list[tuple[int, np.ndarray]]) -> Finding:
+    """free: number of each turn that no line names, and what the gyro reads of it, (3,) rad."""
     says = f"{turn.known.name}: {turn.known.says}"
     if turn.problem is None:
         return Finding("ok", KNOWN_TURNS, WHAT, f"{says}; the gyro reads {turn.along_rad / DEG:.2f} deg, uncalibrated")
-    meant = [segment.number for segment in free if contradiction(turn.known, angle_read(samples[segment.log], segment)) is None]
+    meant = [number for number, reads in free if contradiction(turn.known, reads) is None]
     do = "it is not used; turns are counted from 0 as segments are, over all logs or in the log that is named"
     if 0 < len(meant) <= MOST_MEANT:
         do = f"it is not used; such a turn is {' or '.join(map(str, meant))}, counted from 0 over all logs"

@@ -25,7 +25,8 @@ LOG = "log"
 MOST_SIGMA_DEG = 10.0
 #: full circles in one turn; beyond that the angle is in another unit
 MOST_ANGLE_DEG = 36_000.0
-MOST_TURNS = 100_000
+#: five times the longest session that a table has made
+MOST_TURNS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,8 @@ def read_known_turns(path: Path, logs: list[str]) -> tuple[KnownTurn, ...]:
         if (turn.turn, turn.log) in turns:
             raise FormatError(f"{NAME} line {number}: {turn.name} is given twice; keep one")
         turns[turn.turn, turn.log] = turn
+        if len(turns) > MOST_TURNS:
+            raise FormatError(f"{NAME} line {number}: more than {MOST_TURNS} turns; is it the right file?")
     if not turns:
         raise FormatError(f"{NAME}: a header but no turns; remove the file, or give a row for each turn of known angle")
     return tuple(turns.values())

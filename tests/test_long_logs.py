@@ -10,7 +10,7 @@ from long_logs import long_session
 
 from session.checks import undersampling
 from session.checks.first_look import check_session
-from session.detect import blocks
+from session.detect import blocks, trends
 from session.detect.session_stills import SessionStills
 from session.log import readings
 from session.log.folder import Session, read_session
@@ -82,6 +82,18 @@ def test_the_first_look_says_the_same_in_small_parts(session, monkeypatch):
     monkeypatch.setattr(readings, "TOGETHER", 1000)
     monkeypatch.setattr(undersampling, "AT_ONCE", 4096)
     assert [str(finding) for finding in check_session(session)] == whole
+
+
+def test_a_still_of_hours_is_measured_part_by_part_as_at_once(session, monkeypatch):
+    samples = session.logs[0].samples
+    spans = [(1000, 1900), (1910, 9000)]
+    whole = trends.trend_of(samples.gyro, samples.t_ns, spans), trends.mean_as_a_slope_weighs(samples.gyro, spans)
+    monkeypatch.setattr(trends, "AT_ONCE", 512)
+    parted = trends.trend_of(samples.gyro, samples.t_ns, spans), trends.mean_as_a_slope_weighs(samples.gyro, spans)
+    for name in ("mean", "std"):
+        np.testing.assert_allclose(getattr(parted[0], name), getattr(whole[0], name), rtol=1e-12)
+    np.testing.assert_allclose(parted[0].slope, whole[0].slope, atol=1e-12)
+    np.testing.assert_allclose(parted[1], whole[1], rtol=1e-12)
 
 
 def test_turns_miss_the_same_of_fast_motion_looked_at_together_or_not(session, monkeypatch):

@@ -15,6 +15,7 @@ from session.common.robust import sigma_of, weighted_median
 from session.common.runs import runs_of
 from session.common.units import DEG, NS
 from session.detect.blocks import Blocks, block_moments
+from session.detect.trends import mean_as_a_slope_weighs, rows_of, trend_of
 from session.log.samples import Samples
 
 QUIET_VARIANCE_RATIO = 3.0  #: of a block's variance to the noise's; pure noise of 3 x 7 degrees of freedom exceeds it once in 10^6
@@ -207,37 +208,26 @@ def _allan_steps(mean: np.ndarray, size: int) -> np.ndarray:
 
 
 def _measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
-    rows, first = _rows_of(run, size), run[0][0] * size
-    t = (samples.t_ns[rows] - samples.t_ns[first]) * NS
-    centred = t - t.mean()
-    gyro, accel = samples.gyro[rows], samples.accel[rows]
-    leverage = np.sum(centred**2)
-    accel_mean = accel.mean(axis=0)
-    accel_slope = centred @ accel / leverage
+    spans = [(a * size, b * size) for a, b in run]
+    first, last = spans[0][0], spans[-1][1] - 1
+    gyro, accel = (trend_of(values, samples.t_ns, spans) for values in (samples.gyro, samples.accel))
     # A direction d fixed in the world, seen from a body that turns with omega: dd/dt = -omega x d, so omega = dd/dt x d + (about d).
-    squared = accel_mean @ accel_mean
-    tilt_rate = np.cross(accel_slope, accel_mean) / squared if squared else np.full(3, np.nan)
+    squared = accel.mean @ accel.mean
+    tilt_rate = np.cross(accel.slope, accel.mean) / squared if squared else np.full(3, np.nan)
     return Still(
         start=int(first),
-        stop=int(run[-1][1] * size),
+        stop=int(last) + 1,
         start_s=float((samples.t_ns[first] - samples.t_ns[0]) * NS),
-        duration_s=float(t[-1]) + samples.period_s,
-        gyro_mean=gyro.mean(axis=0),
-        gyro_std=gyro.std(axis=0, ddof=1),
-        gyro_slope=centred @ gyro / leverage,
-        accel_mean=accel_mean,
-        accel_std=accel.std(axis=0, ddof=1),
+        duration_s=float((samples.t_ns[last] - samples.t_ns[first]) * NS) + samples.period_s,
+        gyro_mean=gyro.mean,
+        gyro_std=gyro.std,
+        gyro_slope=gyro.slope,
+        accel_mean=accel.mean,
+        accel_std=accel.std,
         tilt_rate=tilt_rate,
-        temp_c=float("nan") if samples.temp_c is None else float(samples.temp_c[rows].mean()),
+        temp_c=float("nan") if samples.temp_c is None else float(samples.temp_c[rows_of(spans)].mean()),
         bumps=len(run) - 1,
     )
-
-
-def _rows_of(run: list[tuple[int, int]], size: int) -> slice | np.ndarray:
-    """Samples of a still: a slice where nothing interrupts it, of which no index has to be held."""
-    if len(run) == 1:
-        return slice(run[0][0] * size, run[0][1] * size)
-    return np.concatenate([np.arange(a * size, b * size) for a, b in run])
 
 
 def _settled(samples: Samples, run: list[tuple[int, int]], size: int, noise: Noise, shortest: int) -> Still:
@@ -257,13 +247,8 @@ def _settled(samples: Samples, run: list[tuple[int, int]], size: int, noise: Noi
 
 
 def _zero_rate(samples: Samples, run: list[tuple[int, int]], size: int, whole: Still) -> np.ndarray:
-    """What the gyro reads (3,) at rest: its mean over a still less the rate at which gravity turns in it.
-
-    A fitted slope weighs a rate at time t by ``(T/2)^2 - (t - T/2)^2``; so must the gyro's mean that is compared with it.
-    """
-    rows = np.concatenate([np.arange(a * size, b * size) for a, b in run])
-    part = (rows - rows[0] + 0.5) / (rows[-1] - rows[0] + 1)
-    return np.average(samples.gyro[_rows_of(run, size)], axis=0, weights=part * (1 - part)) - whole.tilt_rate
+    """What the gyro reads (3,) at rest: its mean over a still, weighted as gravity's slope is, less the rate at which gravity turns."""
+    return mean_as_a_slope_weighs(samples.gyro, [(a * size, b * size) for a, b in run]) - whole.tilt_rate
 
 
 def _horizontal_rate(still: Still, zero_rate: np.ndarray) -> float:

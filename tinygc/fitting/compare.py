@@ -43,6 +43,7 @@ from tinygc.fitting.compare_triads import (
 from tinygc.fitting.fit_file import read_fit
 from tinygc.models.field_parameters import WORDS, field_jacobian, field_vector
 from tinygc.models.linear import BIAS, MATRIX, NAMES, LinearModel
+from tinygc.models.shapes import certain
 
 SCHEMA = "tinygc-compare/1"
 #: a disagreement this improbable is none of chance
@@ -120,7 +121,7 @@ def read_calibrated(folder: Path) -> Calibrated:
     covariance = _matrix(table.get("covariance"))
     if not isinstance(model, LinearModel) or covariance.shape != (12, 12) or not np.isfinite(covariance).all():
         raise FormatError(f"{path}: no linear model with a covariance of 12 x 12; run `calibrate.py fit {folder}` again")
-    if np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() <= 0:
+    if certain(covariance) or np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() <= 0:
         raise FormatError(f"{path}: the covariance is not positive definite; run `calibrate.py fit {folder}` again")
     notes = []
     fit = read_fit(folder / "fit" / "fit.json", f"run `calibrate.py fit {folder}` again")

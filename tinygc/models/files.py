@@ -19,6 +19,8 @@ from tinygc.models.model import Model
 from tinygc.models.shapes import MODEL
 
 SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"
+#: kinds whose covariance has a row for each parameter, and no other
+ALL_COVARIED = ("linear", "physics")
 #: kind in the file -> module of tinygc.models.kinds, imported when the first model of it is met
 KINDS = {
     "linear": "weights",
@@ -62,7 +64,7 @@ def load_with_table(path: Path | str) -> tuple[Model, dict]:
         model = from_dict(table, where)
     except RecursionError:
         raise FormatError(f"{path}: models nested too deeply, expected at most a model within a model") from None
-    if (rows := len(table.get("covariance") or ())) not in (0, model.parameters):
+    if model.kind in ALL_COVARIED and (rows := len(table.get("covariance") or ())) not in (0, model.parameters):
         raise FormatError(f"{where}: covariance has {rows} rows, expected {model.parameters}, one for each parameter; fit again")
     accelerometer_of(table, where)
     sensor_of(table, where)

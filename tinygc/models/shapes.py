@@ -52,7 +52,7 @@ MODEL = Keys(
         **ORIGIN,
         "equation": Text(),
         "version": Text(),
-        "covariance": Maybe(Array((None, None), sound=certain)),
+        "covariance": Maybe(COVARIANCE),
         "covariance_of": ListOf(Text()),
         "covariance_units": Text(),
         "accelerometer_covariance": COVARIANCE,
@@ -63,8 +63,8 @@ MODEL = Keys(
         "bias_sigma_rps": Maybe(Array((3,), Number(0, RATE.high))),
         "began_s": MapOf(SECONDS),
         "stored": Maybe(Keys(may=ORIGIN)),
-        "remaining_rps": Maybe(Array((3,), Number(0, RATE.high))),
-        "accel_change_mps2": Maybe(Array((None, 3), FORCE)),
+        "remaining_rps": Maybe(ListOf(Maybe(Number(0, RATE.high)))),
+        "accel_change_mps2": Maybe(ListOf(Array((3,), FORCE))),
         "delay_s": SECONDS,
     }
 )

@@ -111,7 +111,8 @@ def fuzz(args: argparse.Namespace, work: Path, folder: Path) -> int:
     words = work / "words.dict"
     words.write_text("".join(f'"{_escaped(word)}"\n' for word in dict.fromkeys(module.TOKENS)), encoding="ascii")
     kept = ROOT / "tests" / "corpus" / args.reader
-    options = [f"-seed={args.seed}", f"-max_len={args.longest}", f"-max_total_time={round(args.minutes * 60)}", f"-dict={words}"]
+    options = [f"-seed={args.seed}", f"-max_len={args.longest}", f"-max_total_time={round(args.minutes * 60)}"]
+    options += [f"-dict={words}"] if module.TOKENS else []
     options += [
         f"-artifact_prefix={work}/",
         "-report_slow_units=600",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import io
+from functools import cache
 from pathlib import Path
 
 from fuzz_targets.material import UNIT_HEADER
@@ -84,10 +86,15 @@ def run(data: bytes, folder: Path) -> None:
         assert code is None or (code == 0 and out.getvalue()), f"exit code {code}"
 
 
+@cache
+def _parser() -> argparse.ArgumentParser:
+    return parser()
+
+
 def _exit_code(words: list[str]) -> object:
     """None where they are accepted."""
     try:
-        parser().parse_args(words)
+        _parser().parse_args(words)
     except SystemExit as stopped:
         return stopped.code
     return None

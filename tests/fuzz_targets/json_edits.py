@@ -9,8 +9,27 @@ from typing import Any
 #: what stands where a number, a text, a list or a table is expected
 ODD: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 0.5, -0.0, 1e-300, 1e30, 1e308, -1e308, 10**30, float("nan"), float("inf")),
-    *("", "1", "nan", "x", "a\nb", "\ud800", "\x1b[31m", [], {}, [[]], [1], [None], ["1"], [1, [2]], {"a": 1}, [[1, 0, 0]] * 3, "../x"),
+    *(
+        "",
+        "1",
+        "nan",
+        "x",
+        "a\nb",
+        "\ud800",
+        "\x1b[31m",
+        [],
+        {},
+        [[]],
+        [1],
+        [None],
+        ["1"],
+        [1, [2]],
+        {"a": 1},
+        [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "../x",
+    ),
 )
+MOST_EDITS = 8
 DELETE, SIBLING, DOUBLE, WRAP = range(len(ODD), len(ODD) + 4)
 Key = tuple[str | int, ...]
 
@@ -18,7 +37,7 @@ Key = tuple[str | int, ...]
 def edited(table: Any, program: bytes) -> str:
     """JSON text after each edit of the program: two bytes say where, one says what."""
     table = copy.deepcopy(table)
-    for place in range(0, len(program) - 2, 3):
+    for place in range(0, min(len(program), 3 * MOST_EDITS) - 2, 3):
         keys = _places(table, ())
         if not keys:
             break

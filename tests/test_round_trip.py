@@ -39,8 +39,8 @@ def test_any_configuration_that_is_written_is_read_as_it_was(config):
 @given(CONFIGS, GIVEN)
 def test_the_calibrated_copy_of_any_configuration_is_read(config, accelerometer):
     again = written(with_section(toml_text(config), accelerometer, "From the stills."))
-    np.testing.assert_array_equal(again.accelerometer.matrix, accelerometer.matrix)
-    np.testing.assert_array_equal(again.accelerometer.bias_mps2, accelerometer.bias_mps2)
+    np.testing.assert_allclose(again.accelerometer.matrix, accelerometer.matrix, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(again.accelerometer.bias_mps2, accelerometer.bias_mps2, rtol=0, atol=1e-8)
     assert (again.sensor, again.site, again.notes) == (config.sensor, config.site, config.notes)
 
 

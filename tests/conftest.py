@@ -37,7 +37,18 @@ GRAVITY = 9.7946
 #: the virtual board stands at the other end of a pseudo-terminal
 POSIX_ONLY = {
     f"test_{name}.py"
-    for name in ["board", "decisions", "firmware", "record", "recording", "recording_clock", "recording_port", "recording_survives"]
+    for name in [
+        "board",
+        "decisions",
+        "firmware",
+        "record",
+        "record_closure",
+        "recording",
+        "recording_clock",
+        "recording_port",
+        "recording_survives",
+        "written_and_read",
+    ]
 }
 
 

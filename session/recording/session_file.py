@@ -22,7 +22,8 @@ NAME = "session.toml"
 UNKNOWN = "unknown"
 #: what is said of registers whose sensor nobody names
 ASSUMED = f"nothing names the sensor: its registers are read as an {DEFAULT}'s; --sensor NAME for another (`calibrate.py sensors`)"
-NOMINAL_WITHIN = 0.2  #: INTERNAL_FREQ_FINE reaches so far
+NOMINAL_WITHIN = 0.2  #: of a rate that is said: INTERNAL_FREQ_FINE reaches so far
+NEAREST_WITHIN = 0.1  #: of a rate that is taken for it: beyond ``session.checks.rate.ODR_WRONG``, ``check`` says that it is another
 DIVIDED_WITHIN = 0.05  #: where a divider makes many rates, the next one is hardly farther
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
 MOST_A_SECOND = 9  #: notes
@@ -166,7 +167,7 @@ def nominal_hz(odr_hz: float, model: str = DEFAULT) -> float:
     nearest = None if profile is None else profile.nearest_hz(odr_hz)
     if profile is None or nearest is None:
         return odr_hz
-    return nearest if abs(nearest / odr_hz - 1) < (DIVIDED_WITHIN if profile.divided else NOMINAL_WITHIN) else odr_hz
+    return nearest if abs(nearest / odr_hz - 1) < (DIVIDED_WITHIN if profile.divided else NEAREST_WITHIN) else odr_hz
 
 
 def _same_model(one: str, other: str) -> bool:

@@ -155,16 +155,10 @@ class SessionFile:
             raise StorageError(f"{self.path}: {error.strerror or error}; give --out another folder") from None
 
 
-def _number(value: float) -> str:
-    """As short as it can be said without being another number."""
-    short = f"{value:g}"
-    return short if float(short) == value else repr(float(value))
-
-
 def nominal_hz(odr_hz: float, model: str = DEFAULT) -> float:
     """The model's nominal data rate that is nearest to a true one, or that itself where none is near, or its rates are not known."""
     profile = profile_of(model)
-    nearest = None if profile is None else profile.nearest_hz(odr_hz)
+    nearest = None if profile is None or not odr_hz > 0 else profile.nearest_hz(odr_hz)  # a board may say anything
     if profile is None or nearest is None:
         return odr_hz
     return nearest if abs(nearest / odr_hz - 1) < (DIVIDED_WITHIN if profile.divided else NEAREST_WITHIN) else odr_hz
@@ -193,8 +187,8 @@ schema = "{SCHEMA}"
 model = {quoted(sensor.model)}
 serial = {quoted(sensor.serial)}
 odr_hz = {sensor.odr_hz!r}
-gyro_fs_dps = {_number(sensor.gyro_fs_dps)}
-accel_fs_g = {_number(sensor.accel_fs_g)}
+gyro_fs_dps = {sensor.gyro_fs_dps:g}
+accel_fs_g = {sensor.accel_fs_g:g}
 {noise}
 {_accelerometer_text(config.accelerometer)}
 [site]

@@ -18,7 +18,7 @@ from session.recording.session_file import NAME, SessionFile, toml_text
 from session.stream.events import Info
 from session.stream.text import parse_info
 
-MANY = settings(max_examples=150)
+MANY = settings(max_examples=60)
 
 
 def written(text: str):

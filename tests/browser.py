@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import shutil
@@ -23,6 +22,8 @@ class Browser:
     """One process; ``open`` shows a file in a window of a given size.  Use it as a context."""
 
     def __init__(self, path: str, profile: Path):
+        import fcntl  # which not every system has
+
         command_end, self._write = os.pipe()
         self._read, answer_end = os.pipe()
         # The browser reads from 3 and writes to 4.  Out of their way: any of these may be 3 or 4.

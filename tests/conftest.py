@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import gzip
-import importlib.util
 import os
-import random
 import shutil
 import sys
-import threading
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as calibrate.py has it; before NumPy is there
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, settings
 from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 ASSERTING = ["commandline", "dialect_logs", "exports_read_back", "four_readings", "html_pages", "looks", "processes", "recording_wires"]
 pytest.register_assert_rewrite(*ASSERTING)  # whose assertions are the tests'
+
+from any_order import (  # noqa: E402, F401  # hooks and a fixture of all tests
+    no_reader_is_left,
+    pytest_addoption,
+    pytest_collection_finish,
+    pytest_collection_modifyitems,
+    pytest_runtest_setup,
+)
+from posix_only import pytest_pycollect_makemodule  # noqa: E402, F401
 
 import calibrate  # noqa: E402
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site  # noqa: E402
@@ -32,70 +37,6 @@ from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noq
 
 DEG = np.pi / 180
 GRAVITY = 9.7946
-
-
-#: the virtual board stands at the other end of a pseudo-terminal
-POSIX_ONLY = {
-    f"test_{name}.py"
-    for name in ["board", "decisions", "firmware", "record", "recording", "recording_clock", "recording_port", "recording_survives"]
-}
-
-
-# The same examples each time, however slow the machine is.
-settings.register_profile("anywhere", deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("anywhere")
-_DRAWN: dict[int, tuple[np.random.Generator, dict]] = {}  # generators of the tests' own modules, as they were when these were loaded
-
-
-def pytest_addoption(parser):
-    parser.addoption("--shuffle", type=int, metavar="SEED", help="files, and the tests of each, in an order drawn from this seed")
-
-
-def pytest_collection_modifyitems(config, items):
-    seed = config.getoption("--shuffle")
-    if seed is not None:
-        files: dict[Path, list] = {}
-        for item in items:
-            files.setdefault(item.path, []).append(item)
-        draw = random.Random(seed)
-        order = draw.sample(list(files), len(files))
-        items[:] = [item for path in order for item in draw.sample(files[path], len(files[path]))]
-
-
-def pytest_collection_finish():
-    for module in list(sys.modules.values()):
-        if Path(getattr(module, "__file__", None) or "").parent == ROOT / "tests":
-            generators = [value for value in vars(module).values() if isinstance(value, np.random.Generator)]
-            _DRAWN.update({id(each): (each, each.bit_generator.state) for each in generators if id(each) not in _DRAWN})
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_setup():
-    """What a test draws does not depend on which ran before."""
-    for generator, state in _DRAWN.values():
-        generator.bit_generator.state = state
-
-
-class _NotHere(pytest.Module):
-    """A file of tests that cannot even be imported on this system: it skips, and says so."""
-
-    def collect(self):
-        pytest.skip("needs a pseudo-terminal, which only POSIX has", allow_module_level=True)
-
-
-def pytest_pycollect_makemodule(module_path, parent):
-    if module_path.name in POSIX_ONLY and importlib.util.find_spec("termios") is None:
-        return _NotHere.from_parent(parent, path=module_path)
-    return None
-
-
-@pytest.fixture(autouse=True)
-def no_reader_is_left():
-    """One whose test has failed would wait for its port to come back, and take what the next test sends."""
-    yield
-    for thread in threading.enumerate():
-        if thread.name == "port-reader":
-            thread._target.__self__.close()
 
 
 @pytest.fixture(scope="session")

@@ -21,7 +21,7 @@ from typing import IO, Any
 
 ROOT = Path(__file__).resolve().parent.parent
 CALIBRATE = (sys.executable, str(ROOT / "calibrate.py"))
-PATIENCE_S = 30.0
+PATIENCE_S = 300.0
 GRACE_S = 20.0  #: for what was asked to end, before it is killed
 HAS_GROUPS = hasattr(os, "killpg")  # POSIX
 DEVNULL, PIPE, STDOUT = subprocess.DEVNULL, subprocess.PIPE, subprocess.STDOUT

@@ -9,12 +9,12 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from commandline import refused
+from processes import PATIENCE_S, PIPE, started
 
 from session.common.errors import FormatError
 from session.files import reading
@@ -118,7 +118,7 @@ def taken(tmp_path_factory):
     (whole / "closure0001.csv.gz").unlink()
     command = [sys.executable, "-c", CHILD, str(WAITS_S)]
     found = {}
-    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+    with started(command, limit_s=4 * PATIENCE_S, stdin=PIPE, stdout=PIPE, text=True) as child:
         for number, bomb in enumerate(BOMBS):
             folder = shutil.copytree(whole, whole.parent / str(number))
             path = bomb.put(folder)
@@ -148,13 +148,13 @@ def test_apply_takes_no_more_memory_for_a_longer_stream(tmp_path):
     peaks_mb = []
     for count in (100_000, 1_500_000):
         begin, end = os.pipe()
-        feeding = subprocess.Popen([sys.executable, "-c", FEED, str(count)], stdout=end)
-        os.close(end)
         words = [str(ROOT / "calibrate.py"), "apply", str(linear_model(tmp_path)), "-", "-o", str(tmp_path / f"{count}.csv"),
                  "--gyro-fs", "500", "--accel-fs", "4"]  # fmt: skip
-        run = measured(words, stdin=begin)
-        os.close(begin)
-        assert feeding.wait() == 0
+        with started([sys.executable, "-c", FEED, count], stdout=end) as feeding:
+            os.close(end)
+            run = measured(words, most_s=PATIENCE_S, stdin=begin)
+            os.close(begin)
+            assert feeding.wait() == 0
         assert run.code == 0, run.said
         assert f"{count} samples" in run.said
         peaks_mb.append(run.mb)

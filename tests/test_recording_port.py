@@ -78,6 +78,34 @@ def test_whatever_pyserial_raises_is_a_pulled_cable(error, says, wire, monkeypat
     port.close()
 
 
+def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch):
+    """Once a virtual board has gone, its number goes to whoever opens a terminal next: a recorder that waits must not read that."""
+    monkeypatch.setattr("session.recording.port.RETRY_S", 0.01)
+    tries = []
+    masters = [os.openpty() for _ in range(2)]
+    name = os.ttyname(masters[0][1])
+    port = Port(name)
+    assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
+    wait = port._stop.wait
+    monkeypatch.setattr(port._stop, "wait", lambda seconds: tries.append(seconds) or wait(seconds))
+    for file in masters[0]:
+        os.close(file)
+    assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
+    others = []
+    while name not in [os.ttyname(slave) for _, slave in others]:  # as soon as it is free
+        others.append(os.openpty())
+        assert len(others) < 100, "the number was not given again"
+    before = len(tries)
+    until(lambda: len(tries) > before + 5 or not port.items.empty(), what="some tries")
+    (own,) = [master for master, slave in others if os.ttyname(slave) == name]
+    os.write(own, b"a person's keys")
+    until(lambda: len(tries) > before + 10 or not port.items.empty(), what="more tries")
+    port.close()
+    assert port.items.empty()
+    for file in (*masters[1], *(file for pair in others for file in pair)):
+        os.close(file)
+
+
 def test_a_port_that_is_not_there_or_taken(wire, tmp_path):
     with pytest.raises(DeviceError, match=r"No such file or directory.*calibrate.py ports") as said:
         Port(str(tmp_path / "nothing"))

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from session.checks.rate import ODR_WRONG
 from session.common.errors import CalibrationError, FormatError
 from session.log.config import read_config
-from session.recording.session_file import SessionFile, nominal_hz, toml_text
+from session.recording.session_file import NEAREST_WITHIN, SessionFile, nominal_hz, toml_text
 from session.stream.events import Info
 
 INFO = Info(500.0, 4.0, 425.98, 'S/N "7"\\')
@@ -91,5 +92,9 @@ def test_a_broken_file_is_said_before_anything_is_recorded(tmp_path):
 
 
 def test_nominal_rates():
-    assert [nominal_hz(rate) for rate in (203.5, 425.98, 1630.0, 6900.0, 1000.0)] == [208.0, 416.0, 1667.0, 6667.0, 833.0]
-    assert nominal_hz(300.0) == 300.0
+    assert [nominal_hz(rate) for rate in (203.5, 425.98, 1630.0, 6900.0)] == [208.0, 416.0, 1667.0, 6667.0]
+    assert [nominal_hz(rate) for rate in (300.0, 1000.0, 63.16)] == [300.0, 1000.0, 63.16]  # `check` takes none of these for its nearest
+
+
+def test_a_nominal_rate_that_is_written_is_one_that_check_takes():
+    assert NEAREST_WITHIN <= ODR_WRONG

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import serial
 
@@ -68,7 +69,7 @@ class Port:
 
     def __init__(self, name: str, baudrate: int = 921600, keep: Callable[[object], None] = lambda item: None):
         self.name, self.baudrate, self._keep = name, baudrate, keep
-        self._identity = identity_of(name)
+        self._identity, self._made = identity_of(name), _made(name)
         self.items: queue.SimpleQueue = queue.SimpleQueue()
         self._stop = threading.Event()
         try:
@@ -110,6 +111,8 @@ class Port:
     def _reopen(self) -> None:
         _close(self._serial)
         while not self._stop.wait(RETRY_S):
+            if self._made is not None and _made(self.name) != self._made:
+                continue
             try:
                 self._serial = self._open()
             except UNPLUGGED:
@@ -118,6 +121,17 @@ class Port:
                 continue
             self._hand_over(Opened(time.monotonic_ns(), self.name))
             return
+
+
+def _made(name: str) -> int | None:
+    """When a pseudo-terminal was made, which tells it from the next of its number; None for anything else.
+
+    That number is given again at once, to any program or person on this computer.  A name that links to one may come back with another.
+    """
+    path = Path(name)
+    with contextlib.suppress(OSError):
+        return path.stat().st_ctime_ns if path.is_relative_to("/dev/pts") and not path.is_symlink() else None
+    return 0
 
 
 def _close(port: serial.Serial) -> None:

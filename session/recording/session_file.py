@@ -8,9 +8,12 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
+
 from session.common.errors import CalibrationError, FormatError, StorageError
 from session.log.additions import add_exclude, add_notes, exclude_text, notes_text, quoted
 from session.log.config import OWN_UNITS, SCHEMA, Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
+from session.log.truth_reading import TruthGiven
 from session.sensor.known import DEFAULT, profile_of
 from session.stream.events import Info
 
@@ -19,7 +22,8 @@ NAME = "session.toml"
 UNKNOWN = "unknown"
 #: what is said of registers whose sensor nobody names
 ASSUMED = f"nothing names the sensor: its registers are read as an {DEFAULT}'s; --sensor NAME for another (`calibrate.py sensors`)"
-NOMINAL_WITHIN = 0.2  #: INTERNAL_FREQ_FINE reaches so far
+NOMINAL_WITHIN = 0.2  #: of a rate that is said: INTERNAL_FREQ_FINE reaches so far
+NEAREST_WITHIN = 0.1  #: of a rate that is taken for it: beyond ``session.checks.rate.ODR_WRONG``, ``check`` says that it is another
 DIVIDED_WITHIN = 0.05  #: where a divider makes many rates, the next one is hardly farther
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
 MOST_A_SECOND = 9  #: notes
@@ -86,7 +90,7 @@ class SessionFile:
             sensor = None if physical is None else self._sensor(info, waited_s, physical)
             if sensor is None:
                 return None
-            known = self._like or Config(sensor, Accelerometer(source="none"), Site(), Protocol())
+            known = _for_another(self._like) if self._like else Config(sensor, Accelerometer(source="none"), Site(), Protocol())
             self._own = replace(known, sensor=sensor, unknown=(), notes={}, exclude=())  # notes are of one session alone
             self._write(self._own)
         notes, self._notes = self._notes, {}
@@ -154,10 +158,10 @@ class SessionFile:
 def nominal_hz(odr_hz: float, model: str = DEFAULT) -> float:
     """The model's nominal data rate that is nearest to a true one, or that itself where none is near, or its rates are not known."""
     profile = profile_of(model)
-    nearest = None if profile is None else profile.nearest_hz(odr_hz)
+    nearest = None if profile is None or not odr_hz > 0 else profile.nearest_hz(odr_hz)  # a board may say anything
     if profile is None or nearest is None:
         return odr_hz
-    return nearest if abs(nearest / odr_hz - 1) < (DIVIDED_WITHIN if profile.divided else NOMINAL_WITHIN) else odr_hz
+    return nearest if abs(nearest / odr_hz - 1) < (DIVIDED_WITHIN if profile.divided else NEAREST_WITHIN) else odr_hz
 
 
 def _same_model(one: str, other: str) -> bool:
@@ -173,7 +177,8 @@ def toml_text(config: Config) -> str:
     known = {name: getattr(sensor, name) for name in OPTIONAL}
     noise = "".join(f"{name} = {value!r}\n" for name, value in known.items() if value is not None)
     lines = lines or ["# latitude_deg = …  # without it the Earth's rotation stays in the rates"]
-    sigma = f"truth_sigma_deg = {protocol.truth_sigma_deg!r}\n" if protocol.reference == "truth" else ""
+    stated = protocol.reference == "truth" or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
+    sigma = f"truth_sigma_deg = {protocol.truth_sigma_deg!r}\n" if stated else ""
     notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
     return f"""\
 schema = "{SCHEMA}"
@@ -193,13 +198,32 @@ accel_fs_g = {sensor.accel_fs_g:g}
 still_s = {protocol.still_s!r}
 segment_s = {protocol.segment_s!r}
 reference = {quoted(protocol.reference)}
-{sigma}{notes}{exclude_text(config.exclude)}"""
+{sigma}{_truth_text(config.truth)}{notes}{exclude_text(config.exclude)}"""
 
 
 def _accelerometer_text(accelerometer: Accelerometer) -> str:
     """Its section; a comment where nobody has calibrated it, for a section that is there counts as a calibration."""
     if accelerometer.source == "none":
         return "# [accelerometer]  # nobody has calibrated it: the session's own stills do\n"
-    matrix = ", ".join("[" + ", ".join(map(repr, map(float, row))) + "]" for row in accelerometer.matrix)
     bias = ", ".join(map(repr, map(float, accelerometer.bias_mps2)))
-    return f"[accelerometer]\nmatrix = [{matrix}]\nbias_mps2 = [{bias}]\n"
+    text = f"[accelerometer]\nmatrix = {_matrix_text(accelerometer.matrix)}\nbias_mps2 = [{bias}]\n"
+    text += f"sigma_mg = {accelerometer.sigma_mg!r}\n" if accelerometer.sigma_mg is not None else ""
+    return text + (f"own_stills = {str(accelerometer.own_stills).lower()}\n" if accelerometer.own_stills is not None else "")
+
+
+def _truth_text(truth: TruthGiven) -> str:
+    """Its section; nothing where the recording is to tell how the file is to be read."""
+    words = {"frame": truth.frame, "sense": truth.sense, "order": truth.order}
+    lines = [f"offset_s = {truth.offset_s!r}"] if truth.offset_s is not None else []
+    lines += [f"{name} = {quoted(word)}" for name, word in words.items() if word is not None]
+    lines += [f"mounting = {_matrix_text(truth.mounting)}"] if truth.mounting is not None else []
+    return "\n[truth]\n" + "\n".join(lines) + "\n" if lines else ""
+
+
+def _matrix_text(matrix: np.ndarray) -> str:
+    return "[" + ", ".join("[" + ", ".join(map(repr, map(float, row))) + "]" for row in matrix) + "]"
+
+
+def _for_another(like: Config) -> Config:
+    """What holds in a further recording as well: not the stills of the one that it was, nor how a truth file of that one was written."""
+    return replace(like, accelerometer=replace(like.accelerometer, own_stills=None), truth=TruthGiven())

@@ -30,6 +30,8 @@ LATE = 0.5
 GAP, CLIPPED = "gap", "clipped"
 #: sigmas of what the neighbours say, beyond which a reading is nothing that they know of
 UNLIKE = 5.0
+#: readings, more than any bridge and less than 32 bits hold
+FAR = 1e9
 
 
 def bridged(samples: Samples, sensor: Sensor) -> tuple[Samples, tuple[Bridge, ...]]:
@@ -47,7 +49,7 @@ def short_gaps(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     if len(samples) < 2 * SIDE:
         return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
     pace = pace_of(samples.t_ns)
-    counts = pace.periods(samples.dt_s).astype(np.int32) - np.int32(1)
+    counts = np.minimum(pace.periods(samples.dt_s), FAR).astype(np.int32) - np.int32(1)  # a gap may last for years
     rows = np.flatnonzero((counts >= 1) & (counts <= MOST))
     if not len(rows):
         return rows, counts[rows].astype(int)

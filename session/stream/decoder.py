@@ -12,10 +12,11 @@ import numpy as np
 
 from session.stream import frames
 from session.stream.collector import Collector
-from session.stream.continuity import Accepted, Continuity, Readings
+from session.stream.continuity import Continuity
 from session.stream.events import Chunk, Comment, Event, Info, Trouble
 from session.stream.form import REGISTERS, Form
 from session.stream.lines import Garbage, LineReader, Rows
+from session.stream.readings import Accepted, Readings
 from session.stream.steps import StepFilter
 from session.stream.text import LONGEST_LINE, parse_comment
 

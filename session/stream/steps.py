@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.stream.continuity import Accepted
 from session.stream.events import Chunk, Trouble
 from session.stream.form import REGISTERS, Form
+from session.stream.readings import Accepted
 
 #: samples for which a wire is doubted after something unreadable
 DOUBT = 1000

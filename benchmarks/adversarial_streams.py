@@ -194,7 +194,9 @@ ADVERSARIAL: dict[str, Stream] = {
     "lines of two widths by turns": _widths_by_turns,
     "comments": lambda size, seed: _joined([b"#a\n"], size),
     "empty comments": lambda size, seed: _joined([b"#\n"], size),
-    "comments about the board": lambda size, seed: _joined([b"# gyro_fs_dps=500 accel_fs_g=4 odr_hz=9\n", b"#gyro_fs_dps=1 accel_fs_g=4 odr_hz=9\n"], size),
+    "comments about the board": lambda size, seed: _joined(
+        [b"# gyro_fs_dps=500 accel_fs_g=4 odr_hz=9\n", b"#gyro_fs_dps=1 accel_fs_g=4 odr_hz=9\n"], size
+    ),
     "a comment behind each line": _comment_behind_each_line,
     "headers": _headers,
     "a header before each line": _header_before_each_line,

@@ -1,4 +1,7 @@
-"""Whole lines of text into rows of numbers, comments, and what is neither."""
+"""Lines of a text stream: numbers, comments, headers; what is none is counted.
+
+What a line can be is seen at once for all lines of a block; only those are looked at one by one that may say something.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,8 @@ import numpy as np
 
 from session.stream.events import Comment, Info
 from session.stream.form import REGISTERS, Form, parse_header
-from session.stream.text import parse_comment, parse_decimals, parse_info, parse_line, parse_lines
+from session.stream.remarks import Remarks
+from session.stream.text import Looks, parse_comment, parse_decimals, parse_info, parse_line, parse_lines
 
 #: lines of another width that must come one after the other before they are believed
 WIDTH_CHANGE = 3
@@ -16,17 +20,20 @@ WIDTH_CHANGE = 3
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Consecutive lines of numbers: t_us (n,) int64 as sent; values (n, 7) int16 registers, or (n, 6 or 7) float64."""
+    """Consecutive lines of numbers: t_us (n,) int64 as sent; values (n, 7) int16 registers, or (n, 6 or 7) float64; damaged (n,) bool,
+    whether something unreadable came just before."""
 
     t_us: np.ndarray
     values: np.ndarray
+    damaged: np.ndarray
 
 
 @dataclass(frozen=True)
 class Garbage:
-    """Bytes of a line that is none."""
+    """Bytes of lines that are none; behind: whether the last of them came behind all rows so far."""
 
     count: int
+    behind: bool
 
 
 Item = Rows | Comment | Info | Garbage | Form
@@ -35,70 +42,43 @@ Item = Rows | Comment | Info | Garbage | Form
 class LineReader:
     """form: what the columns are, registers until a header says otherwise; ``take`` blocks that end with a line's end.
 
-    told: the header of a stream that does not send it.
+    told: the header of a stream that does not send it; remarks: what the lines may say beside numbers.
     """
 
-    def __init__(self, told: str | None = None):
+    def __init__(self, told: str | None = None, remarks: Remarks | None = None):
         header = None if told is None else parse_header(told.encode())
         self.form, self._width, self._order = REGISTERS, 0, tuple(range(len(REGISTERS.names)))
         if header is not None:
             self._width, self._order, self.form = header
         self._other_width, self._other_count = 0, 0
+        self._remarks = remarks or Remarks()
 
     def is_line(self, line: bytes) -> bool:
         """Whether a line shows that this is text."""
-        return bool(parse_comment(line) is not None or parse_header(line) or self._parse(line))
+        return bool(parse_comment(line) is not None or self._parse(line) or parse_header(line))
 
-    def take(self, block: bytes) -> list[Item]:
-        """What the lines say, in order; a ``Form`` where a header changes what the columns are."""
+    def take(self, block: bytes, torn: np.ndarray | None = None) -> list[Item]:
+        """What the lines say, in order; a ``Form`` where a header changes what the columns are.  torn (lines,) bool: which are none."""
         good = None
+        values = np.zeros((0, 1 + len(self.form.names)), np.int64)
         if self._width and not self.form.physical:
             good, values = parse_lines(block, self._width, self._order)
+            if torn is not None:
+                values, good = values[~torn[good]], good & ~torn
             if good.all():
-                self._other_count = 0
-                return [_registers(values)]
-        items: list[Item] = []
-        rows: list[list] = []
-        done = 0
-        for number, line in enumerate(block.split(b"\n")[:-1]):
-            if good is not None and good[number]:
-                rows.append(values[done].tolist())
-                done += 1
-                self._other_count = 0
-                continue
-            found, width = self._parse(line), self._width
-            if found and self._has_width(found[0]):
-                rows.append(found[1])
-                continue
-            if self._width != width:  # what was looked at all at once was so with the width before
-                good = None
-            self._close(rows, items)
-            if not line.strip():
-                continue
-            comment, header = parse_comment(line), parse_header(line)
-            if comment is not None:
-                items.append(Comment(comment))
-                if info := parse_info(comment):
-                    items.append(info)
-            elif header:
-                self._width, self._order, form = header
-                if form != self.form:
-                    self.form = form
-                    items.append(form)
-                # What follows is looked at line by line in this block, and all at once from the next on.
-                good = None
-            else:
-                items.append(Garbage(len(line) + 1))
-        self._close(rows, items)
-        return items
+                self._remarks.earn(len(values))
+                return [Rows(*_registers(values), np.zeros(len(values), bool))]
+        codes = np.frombuffer(block, np.uint8)
+        ends = np.flatnonzero(codes == 10)
+        starts = np.concatenate([[0], ends[:-1] + 1])
+        looks = Looks(codes, starts, ends)
+        worth = looks.worth if torn is None else looks.worth & ~torn
+        none = ~worth & (~looks.blank if torn is None else ~looks.blank | (torn & (ends > starts)))
+        good = np.zeros(len(ends), bool) if good is None else good
+        return _Block(self, block, starts, ends, good, values, worth & ~good, none & ~good).items()
 
     def _parse(self, line: bytes) -> tuple[int, list] | None:
         return parse_decimals(line, self._order, self.form) if self.form.physical else parse_line(line, self._order)
-
-    def _close(self, rows: list[list], items: list[Item]) -> None:
-        if rows:
-            items.append(_physical(rows) if self.form.physical else _registers(np.array(rows, np.int64)))
-            rows.clear()
 
     def _has_width(self, width: int) -> bool:
         """Whether a line is as wide as the others: one of two halves may look whole, but hardly thrice running."""
@@ -112,9 +92,102 @@ class LineReader:
         return False
 
 
-def _registers(values: np.ndarray) -> Rows:
-    return Rows(values[:, 0], values[:, 1:].astype(np.int16))
+class _Block:
+    """The lines of one block, taken apart: good ones were read at once, those worth a look are looked at here, the others are none."""
+
+    def __init__(self, reader: LineReader, block: bytes, starts, ends, good, values, worth, none):
+        self._reader, self._block, self._starts, self._ends = reader, block, starts, ends
+        self._good_lines, self._values, self._worth, self._none = np.flatnonzero(good), values, worth, none
+        self._passed = 0  # good lines that are among the rows
+        self._parts: list[tuple[np.ndarray, np.ndarray]] = []  # times and values of the rows in the making, and the numbers of their lines
+        self._lines: list[np.ndarray] = []
+        self._fresh: list[list] = []  # rows that were read here, behind those
+        self._fresh_lines: list[int] = []
+        self._begun = 0  # the first line that no item speaks of
+        self._items: list[Item] = []
+
+    def items(self) -> list[Item]:
+        reader = self._reader
+        todo = np.flatnonzero(self._worth).tolist()
+        place = 0
+        while place < len(todo):
+            number = todo[place]
+            place += 1
+            line = self._block[self._starts[number] : self._ends[number]]
+            if line.startswith(b"#"):
+                self._good_up_to(number)
+                comment = parse_comment(line) if reader._remarks.spend() else None
+                if comment is None:
+                    self._none[number] = True
+                    continue
+                self._close(number)
+                self._items.append(Comment(comment))
+                if info := parse_info(comment):
+                    self._items.append(info)
+                continue
+            if found := reader._parse(line):
+                self._good_up_to(number)
+                if reader._has_width(found[0]):
+                    self._fresh.append(found[1])
+                    self._fresh_lines.append(number)
+                    reader._remarks.earn(1)
+                    continue
+            elif (header := parse_header(line)) and reader._remarks.spend():
+                self._good_up_to(number)
+                self._close(number)
+                reader._width, reader._order, form = header
+                if form != reader.form:
+                    reader.form = form
+                    self._items.append(form)
+                # What follows is looked at line by line in this block, and all at once from the next on.
+                later = self._good_lines[self._passed :]
+                self._good_lines, self._worth[later] = self._good_lines[: self._passed], True
+                self._worth[: number + 1] = False
+                todo, place = np.flatnonzero(self._worth).tolist(), 0
+                continue
+            self._none[number] = True
+        self._good_up_to(len(self._ends))
+        self._close(len(self._ends))
+        return self._items
+
+    def _good_up_to(self, number: int) -> None:
+        """The good lines before this one are rows."""
+        if self._passed == len(self._good_lines) or self._good_lines[self._passed] >= number:
+            return
+        self._settle()
+        stop = int(np.searchsorted(self._good_lines, number))
+        self._parts.append(_registers(self._values[self._passed : stop]))
+        self._lines.append(self._good_lines[self._passed : stop])
+        self._reader._remarks.earn(stop - self._passed)
+        self._reader._other_count = 0
+        self._passed = stop
+
+    def _settle(self) -> None:
+        if self._fresh:
+            physical = self._reader.form.physical
+            self._parts.append(_physical(self._fresh) if physical else _registers(np.array(self._fresh, np.int64)))
+            self._lines.append(np.array(self._fresh_lines))
+            self._fresh, self._fresh_lines = [], []
+
+    def _close(self, number: int) -> None:
+        """The rows and what is none among the lines before this one."""
+        self._settle()
+        none = self._none[self._begun : number]
+        bad = np.flatnonzero(none) + self._begun
+        lines = np.concatenate(self._lines) if self._lines else np.zeros(0, np.int64)
+        if self._parts:
+            before = np.searchsorted(bad, lines)
+            t_us, values = (np.concatenate(each) for each in zip(*self._parts, strict=True))
+            self._items.append(Rows(t_us, values, np.diff(before, prepend=0) > 0))
+        if len(bad):
+            count = int((self._ends[bad] - self._starts[bad] + 1).sum())
+            self._items.append(Garbage(count, not len(lines) or bool(bad[-1] > lines[-1])))
+        self._parts, self._lines, self._begun = [], [], number
 
 
-def _physical(rows: list[list]) -> Rows:
-    return Rows(np.array([row[0] for row in rows], np.int64), np.array([row[1:] for row in rows], float))
+def _registers(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return values[:, 0], values[:, 1:].astype(np.int16)
+
+
+def _physical(rows: list[list]) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([row[0] for row in rows], np.int64), np.array([row[1:] for row in rows], float)

@@ -27,6 +27,8 @@ def main() -> None:
             rows.append((name, *(seconds_per_megabyte(make, args.bytes, args.seed, size) for size in args.at_once)))
         progress("")
         print(markdown((title, *(f"{size} B" for size in args.at_once)), [(row[0], *(f"{cell:.3f}" for cell in row[1:])) for row in rows]))
+        if not rows:
+            continue
         print("worst", *(f"{max(row[k] for row in rows):.3f}" for k in range(1, 1 + len(args.at_once))), "\n")
 
 

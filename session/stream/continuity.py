@@ -10,6 +10,7 @@ A device that begins anew again and again must show more each time, up to ``LONG
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -206,7 +207,7 @@ class Continuity:
     def _lock(self, out: list) -> None:
         """The chain counts: the stream begins, or begins anew, or goes on after a gap."""
         chain = self._chain
-        pairs = list(zip(chain, chain[1:], strict=False))
+        pairs = list(pairwise(chain))
         steps_us = [(b.t_us - a.t_us) % TIME_WRAP for a, b in pairs]
         periods = [_numbers(a.sequence, b.sequence, self._infos) for a, b in pairs]
         first_us, first_periods = chain[0].t_us, 1

@@ -11,13 +11,14 @@ from __future__ import annotations
 import numpy as np
 
 from session.stream import frames
+from session.stream.blocks import take_apart
 from session.stream.collector import Collector
 from session.stream.continuity import Continuity
 from session.stream.events import Chunk, Comment, Event, Info, Trouble
 from session.stream.form import REGISTERS, Form
 from session.stream.lines import Garbage, LineReader, Rows
 from session.stream.readings import Accepted, Readings
-from session.stream.remarks import Remarks
+from session.stream.remarks import Changes, Remarks
 from session.stream.steps import StepFilter
 from session.stream.text import LONGEST_LINE, Looks, parse_comment
 
@@ -46,8 +47,10 @@ class StreamDecoder:
     def _begin(self) -> None:
         self.mode: str | None = None
         self._buffer, self._window = b"", NARROW
+        self._place = 0  # bytes of this connection before what is kept
         self._behind_zero = False  # whether, in text, a zero byte is right before what is kept
-        self._remarks = Remarks()
+        self._passing_over = False  # whether, in frames, what comes up to the next zero byte is none
+        self._remarks, self._changes = Remarks(), Changes()
         self._text_lines = LineReader(self._told, self._remarks)
         self._form = self._text_lines.form  # of the lines that are taken now
         self._continuity, self._steps = Continuity(), StepFilter(self._form)
@@ -70,6 +73,7 @@ class StreamDecoder:
             self.examined += len(block)
             used, other_mode = {"frames": self._frames, "text": self._text, None: self._search}[self.mode](block, out)
             at += used
+            self._place += used
             if other_mode:
                 self._window = NARROW
             elif at - used + len(block) == len(data):
@@ -102,7 +106,7 @@ class StreamDecoder:
         # Where a frame and where a line that ends here would begin: behind the last zero, and behind the last delimiter of either kind.
         zeros = np.concatenate([[0], np.maximum.accumulate(np.where(is_zero, places + 1, 0))])
         lines = np.concatenate([[0], places + 1])
-        frame, begin = self._frame_ending_at(codes, places, is_zero, places - zeros[:-1])
+        frame, begin = _frame_ending_at(codes, places, is_zero, places - zeros[:-1])
         worth = Looks(codes, lines[:-1], places).worth & ~is_zero & (places - lines[:-1] <= LONGEST)
         for k in np.flatnonzero(worth[:frame]).tolist():
             if self._text_lines.is_line(block[lines[k] : places[k]].rstrip(b"\r")):
@@ -112,18 +116,6 @@ class StreamDecoder:
         keep = max(int(min(zeros[-1], lines[-1])), len(block) - LONGEST - 1)
         self._garbage(keep, out)
         return keep, False
-
-    @staticmethod
-    def _frame_ending_at(codes: np.ndarray, places: np.ndarray, is_zero: np.ndarray, lengths: np.ndarray) -> tuple[int | None, int]:
-        """The first delimiter at which a good frame ends that is no longer than ``lengths`` say, and where it begins; None: at none."""
-        found = [(len(places), 0)]
-        for size, right in ((frames.INFO_BYTES, lengths == frames.INFO_BYTES), (frames.SAMPLE_BYTES, lengths >= frames.SAMPLE_BYTES)):
-            tried = np.flatnonzero(is_zero & right)
-            if len(tried):
-                good = frames.decode_blocks(codes[places[tried, None] + np.arange(-size, 0)])[1]
-                found += [(int(k), int(places[k]) - size) for k in tried[good][:1]]
-        first, begin = min(found)
-        return (None, 0) if first == len(places) else (first, begin)
 
     def _found(self, mode: str, begin: int, out: Collector) -> tuple[int, bool]:
         self._garbage(begin, out)
@@ -135,70 +127,54 @@ class StreamDecoder:
         ends = np.flatnonzero(codes == 0)
         starts = np.concatenate([[0], ends + 1])
         lengths = np.diff(np.concatenate([ends, [len(block)]]), prepend=-1) - 1  # the last is not complete
-        too_long = np.flatnonzero(lengths > LONGEST)
-        count = int(too_long[0]) if len(too_long) else len(ends)
+        if self._passing_over:
+            used = int(starts[1]) if len(ends) else len(block)
+            self._garbage(used - len(ends[:1]), out)
+            self._passing_over = not len(ends)
+            return used, bool(len(ends))
+        too_long = lengths > LONGEST
+        change = np.flatnonzero(too_long & (starts + self._place >= self._changes.earliest))
+        count = int(change[0]) if len(change) else len(ends)
         if count:
             self._blocks(codes, block, starts[:count], ends[:count], lengths[:count], out)
-        if len(too_long):
+        if len(change):
             self.mode = None
-        return int(starts[count]), bool(len(too_long))
+            self._changes.change(self._place + int(starts[count]))
+        elif too_long[-1]:
+            self._garbage(int(lengths[-1]), out)
+            self._passing_over = True
+            return len(block), False
+        return int(starts[count]), bool(len(change))
 
     def _blocks(self, codes: np.ndarray, data: bytes, starts: np.ndarray, ends: np.ndarray, lengths: np.ndarray, out: Collector) -> None:
-        """What stands between zero bytes, many at a time.  A whole frame at the end of something longer counts: what was torn off or
-        said before it took only its delimiter along."""
-        sample, info, bad = frames.SAMPLE_BYTES, frames.INFO_BYTES, lengths > 0
-        readings = None
-        if len(candidates := np.flatnonzero(lengths >= sample)):
-            bodies, good = frames.decode_blocks(codes[ends[candidates, None] + np.arange(-sample, 0)])
-            good_rows = candidates[good]
-            bad[good_rows] = False
-            table = np.ascontiguousarray(bodies[good]).view(frames.SAMPLE)[:, 0]
-            ours = table["type"] == frames.SAMPLE_TYPE
-            readings, good_rows = table[ours], good_rows[ours]
-        infos: dict[int, np.ndarray] = {}
-        if len(candidates := np.flatnonzero(lengths == info)):
-            bodies, good = frames.decode_blocks(codes[ends[candidates, None] + np.arange(-info, 0)])
-            bad[candidates[good]] = False
-            infos = dict(zip(candidates[good].tolist(), bodies[good], strict=True))
-        wrong = bad & ((lengths == sample) | (lengths == info))
-        if crc_errors := int(np.count_nonzero(wrong)):
-            self.crc_errors += crc_errors
-            out.add(Trouble("crc", crc_errors, self._last_us))
-        left_over = np.where(bad & ~wrong, lengths, 0)
-        rows = np.zeros(0, np.int64) if readings is None else good_rows
-        left_over[rows] = lengths[rows] - sample
-        spoilt = np.cumsum(bad | (left_over > 0))
-        spoilt_rows = spoilt[rows]
-        damaged = np.diff(spoilt_rows, prepend=0) > 0
-        if len(damaged):
-            damaged[0] |= self._damaged
-        remarks = [row for row in np.flatnonzero(left_over) if b"#" in data[starts[row] : ends[row]]] if left_over.any() else []
+        blocks = take_apart(codes, ends, lengths)
+        if blocks.crc_errors:
+            self.crc_errors += blocks.crc_errors
+            out.add(Trouble("crc", blocks.crc_errors, self._last_us))
+        left_over, rows = blocks.left_over, blocks.rows
+        remarks = [row for row in np.flatnonzero(left_over).tolist() if b"#" in data[starts[row] : ends[row]]] if left_over.any() else []
         self._garbage(int(left_over.sum()), out, damages=False)
+        damaged_before = self._damaged
+        if len(rows):
+            blocks.damaged[0] |= damaged_before
         begin = earned = 0
-        said = sorted({*infos, *map(int, remarks)})
+        said = sorted({*blocks.infos, *remarks})
         for row, stop in zip(said, np.searchsorted(rows, said).tolist(), strict=True):
             self._remarks.earn(stop - earned)
             earned = stop
-            if row in infos and not self._remarks.spend():
+            if row in blocks.infos and not self._remarks.spend():
                 continue
-            self._numbered(readings, damaged, begin, stop, out)
+            if stop > begin:
+                self._take(blocks.part(begin, stop), out)
             begin = stop
-            if row in infos:
-                self._info_frame(infos[row], out)
+            if row in blocks.infos:
+                self._info_frame(blocks.infos[row], out)
             else:
                 self._remark(data[starts[row] : ends[row]], out)
         self._remarks.earn(len(rows) - earned)
-        self._numbered(readings, damaged, begin, len(rows), out)
-        after_last = int(spoilt[-1]) - (int(spoilt_rows[-1]) if len(rows) else 0)
-        self._damaged = after_last > 0 or (self._damaged and not len(rows))
-
-    def _numbered(self, table: np.ndarray | None, damaged: np.ndarray, begin: int, stop: int, out: Collector) -> None:
-        if table is not None and stop > begin:
-            part = table[begin:stop]
-            readings = Readings(
-                part["sequence"].astype(np.int64), part["t_us"].astype(np.int64), part["registers"].astype(np.int16), damaged[begin:stop]
-            )
-            self._take(readings, out)
+        if len(rows) > begin:
+            self._take(blocks.part(begin, len(rows)), out)
+        self._damaged = blocks.behind or (damaged_before and not len(rows))
 
     def _info_frame(self, body: np.ndarray, out: Collector) -> None:
         info = frames.decode_info(body.tobytes())
@@ -230,7 +206,8 @@ class StreamDecoder:
         first = 0 if self._behind_zero else -2 * LONGEST
         zeros = np.concatenate([[first], np.maximum.accumulate(np.where(is_zero, starts[1:], first))])  # right behind the last zero byte
         exact = np.isin(ends - zeros[:-1], (frames.INFO_BYTES, frames.SAMPLE_BYTES))  # a frame may hold a line's end
-        frame, begin = self._frame_ending_at(codes, ends, is_zero, np.where(exact, ends - zeros[:-1], lengths))
+        allowed = is_zero & (ends + self._place >= self._changes.earliest)
+        frame, begin = _frame_ending_at(codes, ends, allowed, np.where(exact, ends - zeros[:-1], lengths))
         used, count = begin, int(np.searchsorted(ends, begin))
         if frame is None:
             # What is behind a zero byte and no longer than a frame may be one.
@@ -246,6 +223,7 @@ class StreamDecoder:
         elif frame is not None:
             self._garbage(begin - int(starts[count]), out)
             self.mode = "frames"
+            self._changes.change(self._place + int(ends[frame]))
         self._behind_zero = frame is None and (used == int(zeros[-1]))
         return used, frame is not None
 
@@ -312,3 +290,15 @@ class StreamDecoder:
                 self.implausible += event.count * (event.kind == "implausible")
                 self.resets += event.kind == "reset"
             out.add(event)
+
+
+def _frame_ending_at(codes: np.ndarray, places: np.ndarray, tried: np.ndarray, lengths: np.ndarray) -> tuple[int | None, int]:
+    """The first delimiter of those to be tried at which a good frame ends that is no longer than ``lengths`` say, and where it begins;
+    None: at none."""
+    found = [(len(places), 0)]
+    for size, right in ((frames.INFO_BYTES, lengths == frames.INFO_BYTES), (frames.SAMPLE_BYTES, lengths >= frames.SAMPLE_BYTES)):
+        if len(rows := np.flatnonzero(tried & right)):
+            good = frames.decode_blocks(codes[places[rows, None] + np.arange(-size, 0)])[1]
+            found += [(int(k), int(places[k]) - size) for k in rows[good][:1]]
+    first, begin = min(found)
+    return (None, 0) if first == len(places) else (first, begin)

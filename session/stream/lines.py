@@ -51,11 +51,11 @@ class LineReader:
         if header is not None:
             self._width, self._order, self.form = header
         self._other_width, self._other_count = 0, 0
-        self._remarks = remarks or Remarks()
+        self.remarks = remarks or Remarks()
 
     def is_line(self, line: bytes) -> bool:
         """Whether a line shows that this is text."""
-        return bool(parse_comment(line) is not None or self._parse(line) or parse_header(line))
+        return bool(parse_comment(line) is not None or self.parse(line) or parse_header(line))
 
     def take(self, block: bytes, torn: np.ndarray | None = None) -> list[Item]:
         """What the lines say, in order; a ``Form`` where a header changes what the columns are.  torn (lines,) bool: which are none."""
@@ -66,7 +66,7 @@ class LineReader:
             if torn is not None:
                 values, good = values[~torn[good]], good & ~torn
             if good.all():
-                self._remarks.earn(len(values))
+                self.remarks.earn(len(values))
                 return [Rows(*_registers(values), np.zeros(len(values), bool))]
         codes = np.frombuffer(block, np.uint8)
         ends = np.flatnonzero(codes == 10)
@@ -77,10 +77,21 @@ class LineReader:
         good = np.zeros(len(ends), bool) if good is None else good
         return _Block(self, block, starts, ends, good, values, worth & ~good, none & ~good).items()
 
-    def _parse(self, line: bytes) -> tuple[int, list] | None:
+    def parse(self, line: bytes) -> tuple[int, list] | None:
+        """How many columns a line of numbers has, and the log's; None where it is none."""
         return parse_decimals(line, self._order, self.form) if self.form.physical else parse_line(line, self._order)
 
-    def _has_width(self, width: int) -> bool:
+    def obey(self, header: tuple[int, tuple[int, ...], Form]) -> Form | None:
+        """What comes from here on is as the header says; the form, where it is another one."""
+        before = self.form
+        self._width, self._order, self.form = header
+        return self.form if self.form != before else None
+
+    def no_other_width(self) -> None:
+        """A line of the usual width has come."""
+        self._other_count = 0
+
+    def has_width(self, width: int) -> bool:
         """Whether a line is as wide as the others: one of two halves may look whole, but hardly thrice running."""
         if width == self._width or not self._width:
             self._width, self._other_count = width, 0
@@ -98,7 +109,7 @@ class _Block:
     def __init__(self, reader: LineReader, block: bytes, starts, ends, good, values, worth, none):
         self._reader, self._block, self._starts, self._ends = reader, block, starts, ends
         self._good_lines, self._values, self._worth, self._none = np.flatnonzero(good), values, worth, none
-        self._passed = 0  # good lines that are among the rows
+        self._passed = self._earned = self._last_good = 0  # good lines that are among the rows, that were counted, that were seen
         self._parts: list[tuple[np.ndarray, np.ndarray]] = []  # times and values of the rows in the making, and the numbers of their lines
         self._lines: list[np.ndarray] = []
         self._fresh: list[list] = []  # rows that were read here, behind those
@@ -107,60 +118,65 @@ class _Block:
         self._items: list[Item] = []
 
     def items(self) -> list[Item]:
-        reader = self._reader
-        todo = np.flatnonzero(self._worth).tolist()
-        place = 0
+        """All that they say."""
+        todo, place = self._todo(0), 0
         while place < len(todo):
-            number = todo[place]
+            number, start, stop, good_before = todo[place]
             place += 1
-            line = self._block[self._starts[number] : self._ends[number]]
+            line = self._block[start:stop]
+            self._earn(good_before)
             if line.startswith(b"#"):
-                self._good_up_to(number)
-                comment = parse_comment(line) if reader._remarks.spend() else None
-                if comment is None:
-                    self._none[number] = True
+                comment = parse_comment(line) if self._reader.remarks.spend() else None
+                if comment is not None:
+                    self._close(number, good_before)
+                    self._items.append(Comment(comment))
+                    if info := parse_info(comment):
+                        self._items.append(info)
                     continue
-                self._close(number)
-                self._items.append(Comment(comment))
-                if info := parse_info(comment):
-                    self._items.append(info)
-                continue
-            if found := reader._parse(line):
-                self._good_up_to(number)
-                if reader._has_width(found[0]):
+            elif found := self._reader.parse(line):
+                if good_before > self._last_good:
+                    self._reader.no_other_width()
+                    self._last_good = good_before
+                if self._reader.has_width(found[0]):
+                    self._good_up_to(good_before)
                     self._fresh.append(found[1])
                     self._fresh_lines.append(number)
-                    reader._remarks.earn(1)
+                    self._reader.remarks.earn(1)
                     continue
-            elif (header := parse_header(line)) and reader._remarks.spend():
-                self._good_up_to(number)
-                self._close(number)
-                reader._width, reader._order, form = header
-                if form != reader.form:
-                    reader.form = form
+            elif header := parse_header(line):
+                self._close(number, good_before)
+                if (form := self._reader.obey(header)) is not None:
                     self._items.append(form)
                 # What follows is looked at line by line in this block, and all at once from the next on.
-                later = self._good_lines[self._passed :]
-                self._good_lines, self._worth[later] = self._good_lines[: self._passed], True
-                self._worth[: number + 1] = False
-                todo, place = np.flatnonzero(self._worth).tolist(), 0
+                if len(self._good_lines) > good_before:
+                    self._worth[self._good_lines[good_before:]] = True
+                    self._good_lines = self._good_lines[:good_before]
+                    todo, place = self._todo(number + 1), 0
                 continue
             self._none[number] = True
-        self._good_up_to(len(self._ends))
-        self._close(len(self._ends))
+        self._earn(len(self._good_lines))
+        if len(self._good_lines) > self._last_good:
+            self._reader.no_other_width()
+        self._close(len(self._ends), len(self._good_lines))
         return self._items
 
-    def _good_up_to(self, number: int) -> None:
-        """The good lines before this one are rows."""
-        if self._passed == len(self._good_lines) or self._good_lines[self._passed] >= number:
-            return
-        self._settle()
-        stop = int(np.searchsorted(self._good_lines, number))
-        self._parts.append(_registers(self._values[self._passed : stop]))
-        self._lines.append(self._good_lines[self._passed : stop])
-        self._reader._remarks.earn(stop - self._passed)
-        self._reader._other_count = 0
-        self._passed = stop
+    def _todo(self, first: int) -> list[tuple[int, int, int, int]]:
+        """Lines from the first on that are looked at: number, where it begins and ends, good lines before it."""
+        numbers = np.flatnonzero(self._worth[first:]) + first
+        before = np.searchsorted(self._good_lines, numbers)
+        return list(zip(*(each.tolist() for each in (numbers, self._starts[numbers], self._ends[numbers], before)), strict=True))
+
+    def _earn(self, good_before: int) -> None:
+        self._reader.remarks.earn(good_before - self._earned)
+        self._earned = good_before
+
+    def _good_up_to(self, stop: int) -> None:
+        """So many good lines are rows by now."""
+        if stop > self._passed:
+            self._settle()
+            self._parts.append(_registers(self._values[self._passed : stop]))
+            self._lines.append(self._good_lines[self._passed : stop])
+            self._passed = stop
 
     def _settle(self) -> None:
         if self._fresh:
@@ -169,8 +185,9 @@ class _Block:
             self._lines.append(np.array(self._fresh_lines))
             self._fresh, self._fresh_lines = [], []
 
-    def _close(self, number: int) -> None:
+    def _close(self, number: int, good_before: int) -> None:
         """The rows and what is none among the lines before this one."""
+        self._good_up_to(good_before)
         self._settle()
         none = self._none[self._begun : number]
         bad = np.flatnonzero(none) + self._begun

@@ -1,4 +1,4 @@
-"""How much a board may say beside its samples: a few words now and then, not a flood of them."""
+"""How much a board may do beside sending samples: a few words now and then, and a few changes between text and frames, not a flood."""
 
 from __future__ import annotations
 
@@ -24,3 +24,23 @@ class Remarks:
             return False
         self._credit -= EACH
         return True
+
+
+#: changes of mode that may follow each other at once, and bytes after which there may be one more
+CHANGES, CHANGE_BYTES = 16, 8192
+
+
+class Changes:
+    """Of mode, between text and frames: from ``earliest`` on, a place in the stream, there may be another."""
+
+    def __init__(self) -> None:
+        self._paid = 0
+
+    @property
+    def earliest(self) -> int:
+        """Bytes from the beginning of the connection."""
+        return self._paid - (CHANGES - 1) * CHANGE_BYTES
+
+    def change(self, place: int) -> None:
+        """There was one."""
+        self._paid = max(self._paid, place) + CHANGE_BYTES

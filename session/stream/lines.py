@@ -11,7 +11,7 @@ import numpy as np
 
 from session.stream.events import Comment, Info
 from session.stream.form import REGISTERS, Form, parse_header
-from session.stream.remarks import Remarks
+from session.stream.remarks import Changes, Remarks
 from session.stream.text import Looks, parse_comment, parse_decimals, parse_info, parse_line, parse_lines
 
 #: lines of another width that must come one after the other before they are believed
@@ -51,7 +51,8 @@ class LineReader:
         if header is not None:
             self._width, self._order, self.form = header
         self._other_width, self._other_count = 0, 0
-        self.remarks = remarks or Remarks()
+        self.remarks, self._changes = remarks or Remarks(), Changes()
+        self.place, self.deaf = 0, False  # bytes of lines so far; whether what the numbers mean is not known
 
     def is_line(self, line: bytes) -> bool:
         """Whether a line shows that this is text."""
@@ -61,12 +62,13 @@ class LineReader:
         """What the lines say, in order; a ``Form`` where a header changes what the columns are.  torn (lines,) bool: which are none."""
         good = None
         values = np.zeros((0, 1 + len(self.form.names)), np.int64)
-        if self._width and not self.form.physical:
+        if self._width and not self.form.physical and not self.deaf:
             good, values = parse_lines(block, self._width, self._order)
             if torn is not None:
                 values, good = values[~torn[good]], good & ~torn
             if good.all():
                 self.remarks.earn(len(values))
+                self.place += len(block)
                 return [Rows(*_registers(values), np.zeros(len(values), bool))]
         codes = np.frombuffer(block, np.uint8)
         ends = np.flatnonzero(codes == 10)
@@ -75,17 +77,32 @@ class LineReader:
         worth = looks.worth if torn is None else looks.worth & ~torn
         none = ~worth & (~looks.blank if torn is None else ~looks.blank | (torn & (ends > starts)))
         good = np.zeros(len(ends), bool) if good is None else good
-        return _Block(self, block, starts, ends, good, values, worth & ~good, none & ~good).items()
+        items = _Block(self, block, starts, ends, good, values, worth & ~good, none & ~good).items()
+        self.place += len(block)
+        return items
 
     def parse(self, line: bytes) -> tuple[int, list] | None:
         """How many columns a line of numbers has, and the log's; None where it is none."""
         return parse_decimals(line, self._order, self.form) if self.form.physical else parse_line(line, self._order)
 
-    def obey(self, header: tuple[int, tuple[int, ...], Form]) -> Form | None:
-        """What comes from here on is as the header says; the form, where it is another one."""
-        before = self.form
-        self._width, self._order, self.form = header
-        return self.form if self.form != before else None
+    def obey(self, header: tuple[int, tuple[int, ...], Form], place: int) -> Form | None:
+        """What comes from here on is as the header says; the form, where it is another one.  Headers that change it again and again
+        are not obeyed, and no line counts (``deaf``) until one is."""
+        form = header[2] if self.changes_form(header, place) else None
+        self.deaf = form is None and header[2] != self.form
+        if form is not None:
+            self._changes.change(place)
+        if not self.deaf:
+            self._width, self._order, self.form = header
+        return form
+
+    def changes_form(self, header: tuple[int, tuple[int, ...], Form], place: int) -> bool:
+        """Whether it says another form, and may."""
+        return header[2] != self.form and place >= self._changes.earliest
+
+    def is_news(self, header: tuple[int, tuple[int, ...], Form]) -> bool:
+        """Whether it says anything that is not known."""
+        return self.deaf or header != (self._width, self._order, self.form)
 
     def no_other_width(self) -> None:
         """A line of the usual width has come."""
@@ -133,7 +150,7 @@ class _Block:
                     if info := parse_info(comment):
                         self._items.append(info)
                     continue
-            elif found := self._reader.parse(line):
+            elif not self._reader.deaf and (found := self._reader.parse(line)):
                 if good_before > self._last_good:
                     self._reader.no_other_width()
                     self._last_good = good_before
@@ -144,14 +161,16 @@ class _Block:
                     self._reader.remarks.earn(1)
                     continue
             elif header := parse_header(line):
-                self._close(number, good_before)
-                if (form := self._reader.obey(header)) is not None:
-                    self._items.append(form)
-                # What follows is looked at line by line in this block, and all at once from the next on.
-                if len(self._good_lines) > good_before:
-                    self._worth[self._good_lines[good_before:]] = True
-                    self._good_lines = self._good_lines[:good_before]
-                    todo, place = self._todo(number + 1), 0
+                if self._reader.is_news(header):
+                    if self._reader.changes_form(header, self._reader.place + start):
+                        self._close(number, good_before)
+                    if (form := self._reader.obey(header, self._reader.place + start)) is not None:
+                        self._items.append(form)
+                    # What follows is looked at line by line in this block, and all at once from the next on.
+                    if len(self._good_lines) > good_before:
+                        self._worth[self._good_lines[good_before:]] = True
+                        self._good_lines = self._good_lines[:good_before]
+                        todo, place = self._todo(number + 1), 0
                 continue
             self._none[number] = True
         self._earn(len(self._good_lines))

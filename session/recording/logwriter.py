@@ -74,9 +74,10 @@ class LogWriter:
             with self._storage():
                 self._file.flush()
 
-    def close(self) -> None:
-        """End the present file."""
+    def close(self, whole: bool = True) -> None:
+        """End the present file; whole: no, where what comes behind is only not decoded yet, and the file is to grow."""
         with self._storage():
+            self._left_out = self._left_out if whole else None
             self._end()
 
     def _take(self, event: Event) -> None:
@@ -183,3 +184,9 @@ class LogWriter:
     def _next(self, stem: str) -> Path:
         number = 1 + sum(path.name.startswith(stem) for path in self.paths)
         return self.folder / f"{stem}{number:04d}.csv"
+
+
+def said_not_logged(samples: int, starts: int) -> str:
+    """Of the starts that got no log."""
+    short = f"{starts} starts that lasted less than {SHORT_US / 1e6:g} s, behind {SHORT_STARTS} in a row"
+    return f"{samples} samples are in no log, of {short}; why does the board reset?"

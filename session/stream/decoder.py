@@ -33,13 +33,14 @@ class StreamDecoder:
 
     Counts so far: samples, lost (samples missing), crc_errors (frames), garbage (bytes), implausible (samples left out), resets.
     told: the header of a text stream that does not send it.  info: the last ``Info``, or None.
-    mode: "text" or "frames", or None while it is not known.  examined: bytes that were looked at, each time anew.
+    mode: "text" or "frames", or None while it is not known.  taken: bytes so far; examined: each as often as it
+    was looked at.
     """
 
     def __init__(self, told: str | None = None) -> None:
         self._told = told
         self.samples = self.lost = self.crc_errors = self.garbage = self.implausible = self.resets = 0
-        self.examined = 0
+        self.taken = self.examined = 0
         self.info: Info | None = None
         self._period_us: float | None = None
         self._begin()
@@ -67,6 +68,7 @@ class StreamDecoder:
     def feed(self, data: bytes) -> list[Event]:
         """Events of these bytes and of what was kept from before; never raises, whatever the bytes."""
         out = Collector()
+        self.taken += len(data)
         data, at = self._buffer + data, 0
         while True:
             block = data[at : at + self._window]

@@ -8,6 +8,7 @@ this process, with a clock that is simulated: no second of it is waited for.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import errno
 import fcntl
 import multiprocessing
@@ -41,6 +42,7 @@ IN_A_FOLDER = 25  #: rounds that go on with each other: each resumes what all be
 READ_IN_HAND = 4096  #: bytes: the most that a pseudo-terminal gives at once
 LONGEST_S = 0.06  #: of sending, per round
 PATIENCE_S = 60.0
+LAST_WORD = b"\xff that was all \xff"
 FULL_DISK, TAKEN = 2, 3  #: exit codes of a child whose disk was full, or whose terminal somebody else had opened
 
 
@@ -148,7 +150,7 @@ def one_round(folder: Path, form: str, end: str, rng: np.random.Generator, soak:
         if end in ("killed", "stopped") and child.is_alive():
             os.kill(child.pid, signal.SIGKILL if end == "killed" else signal.SIGTERM)
         child.join(PATIENCE_S)
-        left = len(rest_of(slave))
+        left = len(rest_of(master, slave))
         os.close(slave)
         os.close(master)
     child.join(PATIENCE_S)
@@ -255,19 +257,21 @@ def waiting_in(slave: int) -> int:
     return struct.unpack("i", fcntl.ioctl(slave, termios.FIONREAD, b"\0" * 4))[0]
 
 
-def rest_of(slave: int) -> bytes:
-    """What nobody has read."""
-    os.set_blocking(slave, False)
-    rest, quiet = b"", 0
-    while quiet < 3:
+def rest_of(master: int, slave: int) -> bytes:
+    """What nobody has read: all before a last word, which is sent for it."""
+    for file in (master, slave):
+        os.set_blocking(file, False)
+    rest, word = b"", LAST_WORD
+    deadline = time.monotonic() + PATIENCE_S
+    while not rest.endswith(LAST_WORD):
+        assert time.monotonic() < deadline, "waited in vain"
+        with contextlib.suppress(BlockingIOError):
+            word = word[os.write(master, word) :] if word else word
         try:
-            got = os.read(slave, 65536)
+            rest += os.read(slave, 65536)
         except BlockingIOError:
-            got = b""
-        rest += got
-        quiet = 0 if got else quiet + 1
-        time.sleep(0 if got else 0.003)
-    return rest
+            time.sleep(0.001)
+    return rest.removesuffix(LAST_WORD)
 
 
 if __name__ == "__main__":

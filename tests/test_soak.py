@@ -1,4 +1,4 @@
-"""``benchmarks/soak.py`` in small: what was received is kept through kills, unplugged cables, full disks and stops, and hours lose nothing."""
+"""``benchmarks/soak.py`` in small: what was received is kept through kills, pulled cables, full disks and stops; hours lose nothing."""
 
 import sys
 from pathlib import Path

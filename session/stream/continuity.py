@@ -99,7 +99,7 @@ class Continuity:
     def _take_smooth(self, readings: Readings, out: list) -> int:
         """Accept the readings at the beginning of these of which each follows the one before; returns how many."""
         step_us = np.diff(readings.t_us, prepend=self._stamp)
-        if readings.sequence is None:
+        if readings.sequence is None or self._sequence is None:
             periods = np.ones(len(readings), np.int64)
             smooth = np.abs(step_us - self._period) <= TEXT_TOLERANCE * self._period
         else:
@@ -267,11 +267,10 @@ class Continuity:
             self._next_period = self._count + min(max(self._count, 16), 1024)
 
     def _hold(self, accepted: Accepted) -> Accepted | None:
-        arrays = accepted.arrays
         if self._held is not None:
-            arrays = tuple(np.concatenate(pair) for pair in zip(self._held.arrays, arrays, strict=True))
-        self._held = Accepted(*(array[-1:] for array in arrays))
-        return Accepted(*(array[:-1] for array in arrays)) if len(arrays[0]) > 1 else None
+            accepted = Accepted(*(np.concatenate(pair) for pair in zip(self._held.arrays, accepted.arrays, strict=True)))
+        self._held = Accepted(*(array[-1:] for array in accepted.arrays))
+        return Accepted(*(array[:-1] for array in accepted.arrays)) if len(accepted.t_us) > 1 else None
 
     def _leave_out(self, count: int, out: list) -> None:
         if count:

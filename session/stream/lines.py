@@ -77,7 +77,7 @@ class LineReader:
         worth = looks.worth if torn is None else looks.worth & ~torn
         none = ~worth & (~looks.blank if torn is None else ~looks.blank | (torn & (ends > starts)))
         good = np.zeros(len(ends), bool) if good is None else good
-        items = _Block(self, block, starts, ends, good, values, worth & ~good, none & ~good).items()
+        items = _Block(self, block, (starts, ends), good, values, worth & ~good, none & ~good).items()
         self.place += len(block)
         return items
 
@@ -123,7 +123,18 @@ class LineReader:
 class _Block:
     """The lines of one block, taken apart: good ones were read at once, those worth a look are looked at here, the others are none."""
 
-    def __init__(self, reader: LineReader, block: bytes, starts, ends, good, values, worth, none):
+    def __init__(
+        self,
+        reader: LineReader,
+        block: bytes,
+        lines: tuple[np.ndarray, np.ndarray],
+        good: np.ndarray,
+        values: np.ndarray,
+        worth: np.ndarray,
+        none: np.ndarray,
+    ):
+        """lines: where they begin and end; good, worth, none: which are which; values of the good ones."""
+        starts, ends = lines
         self._reader, self._block, self._starts, self._ends = reader, block, starts, ends
         self._good_lines, self._values, self._worth, self._none = np.flatnonzero(good), values, worth, none
         self._passed = self._earned = self._last_good = 0  # good lines that are among the rows, that were counted, that were seen

@@ -57,9 +57,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="tinygc-soak-", dir=args.folder) as parent:
         if args.rounds:
             print(markdown(HEADER, rounds(args.rounds, args.seed, Path(parent))), "\n")
+        stopped: list[int] = []
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda number, _: stopped.append(number))
         for form, hours in (("frames", args.hours), ("text", args.text_hours)):
-            if hours:
-                print(markdown(("a day", ""), day(form, hours, args.seed, Path(parent))), "\n")
+            if hours and not stopped:
+                print(markdown(("a day", ""), day(form, hours, args.seed, Path(parent), lambda: bool(stopped))), "\n", flush=True)
 
 
 HEADER = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import queue
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,9 @@ from session.stream.events import Chunk, Info
 RATE_HZ = 1667.0
 READ_S = 0.1  #: from one read of the port to the next
 BLOCK_S = 60  #: made at once
-SWING = 4000 * np.sin(2 * np.pi * np.arange(100_020)[:, None] / np.array([1500.3, 1667.0, 2222.7, 5001.0, 3334.0, 10002.0, 100020.0]))
+SWING = 2000 * np.sin(2 * np.pi * np.arange(100_020)[:, None] / np.array([1500.3, 1667.0, 2222.7, 5001.0, 3334.0, 10002.0, 100020.0]))
+NOISE = np.random.default_rng(0).integers(-6, 7, SWING.shape)
+REGISTERS = np.rint(SWING + NOISE).astype(np.int16)
 INFO = Info(500.0, 4.0, RATE_HZ, "7")
 LOG_KEPT = 1 << 22  #: bytes of a log and a raw file that stay on the disk, once they were looked at
 
@@ -35,16 +38,16 @@ class VirtualPort:
         """Nothing waits."""
 
 
-def day(form: str, hours: float, seed: int, parent: Path) -> list[tuple[str, str]]:
-    """Rows of a table: what came of so many hours."""
+def day(form: str, hours: float, seed: int, parent: Path, stop: Callable[[], bool] = lambda: False) -> list[tuple[str, str]]:
+    """Rows of a table: what came of so many hours, or of those until somebody wants to stop."""
     recorder_module.Port, port = VirtualPort, recorder_module.Port  # type: ignore[misc]
     try:
-        return _day(form, hours, seed, parent / f"day-{form}")
+        return _day(form, hours, seed, parent / f"day-{form}", stop)
     finally:
         recorder_module.Port = port  # type: ignore[misc]
 
 
-def _day(form: str, hours: float, seed: int, folder: Path) -> list[tuple[str, str]]:
+def _day(form: str, hours: float, seed: int, folder: Path, stop: Callable[[], bool]) -> list[tuple[str, str]]:
     recorder = Recorder(folder, "virtual")
     began, offset = time.process_time(), int(np.random.default_rng(seed).integers(1 << 31))
     kept, log = _Kept(folder / RAW), _Kept(folder / "log0001.csv")
@@ -53,7 +56,8 @@ def _day(form: str, hours: float, seed: int, folder: Path) -> list[tuple[str, st
     memory: list[int] = []
     last_us = -1
     blocks = max(1, round(hours * 3600 / BLOCK_S))
-    for block in range(blocks):
+    block = 0
+    while block < blocks and not stop():
         progress(f"{form}: {block * BLOCK_S / 3600:.1f} of {hours:g} h")
         count = round((block + 1) * BLOCK_S * RATE_HZ) - sent
         index = sent + np.arange(count)
@@ -69,7 +73,7 @@ def _day(form: str, hours: float, seed: int, folder: Path) -> list[tuple[str, st
         kept.check(whole)
         # A line counts when the next has come: of text one sample is behind.
         behind = int(form == "text")
-        expected = np.concatenate([registers[:0], _registers(np.arange(max(0, sent - count - behind), sent - behind))])
+        expected = _registers(np.arange(max(0, sent - count - behind), sent - behind))
         found = np.concatenate([chunk.registers for chunk in got])
         rows_wrong += (
             count - behind * (block == 0) - len(found) if len(found) != len(expected) else int((found != expected).any(axis=1).sum())
@@ -78,10 +82,11 @@ def _day(form: str, hours: float, seed: int, folder: Path) -> list[tuple[str, st
         last_us = int(got[-1].t_us[-1])
         log.forget()
         memory.append(_resident_mb())
+        block += 1
     recorder.close()
     hour = max(1, min(len(memory) // 2, 3600 // BLOCK_S))
     rows = [
-        (f"{form}, {RATE_HZ:g} Hz", f"{blocks * BLOCK_S / 3600:g} h simulated, {time.process_time() - began:.0f} s of CPU"),
+        (f"{form}, {RATE_HZ:g} Hz", f"{block * BLOCK_S / 3600:.4g} h simulated, {time.process_time() - began:.0f} s of CPU"),
         ("bytes received", f"{bytes_sent}"),
         ("bytes kept", f"{kept.bytes}, of them wrong: {kept.wrong}"),
         ("bytes lost", f"{bytes_sent - (folder / RAW).stat().st_size}"),
@@ -106,8 +111,7 @@ def _stamps(index: np.ndarray) -> np.ndarray:
 
 
 def _registers(index: np.ndarray) -> np.ndarray:
-    noise = (index[:, None] * np.array([31, 37, 41, 43, 47, 53, 2]) // 7) % 13
-    return np.rint(SWING[index % len(SWING)] * 0.5 + noise).astype(np.int16)
+    return REGISTERS[index % len(REGISTERS)]
 
 
 def _reads(form: str, index: np.ndarray, t_us: np.ndarray, registers: np.ndarray, block: int) -> list[bytes]:

@@ -56,3 +56,15 @@ def take_apart(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bloc
     damaged = np.diff(spoilt[rows], prepend=0) > 0
     behind = len(spoilt) > 0 and int(spoilt[-1]) > (int(spoilt[rows[-1]]) if len(rows) else 0)
     return Blocks(readings, rows, damaged, behind, infos, left_over, int(np.count_nonzero(wrong)))
+
+
+def frame_ending_at(codes: np.ndarray, places: np.ndarray, tried: np.ndarray, lengths: np.ndarray) -> tuple[int | None, int]:
+    """The first delimiter of those to be tried at which a good frame ends that is no longer than ``lengths`` say, and where it begins;
+    None: at none."""
+    found = [(len(places), 0)]
+    for size, right in ((frames.INFO_BYTES, lengths == frames.INFO_BYTES), (frames.SAMPLE_BYTES, lengths >= frames.SAMPLE_BYTES)):
+        if len(rows := np.flatnonzero(tried & right)):
+            good = frames.decode_blocks(codes[places[rows, None] + np.arange(-size, 0)])[1]
+            found += [(int(k), int(places[k]) - size) for k in rows[good][:1]]
+    first, begin = min(found)
+    return (None, 0) if first == len(places) else (first, begin)

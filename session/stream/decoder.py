@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.stream import frames
-from session.stream.blocks import take_apart
+from session.stream.blocks import frame_ending_at, take_apart
 from session.stream.collector import Collector
 from session.stream.continuity import Continuity
 from session.stream.events import Chunk, Comment, Event, Info, Trouble
@@ -108,7 +108,7 @@ class StreamDecoder:
         # Where a frame and where a line that ends here would begin: behind the last zero, and behind the last delimiter of either kind.
         zeros = np.concatenate([[0], np.maximum.accumulate(np.where(is_zero, places + 1, 0))])
         lines = np.concatenate([[0], places + 1])
-        frame, begin = _frame_ending_at(codes, places, is_zero, places - zeros[:-1])
+        frame, begin = frame_ending_at(codes, places, is_zero, places - zeros[:-1])
         worth = Looks(codes, lines[:-1], places).worth & ~is_zero & (places - lines[:-1] <= LONGEST)
         for k in np.flatnonzero(worth[:frame]).tolist():
             if self._text_lines.is_line(block[lines[k] : places[k]].rstrip(b"\r")):
@@ -209,7 +209,7 @@ class StreamDecoder:
         zeros = np.concatenate([[first], np.maximum.accumulate(np.where(is_zero, starts[1:], first))])  # right behind the last zero byte
         exact = np.isin(ends - zeros[:-1], (frames.INFO_BYTES, frames.SAMPLE_BYTES))  # a frame may hold a line's end
         allowed = is_zero & (ends + self._place >= self._changes.earliest)
-        frame, begin = _frame_ending_at(codes, ends, allowed, np.where(exact, ends - zeros[:-1], lengths))
+        frame, begin = frame_ending_at(codes, ends, allowed, np.where(exact, ends - zeros[:-1], lengths))
         used, count = begin, int(np.searchsorted(ends, begin))
         if frame is None:
             # What is behind a zero byte and no longer than a frame may be one.
@@ -292,15 +292,3 @@ class StreamDecoder:
                 self.implausible += event.count * (event.kind == "implausible")
                 self.resets += event.kind == "reset"
             out.add(event)
-
-
-def _frame_ending_at(codes: np.ndarray, places: np.ndarray, tried: np.ndarray, lengths: np.ndarray) -> tuple[int | None, int]:
-    """The first delimiter of those to be tried at which a good frame ends that is no longer than ``lengths`` say, and where it begins;
-    None: at none."""
-    found = [(len(places), 0)]
-    for size, right in ((frames.INFO_BYTES, lengths == frames.INFO_BYTES), (frames.SAMPLE_BYTES, lengths >= frames.SAMPLE_BYTES)):
-        if len(rows := np.flatnonzero(tried & right)):
-            good = frames.decode_blocks(codes[places[rows, None] + np.arange(-size, 0)])[1]
-            found += [(int(k), int(places[k]) - size) for k in rows[good][:1]]
-    first, begin = min(found)
-    return (None, 0) if first == len(places) else (first, begin)

@@ -15,6 +15,7 @@ from session.recording.logwriter import LogWriter, said_not_logged
 from session.recording.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.replay.convert import Converted
 from session.stream.decoder import StreamDecoder
+from session.stream.frames import cannot_be_told
 
 SUFFIX = ".bin"
 #: bytes without a sample: three hours of a port that listens at a wrong speed
@@ -79,6 +80,8 @@ def convert_raw(
         "resets": decoder.resets,
     }
     notes += [f"{count} {what}" for what, count in counts.items() if count]
+    if decoder.crc_errors:
+        notes.append(f"of {decoder.crc_errors} damaged frames {cannot_be_told(decoder.crc_errors)}")
     if logs.not_logged:
         notes.append(said_not_logged(logs.not_logged, logs.not_logged_starts))
     notes += [ASSUMED] * assumed

@@ -186,10 +186,13 @@ def _so_far(guide: Guide, recorder: Recorder) -> str:
 
 
 def _left(recorder: Recorder) -> Iterator[str]:
-    """What is in the raw bytes and in no log."""
+    """What is in the raw bytes and in no log, or may be in one and wrong."""
     from session.recording.logwriter import said_not_logged
+    from session.stream.frames import cannot_be_told
 
     raw, logs = recorder.raw.path, recorder.logs
+    if crc_errors := recorder.decoder.crc_errors:
+        yield f"{raw}: of {crc_errors} damaged frames {cannot_be_told(crc_errors)}"
     if recorder.undecoded:
         yield f"{raw}: {recorder.undecoded} bytes of it are in no log yet; record --resume goes on with them, or replay {raw} --out DIR"
     if logs.not_logged:

@@ -22,6 +22,7 @@ import termios
 import time
 import tty
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -55,14 +56,15 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="where to record to (a temporary one); a day of frames needs 1 GB, of text as much")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="tinygc-soak-", dir=args.folder) as parent:
-        if args.rounds:
-            print(markdown(HEADER, rounds(args.rounds, args.seed, Path(parent))), "\n")
         stopped: list[int] = []
+        stop = lambda: bool(stopped)  # noqa: E731
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda number, _: stopped.append(number))
+        if args.rounds:
+            print(markdown(HEADER, rounds(args.rounds, args.seed, Path(parent), stop)), "\n", flush=True)
         for form, hours in (("frames", args.hours), ("text", args.text_hours)):
             if hours and not stopped:
-                print(markdown(("a day", ""), day(form, hours, args.seed, Path(parent), lambda: bool(stopped))), "\n", flush=True)
+                print(markdown(("a day", ""), day(form, hours, args.seed, Path(parent), stop)), "\n", flush=True)
 
 
 HEADER = (
@@ -101,10 +103,12 @@ class Soak:
     logs: Counter = field(default_factory=Counter)
 
 
-def rounds(count: int, seed: int, parent: Path) -> list[tuple]:
-    """The table of so many rounds."""
+def rounds(count: int, seed: int, parent: Path, stop: Callable[[], bool] = lambda: False) -> list[tuple]:
+    """The table of so many rounds, or of those until somebody wants to stop."""
     rng, soak = np.random.default_rng(seed), Soak()
     for first in range(0, count, IN_A_FOLDER):
+        if stop():
+            break
         folder, form = parent / f"rounds{first}", ("frames", "text")[first // IN_A_FOLDER % 2]
         for number in range(first, min(count, first + IN_A_FOLDER)):
             progress(f"round {number} of {count}")
@@ -128,10 +132,10 @@ def one_round(folder: Path, form: str, end: str, rng: np.random.Generator, soak:
     tty.setraw(slave)
     raw = folder / rawfile.RAW
     before = raw.stat().st_size if raw.exists() else 0
+    opened = (folder / rawfile.TIMES).stat().st_size if (folder / rawfile.TIMES).exists() else 0
     room = int(rng.integers(1, 60_000)) if end == "disk full" else -1
     child = multiprocessing.get_context("fork").Process(target=record, args=(folder, os.ttyname(slave), (master, slave), room), daemon=True)
     child.start()
-    opened = (folder / rawfile.TIMES).stat().st_size if (folder / rawfile.TIMES).exists() else 0
     wait_for(
         lambda: ((folder / rawfile.TIMES).exists() and (folder / rawfile.TIMES).stat().st_size > max(opened, 25)) or not child.is_alive()
     )

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recording_wires import caught_up, make_wire, record, replayed, until
+from processes import PATIENCE_S, until
+from recording_wires import caught_up, make_wire, record, replayed
 from streams import decode, frame_list, samples, sent
 
 from session.common.errors import StorageError

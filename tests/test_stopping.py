@@ -6,7 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from recording_wires import caught_up, make_wire, replayed, until
+from processes import until
+from recording_wires import caught_up, make_wire, replayed
 from streams import INFO, frame_list, sent
 
 from session.guide.guide import Guide

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import BinaryIO
 from session.files.reading import open_file
 from session.recording.decisions import Decision, decision_of, name_kept
 from session.recording.logwriter import LogWriter
-from session.recording.rawfile import Mark, read_marks
+from session.recording.rawfile import Mark, read_events
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Event, Trouble
 
@@ -26,23 +25,13 @@ def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter) -> Iterator[
 
     What is added to the file behind this call is not looked at.  The caller finishes decoder and logs.
     """
-    with _readable(raw_path):
+    with open_file(raw_path):
         size = raw_path.stat().st_size
-    return _pieces(raw_path, size, [mark for mark in read_marks(raw_path) if mark.event], decoder, logs)
-
-
-@contextlib.contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    return _pieces(raw_path, size, read_events(raw_path), decoder, logs)
 
 
 def _pieces(raw_path: Path, size: int, marks: list[Mark], decoder: StreamDecoder, logs: LogWriter) -> Iterator[Piece]:
-    with _readable(raw_path):
-        raw = raw_path.open("rb")
-    with raw:
+    with open_file(raw_path) as raw:
         for number, mark in enumerate(marks):
             yield from _until(raw, min(mark.offset, size), decoder, logs)
             if mark.event.partition(" ")[0] == "open":

@@ -10,7 +10,7 @@ from session.common.errors import CalibrationError, FormatError, StorageError
 from session.common.texts import shell_word
 from session.files.reading import MB, MOST_TOML, open_file, read_bytes
 from session.files.writing import naming
-from session.recording.decoding import stream
+from session.recording.decoding import BLOCK, stream
 from session.recording.logwriter import LogWriter, said_not_logged
 from session.recording.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.replay.convert import Converted

@@ -49,6 +49,7 @@ class StreamDecoder:
         self.mode: str | None = None
         self._buffer, self._window = b"", NARROW
         self._place = 0  # bytes of this connection before what is kept
+        self._torn = False  # whether, without a mode, what is kept begins within a line
         self._behind_zero = False  # whether, in text, a zero byte is right before what is kept
         self._passing_over = False  # whether, in frames, what comes up to the next zero byte is none
         self._remarks, self._changes = Remarks(), Changes()
@@ -110,6 +111,8 @@ class StreamDecoder:
         lines = np.concatenate([[0], places + 1])
         frame, begin = frame_ending_at(codes, places, is_zero, places - zeros[:-1])
         worth = Looks(codes, lines[:-1], places).worth & ~is_zero & (places - lines[:-1] <= LONGEST)
+        if self._torn:
+            worth[:1] = False
         for k in np.flatnonzero(worth[:frame]).tolist():
             if self._text_lines.is_line(block[lines[k] : places[k]].rstrip(b"\r")):
                 return self._found("text", int(lines[k]), out)
@@ -117,11 +120,13 @@ class StreamDecoder:
             return self._found("frames", begin, out)
         keep = max(int(min(zeros[-1], lines[-1])), len(block) - LONGEST - 1)
         self._garbage(keep, out)
+        if keep:
+            self._torn = block[keep - 1] not in b"\0\n"
         return keep, False
 
     def _found(self, mode: str, begin: int, out: Collector) -> tuple[int, bool]:
         self._garbage(begin, out)
-        self.mode, self._behind_zero = mode, False
+        self.mode, self._behind_zero, self._torn = mode, False, False
         return begin, True
 
     def _frames(self, block: bytes, out: Collector) -> tuple[int, bool]:

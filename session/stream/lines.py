@@ -47,9 +47,9 @@ class LineReader:
 
     def __init__(self, told: str | None = None, remarks: Remarks | None = None):
         header = None if told is None else parse_header(told.encode())
-        self.form, self._width, self._order = REGISTERS, 0, tuple(range(len(REGISTERS.names)))
+        self.form, self.width, self._order = REGISTERS, 0, tuple(range(len(REGISTERS.names)))
         if header is not None:
-            self._width, self._order, self.form = header
+            self.width, self._order, self.form = header
         self._other_width, self._other_count = 0, 0
         self.remarks, self._changes = remarks or Remarks(), Changes()
         self.place, self.deaf = 0, False  # bytes of lines so far; whether what the numbers mean is not known
@@ -62,13 +62,14 @@ class LineReader:
         """What the lines say, in order; a ``Form`` where a header changes what the columns are.  torn (lines,) bool: which are none."""
         good = None
         values = np.zeros((0, 1 + len(self.form.names)), np.int64)
-        if self._width and not self.form.physical and not self.deaf:
-            good, values = parse_lines(block, self._width, self._order)
+        if self.width and not self.form.physical and not self.deaf:
+            good, values = parse_lines(block, self.width, self._order)
             if torn is not None:
                 values, good = values[~torn[good]], good & ~torn
             if good.all():
                 self.remarks.earn(len(values))
                 self.place += len(block)
+                self._other_count = 0
                 return [Rows(*_registers(values), np.zeros(len(values), bool))]
         codes = np.frombuffer(block, np.uint8)
         ends = np.flatnonzero(codes == 10)
@@ -93,7 +94,7 @@ class LineReader:
         if form is not None:
             self._changes.change(place)
         if not self.deaf:
-            self._width, self._order, self.form = header
+            self.width, self._order, self.form = header
         return form
 
     def changes_form(self, header: tuple[int, tuple[int, ...], Form], place: int) -> bool:
@@ -102,7 +103,7 @@ class LineReader:
 
     def is_news(self, header: tuple[int, tuple[int, ...], Form]) -> bool:
         """Whether it says anything that is not known."""
-        return self.deaf or header != (self._width, self._order, self.form)
+        return self.deaf or header != (self.width, self._order, self.form)
 
     def no_other_width(self) -> None:
         """A line of the usual width has come."""
@@ -110,13 +111,13 @@ class LineReader:
 
     def has_width(self, width: int) -> bool:
         """Whether a line is as wide as the others: one of two halves may look whole, but hardly thrice running."""
-        if width == self._width or not self._width:
-            self._width, self._other_count = width, 0
+        if width == self.width or not self.width:
+            self.width, self._other_count = width, 0
             return True
         self._other_count = self._other_count + 1 if width == self._other_width else 1
         self._other_width = width
         if self._other_count >= WIDTH_CHANGE and not self.form.physical:
-            self._width, self._order = width, tuple(range(len(REGISTERS.names)))
+            self.width, self._order = width, tuple(range(len(REGISTERS.names)))
         return False
 
 
@@ -165,23 +166,22 @@ class _Block:
                 if good_before > self._last_good:
                     self._reader.no_other_width()
                     self._last_good = good_before
+                width = self._reader.width
                 if self._reader.has_width(found[0]):
                     self._good_up_to(good_before)
                     self._fresh.append(found[1])
                     self._fresh_lines.append(number)
                     self._reader.remarks.earn(1)
                     continue
+                if self._reader.width != width:
+                    todo, place = self._look_again(number, good_before) or (todo, place)
             elif header := parse_header(line):
                 if self._reader.is_news(header):
                     if self._reader.changes_form(header, self._reader.place + start):
                         self._close(number, good_before)
                     if (form := self._reader.obey(header, self._reader.place + start)) is not None:
                         self._items.append(form)
-                    # What follows is looked at line by line in this block, and all at once from the next on.
-                    if len(self._good_lines) > good_before:
-                        self._worth[self._good_lines[good_before:]] = True
-                        self._good_lines = self._good_lines[:good_before]
-                        todo, place = self._todo(number + 1), 0
+                    todo, place = self._look_again(number, good_before) or (todo, place)
                 continue
             self._none[number] = True
         self._earn(len(self._good_lines))
@@ -189,6 +189,15 @@ class _Block:
             self._reader.no_other_width()
         self._close(len(self._ends), len(self._good_lines))
         return self._items
+
+    def _look_again(self, number: int, good_before: int) -> tuple[list[tuple[int, int, int, int]], int] | None:
+        """The columns are others behind this line: what was read at once there is looked at line by line, in this block.  What is to do
+        then, and the place in it; None where nothing changes."""
+        if len(self._good_lines) == good_before:
+            return None
+        self._worth[self._good_lines[good_before:]] = True
+        self._good_lines = self._good_lines[:good_before]
+        return self._todo(number + 1), 0
 
     def _todo(self, first: int) -> list[tuple[int, int, int, int]]:
         """Lines from the first on that are looked at: number, where it begins and ends, good lines before it."""

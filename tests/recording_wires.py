@@ -123,6 +123,11 @@ def record(recorder: Recorder, file: int, data: bytes) -> list:
     return events
 
 
+def caught_up(recorder: Recorder) -> list:
+    """Events of what the folder's raw file held before."""
+    return [event for events in recorder.catch_up() for event in events]
+
+
 def replayed(raw_path: Path, folder: Path) -> list[bytes]:
     """The logs that a raw file makes."""
     folder.mkdir()

@@ -11,8 +11,9 @@ from streams import frame_list, sent
 from session.common.errors import FormatError
 from session.recording.decoding import stream
 from session.recording.growing import GrowingFile
-from session.recording.logwriter import LogWriter
+from session.recording.logwriter import SHORT_STARTS, LogWriter
 from session.stream.decoder import StreamDecoder
+from session.stream.events import Chunk, Trouble
 
 TEXT = "".join(f"{i},a line of it\n" for i in range(2000))
 
@@ -87,3 +88,50 @@ def play(folder: Path) -> LogWriter:
     logs.write(decoder.finish())
     logs.close()
     return logs
+
+
+def flickering(starts: int, samples: int) -> list:
+    """Events of a board that begins anew again and again."""
+    events = []
+    for k in range(starts):
+        events += [Trouble("reset")] * (k > 0) + [Chunk(*sent(samples, 1000 * k, seed=k))]
+    return events
+
+
+def test_a_board_that_resets_every_few_frames_does_not_fill_the_folder(tmp_path):
+    """Behind twenty such starts one gets a log only where it lasts a second; what got none is counted."""
+    logs = LogWriter(tmp_path)
+    logs.write(flickering(3000, 100))
+    assert len(list(tmp_path.glob("log*.csv"))) == SHORT_STARTS
+    logs.write([Trouble("reset"), Chunk(*sent(1000, 7)), Chunk(*sent(2000, 700_000))])  # 0.6 s, then more than a second
+    logs.write([Trouble("reset"), Chunk(*sent(50, 7))])  # a good one has been: this counts again
+    logs.close()
+    lengths = [path.read_text().count("\n") - 1 for path in logs.paths]
+    assert lengths == [100] * SHORT_STARTS + [3000, 50]
+    assert (logs.not_logged, logs.not_logged_starts) == (2980 * 100, 2980)
+
+
+def test_how_the_events_are_cut_does_not_matter_to_the_logs(tmp_path):
+    events = [*flickering(40, 30), Chunk(*sent(2000, 100_000_000)), Trouble("implausible", 1, 5), Trouble("implausible", 2, 5)]
+    made = []
+    for name, size in (("whole", len(events)), ("singly", 1)):
+        (tmp_path / name).mkdir()
+        logs = LogWriter(tmp_path / name)
+        for start in range(0, len(events), size):
+            logs.write(events[start : start + size])
+            logs.flush()
+        logs.close()
+        made.append([path.read_text() for path in logs.paths])
+    assert made[0] == made[1]
+    assert made[0][-1].count("left out as implausible: 3 (t_us 5)") == 1
+
+
+def test_a_stream_that_resets_every_few_frames_makes_few_logs(tmp_path):
+    for every in (3, 4, 9, 30, 70, 500):
+        folder = tmp_path / str(every)
+        folder.mkdir()
+        (folder / "raw.bin").write_bytes(b"".join(frame_list(*sent(every))) * (20_000 // every))
+        logs = play(folder)
+        assert len(logs.paths) <= SHORT_STARTS
+        for path in logs.paths:
+            assert path.stat().st_size > 0

@@ -31,11 +31,14 @@ class Port:
     """Stands for a recorder: each poll gives what the next step of a script says."""
 
     def __init__(self, steps, resumed=()):
-        self._steps, self.resumed = iter(steps), list(resumed)
+        self._steps, self._resumed = iter(steps), list(resumed)
         self.connected, self.why = True, ""
         self.port = SimpleNamespace(name="/dev/ttyACM0")
         self.decoder = SimpleNamespace(garbage=0, crc_errors=0)
         self.clock = SimpleNamespace(device_seconds_per_second=None, compared_s=0.0)
+
+    def catch_up(self):
+        yield from ([event] for event in self._resumed)
 
     def poll(self):
         step = next(self._steps, None)

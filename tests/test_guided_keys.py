@@ -40,12 +40,15 @@ class Wire:
     """Stands for a recorder: chunks, and keys that are pressed at a second of device time."""
 
     def __init__(self, pieces, keys=(), resumed=()):
-        self._pieces, self._keys, self.resumed = iter([INFO, *pieces]), list(keys), list(resumed)
+        self._pieces, self._keys, self._resumed = iter([INFO, *pieces]), list(keys), list(resumed)
         self.connected, self.why, self.port = True, "", SimpleNamespace(name="/dev/ttyACM0")
         self.decoder = SimpleNamespace(garbage=0, crc_errors=0)
         self.clock = SimpleNamespace(device_seconds_per_second=None, compared_s=0.0)
         self.logs = SimpleNamespace(paths=[SimpleNamespace(name="log0001.csv")])
         self.decided, self.now_s, self.ended = [], 0.0, False
+
+    def catch_up(self):
+        yield from ([event] for event in self._resumed)
 
     def poll(self):
         piece = next(self._pieces, None)

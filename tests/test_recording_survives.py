@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from processes import PATIENCE_S, until
-from recording_wires import make_wire, record, replayed
+from recording_wires import caught_up, make_wire, record, replayed
 from streams import decode, frame_list, samples, sent
 
 from session.common.errors import StorageError
@@ -94,7 +94,7 @@ def test_resumed_after_a_kill(wire, tmp_path):
     (folder / "raw.times").write_text("host_ns,bytes,event\n5,0,open then /dev/x\n9,100,\n12,2")
     (folder / "log0001.csv").write_text("t_us,gx,gy,gz,ax,ay,az,temp\n1,2,3")
     recorder = Recorder(folder, name)
-    assert len(samples(recorder.resumed)[0]) == 499
+    assert len(samples(caught_up(recorder))[0]) == 499
     record(recorder, master, b"".join(frame_list(*second)))
     recorder.close()
     there = [path.read_bytes() for path in sorted(folder.glob("log*.csv"))]
@@ -135,7 +135,7 @@ def test_a_full_disk_keeps_what_was_received_and_says_so(wire, other_wire, tmp_p
     assert said.value.exit_code == 2
     monkeypatch.undo()
     recorder = Recorder(tmp_path / "s", other_wire[1])
-    assert len(samples(recorder.resumed)[0]) == len(kept) // 25
+    assert len(samples(caught_up(recorder))[0]) == len(kept) // 25
     record(recorder, other_wire[0], b"".join(frame_list(*sent(100, 5))))
     recorder.close()
     assert recorder.decoder.samples == len(kept) // 25 + 100

@@ -194,3 +194,20 @@ def test_motion_and_knocks_are_not_doubted_on_a_bad_wire(simulated):
     decoder, events = decode(data)
     assert decoder.implausible == 0
     assert same(events, t_us[~damaged], source.rows[~damaged])
+
+
+def test_a_frame_that_passes_its_check_and_differs_in_low_bits_alone_cannot_be_told():
+    """The limit of what a CRC of 16 bits, number, stamp and the step filter can do; the docs and the messages say so."""
+    t_us, registers = sent(1000)
+    low, high = registers.copy(), registers.copy()
+    low[500, 0] ^= 0x40  # 64 LSB, a fourth of the bar
+    high[500, 0] ^= 0x4000
+    for wrong, entered in ((low, True), (high, False)):
+        messages = frame_list(t_us, wrong)  # with a check that is right
+        messages[400] = flipped(messages[400][:-1], 0.1, rng(8)) + b"\0"  # the wire is bad
+        got_us, got = samples(decode(b"".join(messages))[1])
+        place = np.flatnonzero(got_us == t_us[500])
+        assert len(place) == entered
+        assert not entered or got[place[0], 0] == low[500, 0] != registers[500, 0]
+    assert "fewer than one may pass" in frames.cannot_be_told(600)
+    assert "about 10 may pass" in frames.cannot_be_told(655_360)

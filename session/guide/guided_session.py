@@ -22,7 +22,7 @@ from session.guide.messages import Advice, Change, Kind, Progress, Stage
 from session.guide.own_accelerometer import OwnAccelerometer
 from session.log.config import Config
 from session.recording.decisions import Decision
-from session.recording.logwriter import NEW_LOG
+from session.recording.logwriter import NEW_LOG, SHORT_STARTS, SHORT_US
 from session.recording.recorder import Recorder
 from session.stream.events import Chunk, Event, Info, Trouble
 
@@ -77,7 +77,8 @@ class GuidedRecording:
         self._heard_s = self._shown_s = time.monotonic()
         self._clock_said = False
         self._last_said: tuple | None = None
-        self._live = not recorder.resumed  # what an earlier recording left is not decided again
+        self._new_logs = 0
+        self._live = False  # what an earlier recording left is not decided again
         self._resuming = False  # until the port is open
         self._serial: str | None = None  # of the sensor in this recording
 
@@ -88,8 +89,9 @@ class GuidedRecording:
         """
         self._view.show(self.guide)
         try:
-            self._take(self.recorder.resumed)
-            if self.recorder.resumed and self.guide.stage is not Stage.DONE:
+            if not self._catch_up(interrupted):
+                self._live = True
+            elif self.guide.stage is not Stage.DONE:
                 self._resuming = True
                 self.guide.new_log()
                 self._say(Kind.STAGE, f"resumed: {self.guide.accepted} segments so far")
@@ -103,12 +105,26 @@ class GuidedRecording:
                 self._look_at_port()
                 self._look_at_clock()
                 self._hear_coach()
-                if time.monotonic() - self._shown_s > SHOW_EVERY_S:
-                    self._shown_s = time.monotonic()
-                    self._view.show(self.guide)
+                self._show()
             self._last_word()
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
+            self._view.show(self.guide)
+
+    def _catch_up(self, interrupted: Callable[[], bool]) -> bool:
+        """Take in what an earlier recording left, a slice at a time; whether there was anything."""
+        anything = False
+        for events in self.recorder.catch_up():
+            anything = anything or bool(events)
+            self._take(events)
+            self._show()
+            if interrupted():
+                raise KeyboardInterrupt
+        return anything
+
+    def _show(self) -> None:
+        if time.monotonic() - self._shown_s > SHOW_EVERY_S:
+            self._shown_s = time.monotonic()
             self._view.show(self.guide)
 
     def _begin_behind(self) -> None:
@@ -142,7 +158,7 @@ class GuidedRecording:
                     self._early = []
                     self._begin_behind()
                     self.guide.new_log()
-                    self._say(Kind.WARNING, f"{_NEW_LOG_SAYS[event.kind]}: a new log begins")
+                    self._say_new_log(event.kind)
 
     def _samples(self, chunk: Chunk) -> None:
         if self.config is None:
@@ -219,6 +235,17 @@ class GuidedRecording:
 
     def _say(self, kind: Kind, text: str) -> None:
         self._view.change(Change(kind, text, self.guide.now_s))
+
+    def _say_new_log(self, kind: str) -> None:
+        """A few times; a board that resets again and again would say nothing else."""
+        self._new_logs += 1
+        if self._new_logs <= SHORT_STARTS:
+            self._say(Kind.WARNING, f"{_NEW_LOG_SAYS[kind]}: a new log begins")
+        if self._new_logs == SHORT_STARTS:
+            again = (
+                f"this was the {SHORT_STARTS}th time, and it is said no more; a start that lasts less than {SHORT_US / 1e6:g} s gets no log"
+            )
+            self._say(Kind.WARNING, again)
 
     def _hear_coach(self) -> None:
         """Take the coach's last word, and give it what has come since."""

@@ -49,13 +49,17 @@ class OwnAccelerometer:
 
     @property
     def spread_mg(self) -> tuple[float, float | None]:
-        """Standard deviation of gravity's length over the stills: as measured, and calibrated (None while nothing is known)."""
+        """Standard deviation of gravity's length over the stills: as measured, and calibrated (None while nothing is known); 0 of none."""
+        if not self.stills:
+            return 0.0, None
         before, after = (np.linalg.norm(force, axis=1) / MG for force in (self.force, self.correct(self.force)))
         return float(np.std(before)), None if self.accelerometer is None else float(np.std(after))
 
     @property
     def words(self) -> str:
         """The live figure."""
+        if not self.stills:
+            return "no stills yet"
         before, after = self.spread_mg
         lie = f"{len(self.stills)} stills in {self.attitudes} attitudes"
         if after is None:

@@ -10,22 +10,30 @@ from typing import BinaryIO
 from session.files.reading import open_file
 from session.recording.decisions import Decision, decision_of, name_kept
 from session.recording.logwriter import LogWriter
-from session.recording.rawfile import read_events
+from session.recording.rawfile import Mark, read_events
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Event, Trouble
 
-BLOCK = 1 << 18
+#: bytes decoded in one go; whoever asks for the next piece may stop between two
+BLOCK = 1 << 16
+
+Piece = tuple[int | None, list[Event | Decision]]
 
 
-def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter) -> Iterator[tuple[int | None, list[Event | Decision]]]:
+def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter) -> Iterator[Piece]:
     """Decode a raw file into ``logs``, giving (host_ns or None, events) piece by piece, with what was decided between them.
 
-    The caller finishes decoder and logs.
+    What is added to the file behind this call is not looked at.  The caller finishes decoder and logs.
     """
+    with open_file(raw_path):
+        size = raw_path.stat().st_size
+    return _pieces(raw_path, size, read_events(raw_path), decoder, logs)
+
+
+def _pieces(raw_path: Path, size: int, marks: list[Mark], decoder: StreamDecoder, logs: LogWriter) -> Iterator[Piece]:
     with open_file(raw_path) as raw:
-        marks = read_events(raw_path)
         for number, mark in enumerate(marks):
-            yield from _until(raw, mark.offset, decoder, logs)
+            yield from _until(raw, min(mark.offset, size), decoder, logs)
             if mark.event.partition(" ")[0] == "open":
                 logs.write(events := new_connection(decoder))
                 yield mark.host_ns, [*events]
@@ -35,7 +43,7 @@ def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter) -> Iterator[
                 elif decision.word in ("pause", "keep"):
                     logs.pause()
                 yield mark.host_ns, [replace(decision, log=logs.paths[-1].name if logs.paths else "")]
-        yield from _until(raw, None, decoder, logs)
+        yield from _until(raw, size, decoder, logs)
 
 
 def new_connection(decoder: StreamDecoder) -> list[Event]:
@@ -44,10 +52,8 @@ def new_connection(decoder: StreamDecoder) -> list[Event]:
     return [*events, Trouble("reconnect")] if decoder.samples else events
 
 
-def _until(
-    raw: BinaryIO, offset: int | None, decoder: StreamDecoder, logs: LogWriter
-) -> Iterator[tuple[int | None, list[Event | Decision]]]:
-    while (size := BLOCK if offset is None else min(BLOCK, offset - raw.tell())) > 0 and (data := raw.read(size)):
+def _until(raw: BinaryIO, offset: int, decoder: StreamDecoder, logs: LogWriter) -> Iterator[Piece]:
+    while (size := min(BLOCK, offset - raw.tell())) > 0 and (data := raw.read(size)):
         events = decoder.feed(data)
         logs.write(events)
         yield None, [*events]

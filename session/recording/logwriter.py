@@ -9,19 +9,22 @@ from pathlib import Path
 
 from session.common.errors import FormatError, StorageError
 from session.recording.growing import GrowingFile, put_aside
-from session.stream.events import Chunk, Comment, Event, Info
+from session.stream.events import Chunk, Comment, Event, Info, Trouble
 from session.stream.form import Form
 from session.stream.text import parse_info
 
 NEW_LOG = ("reset", "reconnect")
 NOWHERE = ""
+#: starts in a row that last less than this; behind so many, one that does so again gets no log
+SHORT_US, SHORT_STARTS = 1_000_000, 20
 
 
 class LogWriter:
     """Writes what a stream says; paths: the logs so far, in order.  What it writes depends on the events alone.
 
     Logs that are there already grow (``growing``); put_aside: where those went that somebody had changed; physical: whether
-    the samples are in physical units, None before the first.
+    the samples are in physical units, None before the first.  A board that begins anew again and again would fill the folder with logs
+    of a few samples: not_logged counts the samples of starts that got none (``SHORT_STARTS``), not_logged_starts those.
     """
 
     def __init__(self, folder: Path, stem: str = "log"):
@@ -32,6 +35,11 @@ class LogWriter:
         self._file: GrowingFile | None = None
         self._info: Info | None = None
         self._waiting: list[str] = []  # comments before the first sample
+        self._left_out: Trouble | None = None  # the last of a kind, which may become more
+        self._first_us: int | None = None  # of the samples since the last start
+        self._short = 0  # starts in a row that lasted less than SHORT_US
+        self._doubted: list[Event] = []  # since the last start, where it may be one more
+        self.not_logged = self.not_logged_starts = 0
 
     def begin(self, stem: str) -> None:
         """The next sample begins a new file ``stem*.csv``."""
@@ -58,7 +66,7 @@ class LogWriter:
         """Append; StorageError where that fails."""
         with self._storage():
             for event in events:
-                self._write(event)
+                self._take(event)
 
     def flush(self) -> None:
         """Hand what is buffered to the operating system."""
@@ -66,12 +74,41 @@ class LogWriter:
             with self._storage():
                 self._file.flush()
 
-    def close(self) -> None:
-        """End the present file."""
+    def close(self, whole: bool = True) -> None:
+        """End the present file; whole: no, where what comes behind is only not decoded yet, and the file is to grow."""
         with self._storage():
+            self._left_out = self._left_out if whole else None
             self._end()
 
+    def _take(self, event: Event) -> None:
+        """Write it, or keep it until it is known whether this start lasts."""
+        if isinstance(event, Chunk) and len(event):
+            self._first_us = int(event.t_us[0]) if self._first_us is None else self._first_us
+            lasts = int(event.t_us[-1]) - self._first_us >= SHORT_US
+            self._short = 0 if lasts else self._short
+        elif isinstance(event, Trouble) and event.kind in NEW_LOG:
+            self._short += self._first_us is not None
+        if self._short >= SHORT_STARTS and not (isinstance(event, Trouble) and event.kind in NEW_LOG):
+            self._doubted.append(event)
+            return
+        doubted, self._doubted = self._doubted, []
+        if isinstance(event, Trouble) and event.kind in NEW_LOG:
+            self._first_us = None
+            self._pass_over(doubted)
+        else:
+            for each in doubted:
+                self._write(each)
+        self._write(event)
+
+    def _pass_over(self, events: list[Event]) -> None:
+        samples = sum(len(event) for event in events if isinstance(event, Chunk))
+        self.not_logged += samples
+        self.not_logged_starts += samples > 0
+
     def _end(self) -> None:
+        doubted, self._doubted = self._doubted, []
+        self._pass_over(doubted)
+        self._say_left_out()
         file, self._file, self._info, self._waiting = self._file, None, None, []
         if file:
             if file.aside:
@@ -87,6 +124,16 @@ class LogWriter:
             raise StorageError(f"{self.folder}: {error.strerror or error}; {do}") from None
 
     def _write(self, event: Event) -> None:
+        if isinstance(event, Trouble) and event.kind == "implausible":
+            before = self._left_out
+            if before is not None and before.t_us == event.t_us:
+                event = Trouble("implausible", before.count + event.count, event.t_us)
+            else:
+                self._say_left_out()
+            self._left_out = event
+            return
+        if not isinstance(event, Trouble) or event.kind in NEW_LOG:
+            self._say_left_out()
         if isinstance(event, Chunk):
             if len(event):
                 self._samples(event)
@@ -99,7 +146,10 @@ class LogWriter:
                 self._comment(event.text)
         elif event.kind in NEW_LOG:
             self._end()
-        elif event.kind == "implausible":
+
+    def _say_left_out(self) -> None:
+        event, self._left_out = self._left_out, None
+        if event is not None:
             self._comment(f"left out as implausible: {event.count} (t_us {'?' if event.t_us is None else event.t_us})")
 
     def _samples(self, chunk: Chunk) -> None:
@@ -112,6 +162,8 @@ class LogWriter:
         file.write(row * len(chunk) % tuple(itertools.chain.from_iterable(zip(*columns, strict=True))))
 
     def _comment(self, text: str) -> None:
+        if self.stem == NOWHERE:
+            return
         if self._file is None:
             self._waiting.append(text)
         else:
@@ -132,3 +184,9 @@ class LogWriter:
     def _next(self, stem: str) -> Path:
         number = 1 + sum(path.name.startswith(stem) for path in self.paths)
         return self.folder / f"{stem}{number:04d}.csv"
+
+
+def said_not_logged(samples: int, starts: int) -> str:
+    """Of the starts that got no log."""
+    short = f"{starts} starts that lasted less than {SHORT_US / 1e6:g} s, behind {SHORT_STARTS} in a row"
+    return f"{samples} samples are in no log, of {short}; why does the board reset?"

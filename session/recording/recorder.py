@@ -6,36 +6,38 @@ import contextlib
 import itertools
 import queue
 import time
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
 from session.common.errors import CalibrationError
 from session.recording.clock import ComparisonOfClocks
 from session.recording.decisions import Decision
-from session.recording.decoding import new_connection, stream
+from session.recording.decoding import BLOCK, new_connection, stream
 from session.recording.logwriter import NEW_LOG, LogWriter
 from session.recording.port import Closed, Opened, Port, Received
 from session.recording.rawfile import RAW, RawFile
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk, Event, Trouble
 
+LAST_S = 0.5  #: for what has come and is not decoded yet, when somebody wants to stop
+
 
 class Recorder:
-    """``poll`` until done, then ``close``.
+    """``catch_up``, ``poll`` until done, then ``close``.
 
     connected: whether the port is open now; why: if not, why; raw: the raw file; decoder: its counts.  Where the folder holds a
-    raw file already, ``resumed`` holds the events of what is in it, and the recording goes on behind it.
+    raw file already, the recording goes on behind it, and ``catch_up`` gives the events of what is in it.  undecoded: bytes that
+    are in the raw file, and whose samples are in no log, since somebody wanted to stop while they were being decoded.
     """
 
     def __init__(self, folder: Path, name: str, baudrate: int = 921600, header: str | None = None):
         self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
         self.clock = ComparisonOfClocks()
-        self.resumed: list[Event | Decision] = []
-        if (folder / RAW).exists():
-            for _, events in stream(folder / RAW, self.decoder, self.logs):
-                self.resumed += events
+        self._past = stream(folder / RAW, self.decoder, self.logs) if (folder / RAW).exists() else None
         self.raw = RawFile(folder)
         self._decoded = self.raw.size  # bytes; the reader thread is ahead of it
+        self.undecoded = 0
         self.connected, self.why, self._closed = False, "", False
         try:
             self.port = Port(name, baudrate, self._keep)
@@ -43,13 +45,23 @@ class Recorder:
             self.raw.discard()
             raise
 
+    def catch_up(self) -> Iterator[list[Event | Decision]]:
+        """Events of what the raw file held before, a slice at a time; then ``poll``.  Whoever stops in between loses nothing."""
+        if self._past is not None:
+            for _, events in self._past:
+                yield events
+            self._past = None
+
     def poll(self, timeout_s: float = 0.1) -> list[Event]:
-        """Events of all that has arrived, waiting for the first at most so long.  StorageError when the disk is full."""
-        items = []
+        """Events of what has arrived, a slice of it where there is much, waiting for the first at most so long.  StorageError when the
+        disk is full."""
+        assert self._past is None, "catch_up comes first"
+        items: list = []
+        size = 0
         with contextlib.suppress(queue.Empty):
-            items.append(self.port.items.get(timeout=timeout_s))
-            while True:
-                items.append(self.port.items.get_nowait())
+            while size < BLOCK:
+                items.append(self.port.items.get(timeout=timeout_s) if not items else self.port.items.get_nowait())
+                size += len(items[-1].data) if isinstance(items[-1], Received) else 0
         events = self._take(items)
         self.logs.flush()
         return events
@@ -70,12 +82,17 @@ class Recorder:
             return
         self._closed = True
         self.port.close()
+        deadline = time.monotonic() + LAST_S
         try:
-            self.poll(0)
-            self.logs.write(self.decoder.finish())
+            while self._past is None and not self.port.items.empty() and time.monotonic() < deadline:
+                self.poll(0)
+            if self._past is None and self.port.items.empty():
+                self.logs.write(self.decoder.finish())
+            else:  # half a log is what a whole one begins with: nothing is finished here
+                self.undecoded = self.raw.size - self.decoder.taken
         finally:
             self.raw.close()
-            self.logs.close()
+            self.logs.close(whole=not self.undecoded)
 
     def _keep(self, item: object) -> None:
         """In the reader thread: to disk first."""

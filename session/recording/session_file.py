@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import itertools
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime
@@ -29,6 +32,7 @@ MOST_A_SECOND = 9  #: notes
 SAME_MOMENT_S = 1e-3
 OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", *OWN_UNITS)
 NO_SITE = "# latitude_deg = …  # without it the Earth's rotation stays in the rates\n"
+LONGEST_WORDS = 200  #: of serial and model
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
 
@@ -78,6 +82,7 @@ class SessionFile:
         CalibrationError where the board contradicts the file or the command line; StorageError where it cannot be written.
         """
         if info is not None:
+            info = replace(info, serial=plain(info.serial), sensor=plain(info.sensor))
             said: dict[str, float] = {"gyro_fs_dps": info.gyro_fs_dps, "accel_fs_g": info.accel_fs_g}
             if self._own is not None:
                 self._require_agreement(self._own.sensor, said, "the board")
@@ -91,8 +96,9 @@ class SessionFile:
             if sensor is None:
                 return None
             known = _for_another(self._like) if self._like else Config(sensor, Accelerometer(source="none"), Site(), Protocol())
-            self._own = replace(known, sensor=sensor, unknown=(), notes={}, exclude=())  # notes are of one session alone
-            self._write(self._own)
+            config = replace(known, sensor=sensor, unknown=(), notes={}, exclude=())  # notes are of one session alone
+            self._write(config, bool(physical))
+            self._own = config
         notes, self._notes = self._notes, {}
         add_notes(self.path, notes)
         return self._own
@@ -146,13 +152,42 @@ class SessionFile:
             if value is not None and (abs(value / mine - 1) > NOMINAL_WITHIN if name == "odr_hz" else value != mine):
                 raise CalibrationError(f"{self.path}: sensor.{name} is {mine:g}, {who} says {value:g}; correct the one that is wrong")
 
-    def _write(self, config: Config) -> None:
+    def _write(self, config: Config, physical: bool) -> None:
+        """Whole or not at all, and only what can be read again: it is read before it gets its name."""
+        fresh = self.path.with_name(f".{self.path.name}.new")
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with self.path.open("x", encoding="utf-8") as file:
+            with fresh.open("w", encoding="utf-8") as file:
                 file.write(toml_text(config))
+                file.flush()
+                os.fsync(file.fileno())
+            _require_readable(fresh, physical)
+            if self.path.exists():  # somebody has put one there meanwhile
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+            os.replace(fresh, self.path)
         except OSError as error:
             raise StorageError(f"{self.path}: {error.strerror or error}; give --out another folder") from None
+        except FormatError as error:
+            right = "where the board says it wrong, say it right: --odr, --gyro-fs, --accel-fs, --sensor"
+            raise CalibrationError(f"{self.path}: not written: {str(error).removeprefix(f'{fresh}: ')}; {right}") from None
+        finally:
+            with contextlib.suppress(OSError):
+                fresh.unlink(missing_ok=True)
+
+
+def _require_readable(path: Path, physical: bool) -> None:
+    """FormatError where what a board says of itself is what no command reads, or what no such sensor has."""
+    sensor = read_config(path).sensor
+    if not physical:
+        units = sensor.register_units
+        for name in ("gyro_rps", "accel_mps2"):
+            getattr(units, name)
+
+
+def plain(text: str) -> str:
+    """What a board says of itself in words, fit for a file: one line, printable, not endless."""
+    text = text.encode("utf-8", errors="replace").decode("utf-8")
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())[:LONGEST_WORDS]
 
 
 def nominal_hz(odr_hz: float, model: str = DEFAULT) -> float:

@@ -11,10 +11,11 @@ from session.common.texts import shell_word
 from session.files.reading import MB, MOST_TOML, open_file, read_bytes
 from session.files.writing import naming
 from session.recording.decoding import BLOCK, stream
-from session.recording.logwriter import LogWriter
+from session.recording.logwriter import LogWriter, said_not_logged
 from session.recording.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.replay.convert import Converted
 from session.stream.decoder import StreamDecoder
+from session.stream.frames import cannot_be_told
 
 SUFFIX = ".bin"
 #: bytes without a sample: three hours of a port that listens at a wrong speed
@@ -79,6 +80,10 @@ def convert_raw(
         "resets": decoder.resets,
     }
     notes += [f"{count} {what}" for what, count in counts.items() if count]
+    if decoder.crc_errors:
+        notes.append(f"of {decoder.crc_errors} damaged frames {cannot_be_told(decoder.crc_errors)}")
+    if logs.not_logged:
+        notes.append(said_not_logged(logs.not_logged, logs.not_logged_starts))
     notes += [ASSUMED] * assumed
     next_steps = (f"calibrate.py check {shell_word(out)}", f"calibrate.py fit {shell_word(out)}")
     return Converted(out, logs.paths[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)

@@ -26,7 +26,16 @@ class Collector:
             self._counts[event.kind] = event if before is None else Trouble(event.kind, before.count + event.count, before.t_us)
         else:
             self._close()
-            self._done.append(event)
+            last = self._done[-1] if self._done else None
+            if (
+                isinstance(event, Trouble)
+                and isinstance(last, Trouble)
+                and last.kind == event.kind == "implausible"
+                and last.t_us == event.t_us
+            ):
+                self._done[-1] = Trouble(event.kind, last.count + event.count, event.t_us)
+            else:
+                self._done.append(event)
 
     def events(self) -> list[Event]:
         """All so far."""

@@ -11,18 +11,21 @@ from __future__ import annotations
 import numpy as np
 
 from session.stream import frames
+from session.stream.blocks import frame_ending_at, take_apart
 from session.stream.collector import Collector
-from session.stream.continuity import Accepted, Continuity, Readings
+from session.stream.continuity import Continuity
 from session.stream.events import Chunk, Comment, Event, Info, Trouble
 from session.stream.form import REGISTERS, Form
 from session.stream.lines import Garbage, LineReader, Rows
+from session.stream.readings import Accepted, Readings
+from session.stream.remarks import Changes, Remarks
 from session.stream.steps import StepFilter
-from session.stream.text import LONGEST_LINE, parse_comment
+from session.stream.text import LONGEST_LINE, Looks, parse_comment
 
 #: neither a frame nor a line is longer
 LONGEST = LONGEST_LINE
-#: bytes looked at in one go: each change of mode looks at the rest again
-PIECE = 65_536
+#: bytes looked at in one go: few behind a change of mode, since another may follow, then twice as many each time
+NARROW, WIDE = 1024, 65_536
 
 
 class StreamDecoder:
@@ -30,21 +33,27 @@ class StreamDecoder:
 
     Counts so far: samples, lost (samples missing), crc_errors (frames), garbage (bytes), implausible (samples left out), resets.
     told: the header of a text stream that does not send it.  info: the last ``Info``, or None.
-    mode: "text" or "frames", or None while it is not known.
+    mode: "text" or "frames", or None while it is not known.  taken: bytes so far; examined: each as often as it
+    was looked at.
     """
 
     def __init__(self, told: str | None = None) -> None:
         self._told = told
         self.samples = self.lost = self.crc_errors = self.garbage = self.implausible = self.resets = 0
+        self.taken = self.examined = 0
         self.info: Info | None = None
         self._period_us: float | None = None
         self._begin()
 
     def _begin(self) -> None:
         self.mode: str | None = None
-        self._buffer = b""
-        self._torn = False  # the buffer begins within a line
-        self._text_lines = LineReader(self._told)
+        self._buffer, self._window = b"", NARROW
+        self._place = 0  # bytes of this connection before what is kept
+        self._torn = False  # whether, without a mode, what is kept begins within a line
+        self._behind_zero = False  # whether, in text, a zero byte is right before what is kept
+        self._passing_over = False  # whether, in frames, what comes up to the next zero byte is none
+        self._remarks, self._changes = Remarks(), Changes()
+        self._text_lines = LineReader(self._told, self._remarks)
         self._form = self._text_lines.form  # of the lines that are taken now
         self._continuity, self._steps = Continuity(), StepFilter(self._form)
         self._damaged = False  # something unreadable came since the last reading
@@ -60,125 +69,119 @@ class StreamDecoder:
     def feed(self, data: bytes) -> list[Event]:
         """Events of these bytes and of what was kept from before; never raises, whatever the bytes."""
         out = Collector()
-        for start in range(0, len(data), PIECE):
-            self._buffer += data[start : start + PIECE]
-            going = True
-            while going:
-                going = {"frames": self._frames, "text": self._text, None: self._search}[self.mode](out)
+        self.taken += len(data)
+        data, at = self._buffer + data, 0
+        while True:
+            block = data[at : at + self._window]
+            self.examined += len(block)
+            used, other_mode = {"frames": self._frames, "text": self._text, None: self._search}[self.mode](block, out)
+            at += used
+            self._place += used
+            if other_mode:
+                self._window = NARROW
+            elif at - used + len(block) == len(data):
+                break
+            else:
+                self._window = min(WIDE, 2 * self._window)
+        self._buffer = data[at:]
         return out.events()
 
     def finish(self) -> list[Event]:
         """The stream ends here, or the port was closed: what is incomplete is dropped, what follows begins anew."""
         out = Collector()
         self._period_us = self._continuity.period_us or self._period_us
-        self._garbage(len(self._buffer), out)
+        whole = self._buffer.rfind(b"\n") + 1 if self.mode == "text" else 0
+        if whole:  # short lines that might have been the beginning of a frame
+            self._lines(self._buffer[:whole].replace(b"\0", b"\n"), None, out)
+        self._garbage(len(self._buffer) - whole, out)
         self._pass_on(self._continuity.finish(), out)
         self._add(self._steps.finish(), out)
         self._begin()
         return out.events()
 
-    # Each of the three takes what it can from the buffer and returns True if another mode is to go on.
+    # Each of the three takes what it can from the beginning of a block, and returns how much, and whether another mode is to go on.
 
-    def _search(self, out: Collector) -> bool:
+    def _search(self, block: bytes, out: Collector) -> tuple[int, bool]:
         """No mode yet: look at every delimiter for a frame or a line that ends there."""
-        data = self._buffer
-        codes = np.frombuffer(data, np.uint8)
+        codes = np.frombuffer(block, np.uint8)
         places = np.flatnonzero((codes == 0) | (codes == 10))
         is_zero = codes[places] == 0
         # Where a frame and where a line that ends here would begin: behind the last zero, and behind the last delimiter of either kind.
         zeros = np.concatenate([[0], np.maximum.accumulate(np.where(is_zero, places + 1, 0))])
         lines = np.concatenate([[0], places + 1])
-        lengths = places - np.where(is_zero, zeros[:-1], lines[:-1])
-        worth_a_look = np.where(is_zero, lengths >= frames.INFO_BYTES, (lengths > 0) & (lengths <= LONGEST))
-        if self._torn and len(places) and not is_zero[0]:
-            worth_a_look[0] = False
-        for k in np.flatnonzero(worth_a_look).tolist():
-            place = int(places[k])
-            if is_zero[k]:
-                begin = place - (frames.INFO_BYTES if lengths[k] == frames.INFO_BYTES else frames.SAMPLE_BYTES)
-                if begin >= zeros[k] and frames.decode_blocks(codes[None, begin:place])[1][0]:
-                    return self._found("frames", begin, out)
-            elif self._text_lines.is_line(data[lines[k] : place].rstrip(b"\r")):
+        frame, begin = frame_ending_at(codes, places, is_zero, places - zeros[:-1])
+        worth = Looks(codes, lines[:-1], places).worth & ~is_zero & (places - lines[:-1] <= LONGEST)
+        if self._torn:
+            worth[:1] = False
+        for k in np.flatnonzero(worth[:frame]).tolist():
+            if self._text_lines.is_line(block[lines[k] : places[k]].rstrip(b"\r")):
                 return self._found("text", int(lines[k]), out)
-        keep = max(int(min(zeros[-1], lines[-1])), len(data) - LONGEST - 1)
+        if frame is not None:
+            return self._found("frames", begin, out)
+        keep = max(int(min(zeros[-1], lines[-1])), len(block) - LONGEST - 1)
         self._garbage(keep, out)
         if keep:
-            self._torn = data[keep - 1] not in b"\0\n"
-        self._buffer = data[keep:]
-        return False
+            self._torn = block[keep - 1] not in b"\0\n"
+        return keep, False
 
-    def _found(self, mode: str, begin: int, out: Collector) -> bool:
+    def _found(self, mode: str, begin: int, out: Collector) -> tuple[int, bool]:
         self._garbage(begin, out)
-        self._buffer, self.mode, self._torn = self._buffer[begin:], mode, False
-        return True
+        self.mode, self._behind_zero, self._torn = mode, False, False
+        return begin, True
 
-    def _frames(self, out: Collector) -> bool:
-        data = self._buffer
-        codes = np.frombuffer(data, np.uint8)
+    def _frames(self, block: bytes, out: Collector) -> tuple[int, bool]:
+        codes = np.frombuffer(block, np.uint8)
         ends = np.flatnonzero(codes == 0)
         starts = np.concatenate([[0], ends + 1])
-        lengths = np.diff(np.concatenate([ends, [len(data)]]), prepend=-1) - 1  # the last is not complete
-        too_long = np.flatnonzero(lengths > LONGEST)
-        count = int(too_long[0]) if len(too_long) else len(ends)
-        self._buffer = data[starts[count] :]
+        lengths = np.diff(np.concatenate([ends, [len(block)]]), prepend=-1) - 1  # the last is not complete
+        if self._passing_over:
+            used = int(starts[1]) if len(ends) else len(block)
+            self._garbage(used - len(ends[:1]), out)
+            self._passing_over = not len(ends)
+            return used, bool(len(ends))
+        too_long = lengths > LONGEST
+        change = np.flatnonzero(too_long & (starts + self._place >= self._changes.earliest))
+        count = int(change[0]) if len(change) else len(ends)
         if count:
-            self._blocks(codes, data, starts[:count], ends[:count], lengths[:count], out)
-        if len(too_long):
+            self._blocks(codes, block, starts[:count], ends[:count], lengths[:count], out)
+        if len(change):
             self.mode = None
-        return bool(len(too_long))
+            self._changes.change(self._place + int(starts[count]))
+        elif too_long[-1]:
+            self._garbage(int(lengths[-1]), out)
+            self._passing_over = True
+            return len(block), False
+        return int(starts[count]), bool(len(change))
 
     def _blocks(self, codes: np.ndarray, data: bytes, starts: np.ndarray, ends: np.ndarray, lengths: np.ndarray, out: Collector) -> None:
-        """What stands between zero bytes, many at a time.  A whole frame at the end of something longer counts: what was torn off or
-        said before it took only its delimiter along."""
-        sample, info, bad = frames.SAMPLE_BYTES, frames.INFO_BYTES, lengths > 0
-        readings = None
-        if len(candidates := np.flatnonzero(lengths >= sample)):
-            bodies, good = frames.decode_blocks(codes[ends[candidates, None] + np.arange(-sample, 0)])
-            good_rows = candidates[good]
-            bad[good_rows] = False
-            table = np.ascontiguousarray(bodies[good]).view(frames.SAMPLE)[:, 0]
-            ours = table["type"] == frames.SAMPLE_TYPE
-            readings, good_rows = table[ours], good_rows[ours]
-        infos = {}
-        for row in np.flatnonzero(lengths == info).tolist():
-            body, good = frames.decode_blocks(codes[None, starts[row] : ends[row]])
-            if good[0]:
-                bad[row] = False
-                infos[row] = body[0]
-        wrong = bad & ((lengths == sample) | (lengths == info))
-        if crc_errors := int(np.count_nonzero(wrong)):
-            self.crc_errors += crc_errors
-            out.add(Trouble("crc", crc_errors, self._last_us))
-        left_over = np.where(bad & ~wrong, lengths, 0)
-        rows = np.zeros(0, np.int64) if readings is None else good_rows
-        left_over[rows] = lengths[rows] - sample
-        spoilt = np.cumsum(bad | (left_over > 0))
-        spoilt_rows = spoilt[rows]
-        damaged = np.diff(spoilt_rows, prepend=0) > 0
-        if len(damaged):
-            damaged[0] |= self._damaged
-        remarks = [row for row in np.flatnonzero(left_over) if b"#" in data[starts[row] : ends[row]]] if left_over.any() else []
+        blocks = take_apart(codes, ends, lengths)
+        if blocks.crc_errors:
+            self.crc_errors += blocks.crc_errors
+            out.add(Trouble("crc", blocks.crc_errors, self._last_us))
+        left_over, rows = blocks.left_over, blocks.rows
+        remarks = [row for row in np.flatnonzero(left_over).tolist() if b"#" in data[starts[row] : ends[row]]] if left_over.any() else []
         self._garbage(int(left_over.sum()), out, damages=False)
-        begin = 0
-        for row in sorted({*infos, *map(int, remarks)}):
-            stop = int(np.searchsorted(rows, row))
-            self._numbered(readings, damaged, begin, stop, out)
+        damaged_before = self._damaged
+        if len(rows):
+            blocks.damaged[0] |= damaged_before
+        begin = earned = 0
+        said = sorted({*blocks.infos, *remarks})
+        for row, stop in zip(said, np.searchsorted(rows, said).tolist(), strict=True):
+            self._remarks.earn(stop - earned)
+            earned = stop
+            if row in blocks.infos and not self._remarks.spend():
+                continue
+            if stop > begin:
+                self._take(blocks.part(begin, stop), out)
             begin = stop
-            if row in infos:
-                self._info_frame(infos[row], out)
+            if row in blocks.infos:
+                self._info_frame(blocks.infos[row], out)
             else:
                 self._remark(data[starts[row] : ends[row]], out)
-        self._numbered(readings, damaged, begin, len(rows), out)
-        after_last = int(spoilt[-1]) - (int(spoilt_rows[-1]) if len(rows) else 0)
-        self._damaged = after_last > 0 or (self._damaged and not len(rows))
-
-    def _numbered(self, table: np.ndarray | None, damaged: np.ndarray, begin: int, stop: int, out: Collector) -> None:
-        if table is not None and stop > begin:
-            part = table[begin:stop]
-            readings = Readings(
-                part["sequence"].astype(np.int64), part["t_us"].astype(np.int64), part["registers"].astype(np.int16), damaged[begin:stop]
-            )
-            self._take(readings, out)
+        self._remarks.earn(len(rows) - earned)
+        if len(rows) > begin:
+            self._take(blocks.part(begin, len(rows)), out)
+        self._damaged = blocks.behind or (damaged_before and not len(rows))
 
     def _info_frame(self, body: np.ndarray, out: Collector) -> None:
         info = frames.decode_info(body.tobytes())
@@ -190,35 +193,53 @@ class StreamDecoder:
     def _remark(self, block: bytes, out: Collector) -> None:
         """A board that starts up may say something in text before its first frame."""
         for line in block.split(b"\n")[:-1]:
-            comment = parse_comment(line.rstrip(b"\r"))
-            if comment:
+            if line.startswith(b"#") and self._remarks.spend() and (comment := parse_comment(line.rstrip(b"\r"))):
                 out.add(Comment(comment))
 
-    def _text(self, out: Collector) -> bool:
-        data = self._buffer
-        zero = data.find(b"\0")
-        whole = data.rfind(b"\n", 0, len(data) if zero < 0 else zero) + 1
-        lost = zero >= 0 or len(data) - whole > LONGEST
-        block = data[:whole]
-        if whole > LONGEST:
-            ends = np.flatnonzero(np.frombuffer(block, np.uint8) == 10)
-            too_long = np.flatnonzero(np.diff(ends, prepend=-1) > LONGEST + 1)
-            if len(too_long):
-                whole = int(ends[too_long[0] - 1]) + 1 if too_long[0] else 0
-                block, lost = data[:whole], True
-        self._buffer = data[whole:]
-        if block:
-            self._lines(block.replace(b"\r\n", b"\n"), out)
-        if lost:
-            self.mode = None
-        return lost
+    def _text(self, block: bytes, out: Collector) -> tuple[int, bool]:
+        """Lines.  A zero byte ends what is before it, as a line's end does: behind a line's end it says nothing (firmware that sends
+        ``sizeof`` a string), behind anything else that was no line; or it was a frame, and frames go on."""
+        whole = block.rfind(b"\n") + 1
+        if not self._behind_zero and b"\0" not in block:
+            ends = np.flatnonzero(np.frombuffer(block, np.uint8) == 10) if whole > LONGEST else np.zeros(0, np.int64)
+            if len(block) - whole <= LONGEST and not (np.diff(ends, prepend=-1) > LONGEST + 1).any():
+                if whole:
+                    self._lines(block[:whole], None, out)
+                return whole, False
+        codes = np.frombuffer(block, np.uint8)
+        ends = np.flatnonzero((codes == 10) | (codes == 0))
+        starts = np.concatenate([[0], ends + 1])
+        is_zero, lengths = codes[ends] == 0, ends - starts[:-1]
+        first = 0 if self._behind_zero else -2 * LONGEST
+        zeros = np.concatenate([[first], np.maximum.accumulate(np.where(is_zero, starts[1:], first))])  # right behind the last zero byte
+        exact = np.isin(ends - zeros[:-1], (frames.INFO_BYTES, frames.SAMPLE_BYTES))  # a frame may hold a line's end
+        allowed = is_zero & (ends + self._place >= self._changes.earliest)
+        frame, begin = frame_ending_at(codes, ends, allowed, np.where(exact, ends - zeros[:-1], lengths))
+        used, count = begin, int(np.searchsorted(ends, begin))
+        if frame is None:
+            # What is behind a zero byte and no longer than a frame may be one.
+            last_zero = int(zeros[-1])
+            used = last_zero if len(block) - last_zero <= frames.SAMPLE_BYTES else int(starts[-1])
+            count = int(np.searchsorted(ends, used))
+        if count:
+            torn = (is_zero & (lengths > 0)) | (lengths > LONGEST)
+            self._lines(block[: starts[count]].replace(b"\0", b"\n"), torn[:count], out)
+        if frame is None and (dropped := len(block) - LONGEST - 1) > used:
+            self._garbage(dropped - used, out)
+            used = dropped
+        elif frame is not None:
+            self._garbage(begin - int(starts[count]), out)
+            self.mode = "frames"
+            self._changes.change(self._place + int(ends[frame]))
+        self._behind_zero = frame is None and (used == int(zeros[-1]))
+        return used, frame is not None
 
-    def _lines(self, block: bytes, out: Collector) -> None:
-        for item in self._text_lines.take(block):
+    def _lines(self, block: bytes, torn: np.ndarray | None, out: Collector) -> None:
+        for item in self._text_lines.take(block.replace(b"\r\n", b"\n"), torn):
             if isinstance(item, Rows):
                 self._stamped(item, out)
             elif isinstance(item, Garbage):
-                self._garbage(item.count, out)
+                self._garbage(item.count, out, damages=item.behind)
             elif isinstance(item, Form):
                 self._another_form(item, out)
             else:
@@ -227,8 +248,9 @@ class StreamDecoder:
                 out.add(item)
 
     def _stamped(self, rows: Rows, out: Collector) -> None:
-        damaged = np.zeros(len(rows.t_us), bool)
-        damaged[0], self._damaged = self._damaged, False
+        damaged = rows.damaged.copy()
+        damaged[0] |= self._damaged
+        self._damaged = False
         self._take(Readings(None, rows.t_us, rows.values, damaged), out)
 
     def _another_form(self, form: Form, out: Collector) -> None:

@@ -22,6 +22,13 @@ SAMPLE_BYTES, INFO_BYTES = SAMPLE.itemsize + 3, INFO.size + 3
 CRC_START = 0xFFFF
 
 
+def cannot_be_told(crc_errors: int) -> str:
+    """Of frames of which so many failed their check: what may have passed it, in words."""
+    by_chance = crc_errors / 2**16
+    many = f"about {by_chance:.0f}" if by_chance >= 1 else "fewer than one"
+    return f"{many} may pass the check by chance: most stand out and are left out, but one that differs in low bits alone cannot be told"
+
+
 def encode_samples(sequence: np.ndarray, t_us: np.ndarray, registers: np.ndarray) -> np.ndarray:
     """Sample frames with their delimiter: (n, 25) uint8.  sequence and t_us (n,) wrap; registers (n, 7) int16."""
     table = np.zeros(len(t_us), dtype=SAMPLE)

@@ -1,4 +1,7 @@
-"""Whole lines of text into rows of numbers, comments, and what is neither."""
+"""Lines of a text stream: numbers, comments, headers; what is none is counted.
+
+What a line can be is seen at once for all lines of a block; only those are looked at one by one that may say something.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,8 @@ import numpy as np
 
 from session.stream.events import Comment, Info
 from session.stream.form import REGISTERS, Form, parse_header
-from session.stream.text import parse_comment, parse_decimals, parse_info, parse_line, parse_lines
+from session.stream.remarks import Changes, Remarks
+from session.stream.text import Looks, parse_comment, parse_decimals, parse_info, parse_line, parse_lines
 
 #: lines of another width that must come one after the other before they are believed
 WIDTH_CHANGE = 3
@@ -16,17 +20,20 @@ WIDTH_CHANGE = 3
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Consecutive lines of numbers: t_us (n,) int64 as sent; values (n, 7) int16 registers, or (n, 6 or 7) float64."""
+    """Consecutive lines of numbers: t_us (n,) int64 as sent; values (n, 7) int16 registers, or (n, 6 or 7) float64; damaged (n,) bool,
+    whether something unreadable came just before."""
 
     t_us: np.ndarray
     values: np.ndarray
+    damaged: np.ndarray
 
 
 @dataclass(frozen=True)
 class Garbage:
-    """Bytes of a line that is none."""
+    """Bytes of lines that are none; behind: whether the last of them came behind all rows so far."""
 
     count: int
+    behind: bool
 
 
 Item = Rows | Comment | Info | Garbage | Form
@@ -35,86 +42,208 @@ Item = Rows | Comment | Info | Garbage | Form
 class LineReader:
     """form: what the columns are, registers until a header says otherwise; ``take`` blocks that end with a line's end.
 
-    told: the header of a stream that does not send it.
+    told: the header of a stream that does not send it; remarks: what the lines may say beside numbers.
     """
 
-    def __init__(self, told: str | None = None):
+    def __init__(self, told: str | None = None, remarks: Remarks | None = None):
         header = None if told is None else parse_header(told.encode())
-        self.form, self._width, self._order = REGISTERS, 0, tuple(range(len(REGISTERS.names)))
+        self.form, self.width, self._order = REGISTERS, 0, tuple(range(len(REGISTERS.names)))
         if header is not None:
-            self._width, self._order, self.form = header
+            self.width, self._order, self.form = header
         self._other_width, self._other_count = 0, 0
+        self.remarks, self._changes = remarks or Remarks(), Changes()
+        self.place, self.deaf = 0, False  # bytes of lines so far; whether what the numbers mean is not known
 
     def is_line(self, line: bytes) -> bool:
         """Whether a line shows that this is text."""
-        return bool(parse_comment(line) is not None or parse_header(line) or self._parse(line))
+        return bool(parse_comment(line) is not None or self.parse(line) or parse_header(line))
 
-    def take(self, block: bytes) -> list[Item]:
-        """What the lines say, in order; a ``Form`` where a header changes what the columns are."""
+    def take(self, block: bytes, torn: np.ndarray | None = None) -> list[Item]:
+        """What the lines say, in order; a ``Form`` where a header changes what the columns are.  torn (lines,) bool: which are none."""
         good = None
-        if self._width and not self.form.physical:
-            good, values = parse_lines(block, self._width, self._order)
+        values = np.zeros((0, 1 + len(self.form.names)), np.int64)
+        if self.width and not self.form.physical and not self.deaf:
+            good, values = parse_lines(block, self.width, self._order)
+            if torn is not None:
+                values, good = values[~torn[good]], good & ~torn
             if good.all():
+                self.remarks.earn(len(values))
+                self.place += len(block)
                 self._other_count = 0
-                return [_registers(values)]
-        items: list[Item] = []
-        rows: list[list] = []
-        done = 0
-        for number, line in enumerate(block.split(b"\n")[:-1]):
-            if good is not None and good[number]:
-                rows.append(values[done].tolist())
-                done += 1
-                self._other_count = 0
-                continue
-            found, width = self._parse(line), self._width
-            if found and self._has_width(found[0]):
-                rows.append(found[1])
-                continue
-            if self._width != width:  # what was looked at all at once was so with the width before
-                good = None
-            self._close(rows, items)
-            if not line.strip():
-                continue
-            comment, header = parse_comment(line), parse_header(line)
-            if comment is not None:
-                items.append(Comment(comment))
-                if info := parse_info(comment):
-                    items.append(info)
-            elif header:
-                self._width, self._order, form = header
-                if form != self.form:
-                    self.form = form
-                    items.append(form)
-                # What follows is looked at line by line in this block, and all at once from the next on.
-                good = None
-            else:
-                items.append(Garbage(len(line) + 1))
-        self._close(rows, items)
+                return [Rows(*_registers(values), np.zeros(len(values), bool))]
+        codes = np.frombuffer(block, np.uint8)
+        ends = np.flatnonzero(codes == 10)
+        starts = np.concatenate([[0], ends[:-1] + 1])
+        looks = Looks(codes, starts, ends)
+        worth = looks.worth if torn is None else looks.worth & ~torn
+        none = ~worth & (~looks.blank if torn is None else ~looks.blank | (torn & (ends > starts)))
+        good = np.zeros(len(ends), bool) if good is None else good
+        items = _Block(self, block, (starts, ends), good, values, worth & ~good, none & ~good).items()
+        self.place += len(block)
         return items
 
-    def _parse(self, line: bytes) -> tuple[int, list] | None:
+    def parse(self, line: bytes) -> tuple[int, list] | None:
+        """How many columns a line of numbers has, and the log's; None where it is none."""
         return parse_decimals(line, self._order, self.form) if self.form.physical else parse_line(line, self._order)
 
-    def _close(self, rows: list[list], items: list[Item]) -> None:
-        if rows:
-            items.append(_physical(rows) if self.form.physical else _registers(np.array(rows, np.int64)))
-            rows.clear()
+    def obey(self, header: tuple[int, tuple[int, ...], Form], place: int) -> Form | None:
+        """What comes from here on is as the header says; the form, where it is another one.  Headers that change it again and again
+        are not obeyed, and no line counts (``deaf``) until one is."""
+        form = header[2] if self.changes_form(header, place) else None
+        self.deaf = form is None and header[2] != self.form
+        if form is not None:
+            self._changes.change(place)
+        if not self.deaf:
+            self.width, self._order, self.form = header
+        return form
 
-    def _has_width(self, width: int) -> bool:
+    def changes_form(self, header: tuple[int, tuple[int, ...], Form], place: int) -> bool:
+        """Whether it says another form, and may."""
+        return header[2] != self.form and place >= self._changes.earliest
+
+    def is_news(self, header: tuple[int, tuple[int, ...], Form]) -> bool:
+        """Whether it says anything that is not known."""
+        return self.deaf or header != (self.width, self._order, self.form)
+
+    def no_other_width(self) -> None:
+        """A line of the usual width has come."""
+        self._other_count = 0
+
+    def has_width(self, width: int) -> bool:
         """Whether a line is as wide as the others: one of two halves may look whole, but hardly thrice running."""
-        if width == self._width or not self._width:
-            self._width, self._other_count = width, 0
+        if width == self.width or not self.width:
+            self.width, self._other_count = width, 0
             return True
         self._other_count = self._other_count + 1 if width == self._other_width else 1
         self._other_width = width
         if self._other_count >= WIDTH_CHANGE and not self.form.physical:
-            self._width, self._order = width, tuple(range(len(REGISTERS.names)))
+            self.width, self._order = width, tuple(range(len(REGISTERS.names)))
         return False
 
 
-def _registers(values: np.ndarray) -> Rows:
-    return Rows(values[:, 0], values[:, 1:].astype(np.int16))
+class _Block:
+    """The lines of one block, taken apart: good ones were read at once, those worth a look are looked at here, the others are none."""
+
+    def __init__(
+        self,
+        reader: LineReader,
+        block: bytes,
+        lines: tuple[np.ndarray, np.ndarray],
+        good: np.ndarray,
+        values: np.ndarray,
+        worth: np.ndarray,
+        none: np.ndarray,
+    ):
+        """lines: where they begin and end; good, worth, none: which are which; values of the good ones."""
+        starts, ends = lines
+        self._reader, self._block, self._starts, self._ends = reader, block, starts, ends
+        self._good_lines, self._values, self._worth, self._none = np.flatnonzero(good), values, worth, none
+        self._passed = self._earned = self._last_good = 0  # good lines that are among the rows, that were counted, that were seen
+        self._parts: list[tuple[np.ndarray, np.ndarray]] = []  # times and values of the rows in the making, and the numbers of their lines
+        self._lines: list[np.ndarray] = []
+        self._fresh: list[list] = []  # rows that were read here, behind those
+        self._fresh_lines: list[int] = []
+        self._begun = 0  # the first line that no item speaks of
+        self._items: list[Item] = []
+
+    def items(self) -> list[Item]:
+        """All that they say."""
+        todo, place = self._todo(0), 0
+        while place < len(todo):
+            number, start, stop, good_before = todo[place]
+            place += 1
+            line = self._block[start:stop]
+            self._earn(good_before)
+            if line.startswith(b"#"):
+                comment = parse_comment(line) if self._reader.remarks.spend() else None
+                if comment is not None:
+                    self._close(number, good_before)
+                    self._items.append(Comment(comment))
+                    if info := parse_info(comment):
+                        self._items.append(info)
+                    continue
+            elif not self._reader.deaf and (found := self._reader.parse(line)):
+                if good_before > self._last_good:
+                    self._reader.no_other_width()
+                    self._last_good = good_before
+                width = self._reader.width
+                if self._reader.has_width(found[0]):
+                    self._good_up_to(good_before)
+                    self._fresh.append(found[1])
+                    self._fresh_lines.append(number)
+                    self._reader.remarks.earn(1)
+                    continue
+                if self._reader.width != width:
+                    todo, place = self._look_again(number, good_before) or (todo, place)
+            elif header := parse_header(line):
+                if self._reader.is_news(header):
+                    if self._reader.changes_form(header, self._reader.place + start):
+                        self._close(number, good_before)
+                    if (form := self._reader.obey(header, self._reader.place + start)) is not None:
+                        self._items.append(form)
+                    todo, place = self._look_again(number, good_before) or (todo, place)
+                continue
+            self._none[number] = True
+        self._earn(len(self._good_lines))
+        if len(self._good_lines) > self._last_good:
+            self._reader.no_other_width()
+        self._close(len(self._ends), len(self._good_lines))
+        return self._items
+
+    def _look_again(self, number: int, good_before: int) -> tuple[list[tuple[int, int, int, int]], int] | None:
+        """The columns are others behind this line: what was read at once there is looked at line by line, in this block.  What is to do
+        then, and the place in it; None where nothing changes."""
+        if len(self._good_lines) == good_before:
+            return None
+        self._worth[self._good_lines[good_before:]] = True
+        self._good_lines = self._good_lines[:good_before]
+        return self._todo(number + 1), 0
+
+    def _todo(self, first: int) -> list[tuple[int, int, int, int]]:
+        """Lines from the first on that are looked at: number, where it begins and ends, good lines before it."""
+        numbers = np.flatnonzero(self._worth[first:]) + first
+        before = np.searchsorted(self._good_lines, numbers)
+        return list(zip(*(each.tolist() for each in (numbers, self._starts[numbers], self._ends[numbers], before)), strict=True))
+
+    def _earn(self, good_before: int) -> None:
+        self._reader.remarks.earn(good_before - self._earned)
+        self._earned = good_before
+
+    def _good_up_to(self, stop: int) -> None:
+        """So many good lines are rows by now."""
+        if stop > self._passed:
+            self._settle()
+            self._parts.append(_registers(self._values[self._passed : stop]))
+            self._lines.append(self._good_lines[self._passed : stop])
+            self._passed = stop
+
+    def _settle(self) -> None:
+        if self._fresh:
+            physical = self._reader.form.physical
+            self._parts.append(_physical(self._fresh) if physical else _registers(np.array(self._fresh, np.int64)))
+            self._lines.append(np.array(self._fresh_lines))
+            self._fresh, self._fresh_lines = [], []
+
+    def _close(self, number: int, good_before: int) -> None:
+        """The rows and what is none among the lines before this one."""
+        self._good_up_to(good_before)
+        self._settle()
+        none = self._none[self._begun : number]
+        bad = np.flatnonzero(none) + self._begun
+        lines = np.concatenate(self._lines) if self._lines else np.zeros(0, np.int64)
+        if self._parts:
+            before = np.searchsorted(bad, lines)
+            t_us, values = (np.concatenate(each) for each in zip(*self._parts, strict=True))
+            self._items.append(Rows(t_us, values, np.diff(before, prepend=0) > 0))
+        if len(bad):
+            count = int((self._ends[bad] - self._starts[bad] + 1).sum())
+            self._items.append(Garbage(count, not len(lines) or bool(bad[-1] > lines[-1])))
+        self._parts, self._lines, self._begun = [], [], number
 
 
-def _physical(rows: list[list]) -> Rows:
-    return Rows(np.array([row[0] for row in rows], np.int64), np.array([row[1:] for row in rows], float))
+def _registers(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return values[:, 0], values[:, 1:].astype(np.int16)
+
+
+def _physical(rows: list[list]) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([row[0] for row in rows], np.int64), np.array([row[1:] for row in rows], float)

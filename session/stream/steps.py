@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.stream.continuity import Accepted
 from session.stream.events import Chunk, Trouble
 from session.stream.form import REGISTERS, Form
+from session.stream.readings import Accepted
 
 #: samples for which a wire is doubted after something unreadable
 DOUBT = 1000
@@ -43,9 +43,12 @@ class StepFilter:
             held, self._held = self._held, None
             self._judge(held, values[0], int(accepted.periods[0]), out)
             jumps[0] = doubted[0] and self._jumps(values[0], int(accepted.periods[0]))
-        start = 0  # of what is not yet passed on
+        start = place = 0  # of what is not yet passed on, and of the next that jumps
+        places = [*np.flatnonzero(jumps).tolist(), count]
         while start < count:
-            k = start + int(np.argmax(jumps[start:])) if jumps[start:].any() else count
+            while places[place] < start or (places[place] == start and not jumps[start]):
+                place += 1
+            k = start if jumps[start] else places[place]
             if k > start:
                 self._pass_on(accepted, values, start, k, out)
             if k == count:

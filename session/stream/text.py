@@ -30,6 +30,30 @@ _CLASS = np.zeros(256, np.uint8)
 _CLASS[list(b"123456789")] = _DIGIT
 _CLASS[ord("0")], _CLASS[ord("-")], _CLASS[ord(",")], _CLASS[ord("\n")] = _ZERO, _MINUS, _COMMA, _END
 
+_BLANK = np.zeros(256, bool)
+_BLANK[list(b" \t\n\r\x0b\x0c")] = True
+
+#: columns of a line of numbers, at the least, and the digits in them
+_FEWEST = 7
+
+
+class Looks:
+    """What lines of codes (n,) uint8, from starts up to ends, can be, all at once: blank (k,) bool, and worth (k,), which may be
+    a comment, a header or numbers, and want a closer look."""
+
+    def __init__(self, codes: np.ndarray, starts: np.ndarray, ends: np.ndarray):
+        def count(mask: np.ndarray) -> np.ndarray:
+            total = np.concatenate([[0], np.cumsum(mask, dtype=np.int32)])
+            return total[ends] - total[starts]
+
+        cells = count(codes == ord(",")) + 1 >= _FEWEST
+        lengths, kind = ends - starts, _CLASS[codes]
+        numbers = cells & (count((kind == _DIGIT) | (kind == _ZERO)) >= _FEWEST)
+        header = cells & (count(codes == ord("g")) >= 3) & (count(codes == ord("a")) >= 3)
+        comment = (lengths > 0) & (codes[np.minimum(starts, len(codes) - 1)] == ord("#"))
+        self.blank = count(_BLANK[codes]) == lengths
+        self.worth = numbers | header | comment
+
 
 def parse_lines(block: bytes, columns: int, order: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     r"""Many lines at once: block ends with ``\n``, a line has ``columns`` whole numbers, of which ``order`` are the log's eight.

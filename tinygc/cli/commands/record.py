@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -100,6 +100,8 @@ def run(args: argparse.Namespace) -> int:
     console.print(f"{folder}: {_so_far(guide, recorder)}", soft_wrap=True)
     for path in recorder.logs.put_aside:
         console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again", soft_wrap=True)
+    for left in _left(recorder):
+        console.print(left, soft_wrap=True)
     if guide.taken.own is not None:
         console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}", soft_wrap=True)
     if session_file.assumed:
@@ -181,6 +183,20 @@ def _so_far(guide: Guide, recorder: Recorder) -> str:
     """What there is: segments and files."""
     logs = ", ".join(path.name for path in recorder.logs.paths) or "no log yet"
     return f"{guide.accepted} of {guide.segments} segments, {recorder.decoder.samples} samples ({recorder.raw.path.name}, {logs})"
+
+
+def _left(recorder: Recorder) -> Iterator[str]:
+    """What is in the raw bytes and in no log, or may be in one and wrong."""
+    from session.recording.logwriter import said_not_logged
+    from session.stream.frames import cannot_be_told
+
+    raw, logs = recorder.raw.path, recorder.logs
+    if crc_errors := recorder.decoder.crc_errors:
+        yield f"{raw}: of {crc_errors} damaged frames {cannot_be_told(crc_errors)}"
+    if recorder.undecoded:
+        yield f"{raw}: {recorder.undecoded} bytes of it are in no log yet; record --resume goes on with them, or replay {raw} --out DIR"
+    if logs.not_logged:
+        yield f"{raw}: {said_not_logged(logs.not_logged, logs.not_logged_starts)}"
 
 
 def _missing(guide: Guide) -> str:

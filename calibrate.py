@@ -11,7 +11,8 @@ import os
 import sys
 from typing import TextIO
 
-from session.common.errors import CalibrationError, printable
+from session.common.errors import CalibrationError
+from session.common.texts import printable
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands._results import standard_output
 

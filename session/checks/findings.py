@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from session.common.errors import DataError, printable
+from session.common.errors import DataError
+from session.common.texts import printable
 
 LEVELS = ("ok", "note", "warning", "error")
 

@@ -1,9 +1,6 @@
 """One family of errors: what is wrong, where, what was expected, what to do.  Caught only in ``calibrate.py``."""
 
-
-def printable(text: str) -> str:
-    """Text from a file as a terminal may show it: control characters, and bytes that were no text, as escapes."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+from session.common.texts import printable
 
 
 class CalibrationError(Exception):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from session.common.errors import FormatError
+from session.common.texts import escaped_json, unicode_text
 from session.files.reading import MOST_JSON, read_bytes
 from session.files.writing import naming
 
@@ -46,12 +47,14 @@ def write_whole(path: Path, table: dict) -> None:
     write_text_whole(path, json_text(table) + "\n")
 
 
-def json_text(table: Any, ensure_ascii: bool = False) -> str:
-    """JSON; null for a number that is not finite, which JSON has no word for: what is not known is null (docs/formats.md)."""
+def json_text(table: Any, ascii_only: bool = False) -> str:
+    """JSON, its texts as ``escaped_json`` has them; null for a number that is not finite, which JSON has no word for: what is not known is
+    null (docs/formats.md)."""
     try:
-        return json.dumps(table, indent=1, ensure_ascii=ensure_ascii, allow_nan=False)
+        text = json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False)
     except ValueError:
-        return json.dumps(_known(table), indent=1, ensure_ascii=ensure_ascii, allow_nan=False)
+        text = json.dumps(_known(table), indent=1, ensure_ascii=False, allow_nan=False)
+    return escaped_json(text, ascii_only)
 
 
 def _known(value: Any) -> Any:
@@ -63,9 +66,9 @@ def _known(value: Any) -> Any:
 
 
 def write_text_whole(path: Path, text: str) -> None:
-    """Text, whole or not at all."""
+    """Text in UTF-8, whole or not at all; of a name that was no UTF-8 its escapes."""
     with whole(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_text(unicode_text(text), encoding="utf-8")
 
 
 @contextlib.contextmanager

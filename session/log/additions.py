@@ -5,51 +5,36 @@ The text is added to, never written anew, so a person's comments and order stay.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Mapping
-from datetime import date, datetime, time
 from pathlib import Path
 
 from session.common.errors import FormatError, StorageError
+from session.common.texts import unicode_text
 from session.files.reading import MOST_TOML, read_text
 from session.files.toml import parse_toml
 from session.log.config import LeftOut, Note
+from session.log.toml_text import line, value_text
 
-BARE = re.compile(r"[A-Za-z0-9_-]+")
 HEADER = re.compile(r"^[ \t]*\[[ \t]*notes[ \t]*\][ \t]*(#.*)?$", re.MULTILINE)
 NEXT_HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
 
 
-def quoted(text: str) -> str:
-    """A TOML string: JSON's escapes are among TOML's, but for surrogates, which no TOML text may hold."""
-    text = text.encode("utf-8", errors="replace").decode("utf-8")
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def value_text(value: Note) -> str:
-    """A note as TOML."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (date, datetime, time)):
-        return value.isoformat()
-    return quoted(value) if isinstance(value, str) else repr(value)
-
-
 def notes_text(notes: Mapping[str, Note]) -> str:
     """Lines of ``[notes]``."""
-    return "".join(f"{name if BARE.fullmatch(name) else quoted(name)} = {value_text(value)}\n" for name, value in notes.items())
+    return "".join(line(name, value) for name, value in notes.items())
 
 
 def exclude_text(rows: tuple[LeftOut, ...]) -> str:
     """``[[exclude]]`` of each turn."""
-    return "".join(f"\n[[exclude]]\nlog = {quoted(row.log)}\nat_s = {row.at_s!r}\n" for row in rows)
+    return "".join(f"\n[[exclude]]\n{line('log', row.log)}{line('at_s', row.at_s)}" for row in rows)
 
 
 def add_notes(path: Path, notes: Mapping[str, Note]) -> None:
     """Add to ``[notes]``.  What is there already in the same words is left; FormatError where it says something else."""
     text, table = _read(path)
+    notes = {unicode_text(name): unicode_text(value) if isinstance(value, str) else value for name, value in notes.items()}
     there = table.get("notes", {})
     there = there if isinstance(there, dict) else {}
     for name, value in notes.items():
@@ -73,7 +58,7 @@ def add_notes(path: Path, notes: Mapping[str, Note]) -> None:
 def add_exclude(path: Path, row: LeftOut) -> None:
     """Add a turn that does not count."""
     text, table = _read(path)
-    more = {"log": row.log, "at_s": row.at_s}
+    more = {"log": unicode_text(row.log), "at_s": row.at_s}
     _replace(path, [_ended(text) + exclude_text((row,))], table | {"exclude": [*table.get("exclude", []), more]})
 
 

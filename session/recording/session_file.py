@@ -8,11 +8,10 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-import numpy as np
-
 from session.common.errors import CalibrationError, FormatError, StorageError
-from session.log.additions import add_exclude, add_notes, exclude_text, notes_text, quoted
+from session.log.additions import add_exclude, add_notes, exclude_text, notes_text
 from session.log.config import OWN_UNITS, SCHEMA, Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
+from session.log.toml_text import Value, line, setting
 from session.log.truth_reading import TruthGiven
 from session.sensor.known import DEFAULT, profile_of
 from session.stream.events import Info
@@ -29,6 +28,7 @@ FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-f
 MOST_A_SECOND = 9  #: notes
 SAME_MOMENT_S = 1e-3
 OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", *OWN_UNITS)
+NO_SITE = "# latitude_deg = …  # without it the Earth's rotation stays in the rates\n"
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
 
@@ -173,55 +173,43 @@ def toml_text(config: Config) -> str:
     """``session.toml`` of a configuration (docs/formats.md)."""
     sensor, site, protocol = config.sensor, config.site, config.protocol
     here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
-    lines = [f"{name} = {value!r}" for name, value in here.items() if value is not None]
-    known = {name: getattr(sensor, name) for name in OPTIONAL}
-    noise = "".join(f"{name} = {value!r}\n" for name, value in known.items() if value is not None)
-    lines = lines or ["# latitude_deg = …  # without it the Earth's rotation stays in the rates"]
+    chip = {"model": sensor.model, "serial": sensor.serial, "odr_hz": sensor.odr_hz}
+    chip |= {name: setting(getattr(sensor, name)) for name in ("gyro_fs_dps", "accel_fs_g")}
+    chip |= {name: getattr(sensor, name) for name in OPTIONAL}
+    table = {"still_s": protocol.still_s, "segment_s": protocol.segment_s, "reference": protocol.reference}
     stated = protocol.reference == "truth" or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
-    sigma = f"truth_sigma_deg = {protocol.truth_sigma_deg!r}\n" if stated else ""
+    table |= {"truth_sigma_deg": protocol.truth_sigma_deg} if stated else {}
     notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
     return f"""\
-schema = "{SCHEMA}"
-
+{line("schema", SCHEMA)}
 [sensor]
-model = {quoted(sensor.model)}
-serial = {quoted(sensor.serial)}
-odr_hz = {sensor.odr_hz!r}
-gyro_fs_dps = {sensor.gyro_fs_dps:g}
-accel_fs_g = {sensor.accel_fs_g:g}
-{noise}
+{_lines(chip)}
 {_accelerometer_text(config.accelerometer)}
 [site]
-{chr(10).join(lines)}
-
+{_lines(here) or NO_SITE}
 [protocol]
-still_s = {protocol.still_s!r}
-segment_s = {protocol.segment_s!r}
-reference = {quoted(protocol.reference)}
-{sigma}{_truth_text(config.truth)}{notes}{exclude_text(config.exclude)}"""
+{_lines(table)}{_truth_text(config.truth)}{notes}{exclude_text(config.exclude)}"""
+
+
+def _lines(table: Mapping[str, Value | None]) -> str:
+    return "".join(line(name, value) for name, value in table.items() if value is not None)
 
 
 def _accelerometer_text(accelerometer: Accelerometer) -> str:
     """Its section; a comment where nobody has calibrated it, for a section that is there counts as a calibration."""
     if accelerometer.source == "none":
         return "# [accelerometer]  # nobody has calibrated it: the session's own stills do\n"
-    bias = ", ".join(map(repr, map(float, accelerometer.bias_mps2)))
-    text = f"[accelerometer]\nmatrix = {_matrix_text(accelerometer.matrix)}\nbias_mps2 = [{bias}]\n"
-    text += f"sigma_mg = {accelerometer.sigma_mg!r}\n" if accelerometer.sigma_mg is not None else ""
-    return text + (f"own_stills = {str(accelerometer.own_stills).lower()}\n" if accelerometer.own_stills is not None else "")
+    matrix, bias = accelerometer.matrix.tolist(), accelerometer.bias_mps2.tolist()
+    said = {"matrix": matrix, "bias_mps2": bias, "sigma_mg": accelerometer.sigma_mg, "own_stills": accelerometer.own_stills}
+    return "[accelerometer]\n" + _lines(said)
 
 
 def _truth_text(truth: TruthGiven) -> str:
     """Its section; nothing where the recording is to tell how the file is to be read."""
-    words = {"frame": truth.frame, "sense": truth.sense, "order": truth.order}
-    lines = [f"offset_s = {truth.offset_s!r}"] if truth.offset_s is not None else []
-    lines += [f"{name} = {quoted(word)}" for name, word in words.items() if word is not None]
-    lines += [f"mounting = {_matrix_text(truth.mounting)}"] if truth.mounting is not None else []
-    return "\n[truth]\n" + "\n".join(lines) + "\n" if lines else ""
-
-
-def _matrix_text(matrix: np.ndarray) -> str:
-    return "[" + ", ".join("[" + ", ".join(map(repr, map(float, row))) + "]" for row in matrix) + "]"
+    mounting = None if truth.mounting is None else truth.mounting.tolist()
+    said = {"offset_s": truth.offset_s, "frame": truth.frame, "sense": truth.sense, "order": truth.order, "mounting": mounting}
+    lines = _lines(said)
+    return f"\n[truth]\n{lines}" if lines else ""
 
 
 def _for_another(like: Config) -> Config:

@@ -13,6 +13,7 @@ import numpy as np
 from session.checks.findings import Finding
 from session.checks.first_look import check_folder
 from session.common.errors import CalibrationError, FormatError
+from session.common.texts import comment, shell_word
 from session.detect.pace import pace_of
 from session.dialects.layout import AXES, Answers
 from session.dialects.reader import Reader
@@ -22,6 +23,7 @@ from session.files.writing import naming
 from session.log.config import Sensor, read_config
 from session.log.folder import log_paths
 from session.log.logfile import CALIBRATED, read_log
+from session.log.toml_text import line, setting
 from session.recording.session_file import UNKNOWN
 from session.replay.join import Joined, join
 from session.replay.whose import with_sensor
@@ -77,7 +79,7 @@ def convert(paths: list[Path], out: Path, answers: Answers, add: str | None = No
         else:
             odr_hz = answers.odr_hz or rate_hz
             with naming(out):
-                (work / "session.toml").write_text(_toml(readers, odr_hz, answers, serial), encoding="utf-8")
+                _write_toml(work / "session.toml", _toml(readers, odr_hz, answers, serial), out)
             work.chmod(0o755)
             name = log.name
             if out.exists():
@@ -160,11 +162,10 @@ def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Pat
     frames = {layout.frame for layout in (joined.gyro_layout, joined.accel_layout) if layout.frame}
     notes += [f"axes as logged: {frame}; level need not be z down, gravity shows what is up" for frame in sorted(frames)]
     header, columns, formats = _columns(joined)
-    source = ", ".join(f"{reader.path.name} ({reader.layout.dialect})" for reader in readers)
     row = ",".join(formats)
     with path.open("w", encoding="utf-8", newline="\n") as file:
         counted = "# stamps=counted\n" if joined.counted else ""
-        file.write(f"# from {source}\n{counted}{_calibrated(readers)}{','.join(header)}\n")
+        file.write(f"# from {_source(readers)}\n{counted}{_calibrated(readers)}{','.join(header)}\n")
         for start in range(0, len(joined.t_ns), 1 << 15):
             part = [column[start : start + (1 << 15)].tolist() for column in columns]
             file.write("\n".join(map(row.__mod__, zip(*part, strict=True))) + "\n")
@@ -174,7 +175,7 @@ def _write_log(readers: list[Reader], path: Path, answers: Answers) -> tuple[Pat
 def _calibrated(readers: list[Reader]) -> str:
     """The comment of a log that ``apply`` has calibrated."""
     said = [reader.comments[CALIBRATED] for reader in readers if CALIBRATED in reader.comments]
-    return f"# {CALIBRATED}={said[0]}\n" if said else ""
+    return f"# {CALIBRATED}={comment(said[0])}\n" if said else ""
 
 
 def _is_ours(reader: Reader, answers: Answers) -> bool:
@@ -235,18 +236,15 @@ def _next_name(folder: Path, stem: str) -> str:
 
 
 def _toml(readers: list[Reader], odr_hz: float, answers: Answers, serial: str) -> str:
-    quoted = lambda text: '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'  # noqa: E731
-    source = ", ".join(f"{reader.path.name} ({reader.layout.dialect})" for reader in readers)
+    assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``_ask_full_scales`` has asked
+    model, serial = answers.sensor or UNKNOWN, serial or readers[0].comments.get("serial", "")
     return f"""\
-# from {source}
+# from {_source(readers)}
 schema = "tinygc-session/1"
 
 [sensor]
-model = {quoted(answers.sensor or UNKNOWN)}
-serial = {quoted(serial or readers[0].comments.get("serial", ""))}
-odr_hz = {odr_hz!r}
-gyro_fs_dps = {answers.gyro_fs_dps:g}
-accel_fs_g = {answers.accel_fs_g:g}
+{line("model", model)}{line("serial", serial)}{line("odr_hz", odr_hz)}\
+{line("gyro_fs_dps", setting(answers.gyro_fs_dps))}{line("accel_fs_g", setting(answers.accel_fs_g))}\
 # gyro_bias_instability_dph =  # deg/h, data sheet; without it, it is estimated from the recording
 # gyro_noise_mdps_rthz =       # one-sided, data sheet; what `check` holds the noise against
 
@@ -260,8 +258,22 @@ accel_fs_g = {answers.accel_fs_g:g}
 """
 
 
+def _write_toml(path: Path, text: str, out: Path) -> None:
+    """FormatError, in the name of ``out``, for what this tool would not read again: a log's own comments may say anything."""
+    path.write_text(text, encoding="utf-8")
+    try:
+        read_config(path)
+    except FormatError as error:
+        raise FormatError(f"{out / path.name} is not written: {str(error).removeprefix(f'{path}: ')}; give the right one") from None
+
+
+def _source(readers: list[Reader]) -> str:
+    """For a comment.  A reader of logs takes ``name=value`` in a comment for what the log says of itself: a file's name must not."""
+    return comment(", ".join(f"{reader.path.name} ({reader.layout.dialect})" for reader in readers)).replace("=", "_")
+
+
 def _next(out: Path, findings: tuple[Finding, ...]) -> tuple[str, ...]:
-    look = f"calibrate.py check {out}"
+    look = f"calibrate.py check {shell_word(out)}"
     if any(finding.level == "error" for finding in findings):
         return (look,)
-    return look, f"fill in [accelerometer] and [site] in {out / 'session.toml'}", f"calibrate.py fit {out}"
+    return look, f"fill in [accelerometer] and [site] in {out / 'session.toml'}", f"calibrate.py fit {shell_word(out)}"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from session.checks.first_look import check_folder
 from session.common.errors import CalibrationError, FormatError, StorageError
+from session.common.texts import shell_word
 from session.files.reading import MB, MOST_TOML, open_file, read_bytes
 from session.files.writing import naming
 from session.recording.decoding import BLOCK, stream
@@ -79,7 +80,7 @@ def convert_raw(
     }
     notes += [f"{count} {what}" for what, count in counts.items() if count]
     notes += [ASSUMED] * assumed
-    next_steps = (f"calibrate.py check {out}", f"calibrate.py fit {out}")
+    next_steps = (f"calibrate.py check {shell_word(out)}", f"calibrate.py fit {shell_word(out)}")
     return Converted(out, logs.paths[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)
 
 

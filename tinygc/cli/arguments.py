@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from session.common.errors import printable
+from session.common.texts import printable
 from tinygc.cli.commands import COMMANDS
 from tinygc.methods.registry import CHOSEN
 

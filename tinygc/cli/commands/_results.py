@@ -62,10 +62,10 @@ def write_json(path: Path | None, table: dict) -> None:
     if str(path) == "-":
         whole = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
         with standard_output():
-            sys.stdout.write(json_text(table, ensure_ascii=not whole) + "\n")
+            sys.stdout.write(json_text(table, ascii_only=not whole) + "\n")
         return
     try:
-        path.write_text(json_text(table) + "\n", encoding="utf-8", errors="backslashreplace")
+        path.write_text(json_text(table) + "\n", encoding="utf-8")
     except OSError as error:
         raise _no_json(path, error) from None
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from textwrap import indent
 
 import numpy as np
 
+from session.common.texts import comment
 from session.log.config import Accelerometer
 from tinygc.deploy.embedded import affine, register_input
 from tinygc.deploy.embedded.program import Program
@@ -14,6 +14,8 @@ from tinygc.deploy.embedded.register_input import Registers
 from tinygc.deploy.embedded.stage import ProgramStage
 from tinygc.deploy.embedded.vectors import TOLERANCE, Vectors, vectors
 
+#: signs of a line of comment
+LONGEST = 120
 HEADER, SOURCE = "tinygc_model.h", "tinygc_model.c"
 FLAGS = "-std=c11 -ffp-contract=off -Wall -Wextra -Wdouble-promotion -Werror"
 
@@ -225,6 +227,4 @@ def _number(value: np.generic) -> str:
 
 
 def _comment(text: str) -> str:
-    """Text that cannot leave a C comment: printable ASCII, no comment marks, no trigraphs, no backslash at a line's end."""
-    plain = text.encode("ascii", "replace").decode()
-    return re.sub(r"[^ -~]|\\|\?(?=\?)|(?<=\*)/|(?<=/)\*", "_", plain)[:120]
+    return comment(text, ascii_only=True)[:LONGEST]

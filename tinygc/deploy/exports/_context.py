@@ -28,6 +28,7 @@ from tinygc.models.model import Model
 PREFERRED = "least_squares"
 #: what a folder of rest logs has instead
 ONLY = "thermal"
+LONGEST_NAME = 80
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +48,8 @@ class Context:
 
     @property
     def stem(self) -> str:
-        """The session's name as a file name."""
-        return re.sub(r"[^A-Za-z0-9]+", "_", self.session).strip("_") or "session"
+        """The session's name as a file name, no longer than any disk takes."""
+        return re.sub(r"[^A-Za-z0-9]+", "_", self.session).strip("_")[:LONGEST_NAME] or "session"
 
     @property
     def covariance(self) -> np.ndarray | None:

@@ -1,7 +1,11 @@
-"""Comment lines that every text format begins with: what this is, of what, in which frame."""
+"""Comment lines that every text format begins with: what this is, of what, in which frame.
+
+Names and serial numbers are another's words: each line goes through ``comment``, and is one line.
+"""
 
 from __future__ import annotations
 
+from session.common.texts import comment
 from tinygc.deploy.exports._context import Context
 
 FRAME = (
@@ -20,4 +24,4 @@ def remarks(context: Context, *lines: str, mark: str = "#") -> str:
         *FRAME,
         *lines,
     )
-    return "".join(f"{mark} {line}".rstrip() + "\n" for line in head)
+    return "".join(f"{mark} {comment(line)}".rstrip() + "\n" for line in head)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-
+from session.files.results import json_text
 from tinygc import models
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._self_test import self_test
@@ -39,4 +38,4 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "sha256": context.hashes,
         "self_test": self_test(model, context.config.sensor),
     }
-    return {f"{context.stem}.json": json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False) + "\n"}
+    return {f"{context.stem}.json": json_text(table) + "\n"}

@@ -14,6 +14,7 @@ from tinygc.deploy.errors import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import LinearPart, linear_part, words
 from tinygc.deploy.exports._remarks import remarks
+from tinygc.deploy.exports._yaml import yaml_text
 from tinygc.models.model import Model
 
 NAME = "kalibr"
@@ -23,6 +24,12 @@ WALK_S = 100.0
 FLOOR = 0.664
 #: m/s^2, of a MEMS accelerometer of this class: not measured
 ACCEL_INSTABILITY_MPS2 = 4e-4
+UNITS = {
+    "gyroscope_noise_density": "rad/s/sqrt(Hz)",
+    "gyroscope_random_walk": "rad/s^2/sqrt(Hz)",
+    "accelerometer_noise_density": "m/s^2/sqrt(Hz)",
+    "accelerometer_random_walk": "m/s^3/sqrt(Hz)",
+}
 
 
 def export(model: Model, context: Context) -> dict[str, str]:
@@ -62,16 +69,16 @@ def _imu(context: Context, gyro_noise: np.ndarray, accel_noise: np.ndarray, inst
         f"Random walks are NOT MEASURED: they have the Allan deviation at {WALK_S:g} s of bias instabilities of "
         f"{instability / DEG_PER_HOUR:.4g} deg/h and {ACCEL_INSTABILITY_MPS2:g} m/s^2{said}.  Replace them by an hour's recording.",
         "Vibration, temperature and scale error are in none of these: users inflate them 5 to 10 times.",
-    ) + "".join(
-        f"{key}: {value}\n"
-        for key, value in {
+    ) + yaml_text(
+        {
             "rostopic": "/imu0",
-            "update_rate": words(context.config.sensor.odr_hz),
-            "gyroscope_noise_density": words(gyro.max()) + "  # rad/s/sqrt(Hz)",
-            "gyroscope_random_walk": words(walk * instability) + "  # rad/s^2/sqrt(Hz)",
-            "accelerometer_noise_density": words(accel.max()) + "  # m/s^2/sqrt(Hz)",
-            "accelerometer_random_walk": words(walk * ACCEL_INSTABILITY_MPS2) + "  # m/s^3/sqrt(Hz)",
-        }.items()
+            "update_rate": context.config.sensor.odr_hz,
+            "gyroscope_noise_density": gyro.max(),
+            "gyroscope_random_walk": walk * instability,
+            "accelerometer_noise_density": accel.max(),
+            "accelerometer_random_walk": walk * ACCEL_INSTABILITY_MPS2,
+        },
+        UNITS,
     )
 
 
@@ -92,14 +99,6 @@ def _intrinsics(part: LinearPart, context: Context) -> str:
         "b is this session's (Kalibr estimates its own, as a spline, and writes none): it is another one after each switch-on.",
         part.example(),
     )
-    text += "imu0:\n  model: scale-misalignment\n  rostopic: /imu0\n"
-    text += f"  update_rate: {words(context.config.sensor.odr_hz)}\n  time_offset: 0.0\n"
-    text += _rows("T_i_b", T, "  ") + "  gyroscopes:\n"
-    text += _rows("M", M, "    ") + _rows("A", A, "    ") + _rows("C_gyro_i", C, "    ")
-    text += f"    b: {words(part.bias)}\n"
-    text += "  accelerometers:\n" + _rows("M", L, "    ") + f"    b: {words(accelerometer.bias_mps2)}\n"
-    return text
-
-
-def _rows(name: str, matrix: np.ndarray, indent: str) -> str:
-    return f"{indent}{name}:\n" + "".join(f"{indent}- {words(row)}\n" for row in matrix)
+    gyroscopes = {"M": M, "A": A, "C_gyro_i": C, "b": part.bias}
+    chip = {"model": "scale-misalignment", "rostopic": "/imu0", "update_rate": context.config.sensor.odr_hz, "time_offset": 0.0, "T_i_b": T}
+    return text + yaml_text({"imu0": chip | {"gyroscopes": gyroscopes, "accelerometers": {"M": L, "b": accelerometer.bias_mps2}}})

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from tinygc.deploy.errors import ExportError
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._linear import linear_part, words
+from tinygc.deploy.exports._linear import linear_part
 from tinygc.deploy.exports._remarks import remarks
+from tinygc.deploy.exports._yaml import yaml_text
 from tinygc.models.linear import NAMES
 from tinygc.models.model import Model
 
@@ -50,15 +53,13 @@ def export(model: Model, context: Context) -> dict[str, str]:
         context.say(f"ros: method {context.method} has no covariance: calibration_covariance is left out")
     else:
         values["calibration_covariance"] = context.covariance.ravel()
-    return {"imu_calibration.yaml": head + "/**:\n  ros__parameters:\n" + _nested(values)}
+    return {"imu_calibration.yaml": head + yaml_text({"/**": {"ros__parameters": _nested(values)}})}
 
 
-def _nested(values: dict[str, np.ndarray]) -> str:
-    text, above = "", ""
+def _nested(values: dict[str, np.ndarray]) -> dict[str, Any]:
+    """``gyroscope.matrix`` and its like as tables."""
+    table: dict[str, Any] = {}
     for name, value in values.items():
         group, _, key = name.rpartition(".")
-        if group and group != above:
-            text += f"    {group}:\n"
-        above = group
-        text += f"    {'  ' if group else ''}{key}: {words(value)}\n"
-    return text
+        (table.setdefault(group, {}) if group else table)[key] = value
+    return table

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 
 from session.common.units import DEG, G
+from session.files.results import json_text
 from tinygc.deploy.errors import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._linear import linear_part
@@ -42,7 +41,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
             header += f"static const FusionVector {name}{word} = {{.array = {{{', '.join(_float(value) for value in vector)}}}}};\n"
         table |= {f"{name}Misalignment": misalignment.ravel().tolist(), f"{name}Sensitivity": sensitivity.tolist()}
         table[f"{name}Offset"] = offset.tolist()
-    return {"fusion_calibration.h": header, "ximu3_settings.json": json.dumps(table, indent=1, ensure_ascii=False) + "\n"}
+    return {"fusion_calibration.h": header, "ximu3_settings.json": json_text(table) + "\n"}
 
 
 def factor(E: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape as _escape
 
-from session.common.errors import printable
+from session.common.texts import printable
 
 #: a picture is drawn twice, for a wide page and for a telephone, and the style sheet shows one: its letters keep their size
 WIDE, NARROW = 860, 340
@@ -32,8 +32,9 @@ def paragraph(html: str, kind: str = "") -> str:
 
 
 def code(text: str) -> str:
-    """A block of code, escaped."""
-    return f'<pre tabindex="0"><code>{_escape(text)}</code></pre>'
+    """A block of code, escaped; its own line ends stay."""
+    shown = "\n".join(map(printable, text.split("\n")))
+    return f'<pre tabindex="0"><code>{_escape(shown)}</code></pre>'
 
 
 def key(kind: str, text: str, shape: str = "dot") -> str:

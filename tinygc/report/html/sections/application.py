@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from base64 import b64encode
 
 import numpy as np
 
 from session.common.units import DEG
+from session.files.results import json_text
 from tinygc.deploy.calibration import Calibration
 from tinygc.models.physics import PhysicsModel
 from tinygc.report.html.adopted import model_table
@@ -51,7 +51,7 @@ def section(evidence: Evidence) -> Section:
         "The bias of a MEMS gyroscope is another one after each switch-on and at another temperature: <i>E</i> lasts; take <i>B"
         "</i> anew from a still, as minus <i>E</i> times its mean rate plus the Earth’s."
     )
-    data = b64encode(json.dumps(model_table(adopted, evidence.fit), indent=1).encode()).decode()
+    data = b64encode(json_text(model_table(adopted, evidence.fit)).encode()).decode()
     name = f"model_{adopted.method}.json"
     html += (
         f'<p><a class="download" download="{name}" href="data:application/json;base64,{data}">{name}</a><span class="soft">all '

@@ -7,13 +7,15 @@ from collections import deque
 from collections.abc import Collection
 from types import TracebackType
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from session.common.console import PlainConsole
+from session.common.texts import printable
 from session.guide.guide import Guide
 from session.guide.health import WARM_C_PER_MIN, Health
 from session.guide.messages import Change, Kind, Stage
@@ -30,9 +32,9 @@ REMIND_S = 5.0  #: between two lines that say the same, where there is no termin
 class LiveScreen:
     """A context: the live view between enter and exit."""
 
-    def __init__(self, title: str, mute: bool = False, console: Console | None = None):
-        self.console = console or Console(stderr=True, highlight=False, markup=False, emoji=False)
-        self._title, self._mute = title, mute
+    def __init__(self, title: str, mute: bool = False, console: PlainConsole | None = None):
+        self.console = console or PlainConsole(stderr=True)
+        self._title, self._mute = printable(title), mute
         self._changes: deque[Change] = deque(maxlen=REMEMBERED)
         self._live = Live(console=self.console, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
 
@@ -59,8 +61,8 @@ class LiveScreen:
 class PlainLines:
     """A line for each change, and for what it waits for."""
 
-    def __init__(self, console: Console | None = None):
-        self.console = console or Console(stderr=True, highlight=False, markup=False, emoji=False)
+    def __init__(self, console: PlainConsole | None = None):
+        self.console = console or PlainConsole(stderr=True)
         self._said, self._said_s = "", 0.0
 
     def __enter__(self) -> PlainLines:
@@ -91,7 +93,7 @@ def view(guide: Guide, title: str, changes: Collection[Change]) -> Group:
     for number, change in enumerate(changes, start=1):
         style, newest = STYLES.get(change.kind, ""), number == len(changes)
         # The newest is said in full, the ones before it in a line each.
-        text = Text(change.text, style=style, overflow="fold" if newest else "ellipsis", no_wrap=not newest)
+        text = Text(printable(change.text), style=style, overflow="fold" if newest else "ellipsis", no_wrap=not newest)
         said.add_row(Text(f"{change.at_s:.1f} s", style="dim"), text)
     parts: list[RenderableType] = [_instruction(guide, title), _state(guide), said]
     if guide.keys:

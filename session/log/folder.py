@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.common.errors import CalibrationError, DataError, FormatError
+from session.common.texts import printable, shell_word
 from session.common.units import DEG
 from session.log.arrays import samples_from_arrays, usual_ranges
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
@@ -101,8 +102,8 @@ class Session:
 
     @property
     def name(self) -> str:
-        """The folder's last name."""
-        return self.folder.resolve().name
+        """The folder's last name, as it may stand in a line (``session.common.texts.printable``)."""
+        return printable(self.folder.resolve().name)
 
     def own_folder(self, name: str) -> Path:
         """Where results of that name go, unless another place is given.  CalibrationError where the session was never a folder."""
@@ -139,7 +140,9 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
     paths, closures = log_paths(folder, "log"), log_paths(folder, "closure")
     rests = log_paths(folder, "rest")
     if not paths and rests:
-        raise FormatError(f"{folder}: no log but rest logs, in which nothing is turned; `calibrate.py fit {folder}` fits their temperature")
+        raise FormatError(
+            f"{folder}: no log but rest logs, in which nothing is turned; `calibrate.py fit {shell_word(folder)}` fits their temperature"
+        )
     if not paths:
         raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz beside session.toml")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from session.common.texts import unicode_text
 from session.files.reading import open_file, unreadable
 from session.log.folder import KNOWN_TURNS, Session
 from session.log.logfile import Log
@@ -25,11 +26,16 @@ def input_files(session: Session) -> list[Path]:
 def input_hashes(session: Session) -> dict[str, str]:
     """SHA-256 of each of ``input_files``, by name, or of arrays that were never a file; FormatError where one cannot be read any more."""
     logs = {log.path: log for log in (*session.logs, *session.closures)}
-    hashes = {path.name: hash_of_log(logs[path]) if path in logs else sha256_of(path) for path in input_files(session)}
+    hashes = {file_key(path): hash_of_log(logs[path]) if path in logs else sha256_of(path) for path in input_files(session)}
     if session.turns and KNOWN_TURNS not in hashes:
         rows = [(turn.turn, turn.log, turn.axis.tolist(), turn.angle_rad, turn.sigma_rad) for turn in session.turns]
         hashes[KNOWN_TURNS] = hashlib.sha256(repr(rows).encode()).hexdigest()
     return hashes
+
+
+def file_key(path: Path) -> str:
+    """The file's name as JSON can hold it, and gives it back."""
+    return unicode_text(path.name)
 
 
 def hash_of_log(log: Log) -> str:

@@ -173,10 +173,10 @@ def toml_text(config: Config) -> str:
     """``session.toml`` of a configuration (docs/formats.md)."""
     sensor, site, protocol = config.sensor, config.site, config.protocol
     here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
-    chip = {"model": sensor.model, "serial": sensor.serial, "odr_hz": sensor.odr_hz}
+    chip: dict[str, Value | None] = {"model": sensor.model, "serial": sensor.serial, "odr_hz": sensor.odr_hz}
     chip |= {name: setting(getattr(sensor, name)) for name in ("gyro_fs_dps", "accel_fs_g")}
     chip |= {name: getattr(sensor, name) for name in OPTIONAL}
-    table = {"still_s": protocol.still_s, "segment_s": protocol.segment_s, "reference": protocol.reference}
+    table: dict[str, Value | None] = {"still_s": protocol.still_s, "segment_s": protocol.segment_s, "reference": protocol.reference}
     stated = protocol.reference == "truth" or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
     table |= {"truth_sigma_deg": protocol.truth_sigma_deg} if stated else {}
     notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""

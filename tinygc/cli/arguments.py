@@ -6,7 +6,7 @@ import argparse
 import importlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from session.common.texts import printable
 from tinygc.cli.commands import COMMANDS
@@ -15,12 +15,19 @@ from tinygc.methods.registry import CHOSEN
 METHODS = ",".join(CHOSEN)
 
 LONGEST_S = 1e9
+MOST = 10**9  #: of anything that is counted
+LARGEST_SEED = 2**63 - 1  #: that every random generator takes
+FASTEST_DPS = 1e5  #: the largest full scale that session.toml may have
 SHORTEST_CLOSURE_S, LONGEST_CLOSURE_S = 5.0, 3600.0
 EFFECTS_HELP = "folder with further effects, a Python file each, which is run; may be given several times"
 
 
 class _Parser(argparse.ArgumentParser):
-    """Bad usage is said in one line, like every other error."""
+    """Bad usage is said in one line, like every other error; no path is empty (``path``)."""
+
+    def __init__(self, **settings: Any):
+        super().__init__(**settings)
+        self.register("type", Path, path)
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"calibrate: {printable(message)}; see --help\n")
@@ -37,12 +44,26 @@ def parser() -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         command.set_defaults(run=module.run)
         command.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON (- for standard output)")
-        command.add_argument("--seed", type=count(0), default=0, help="of every random draw (%(default)s)")
+        command.add_argument("--seed", type=count(0, LARGEST_SEED), default=0, help="of every random draw (%(default)s)")
         command.add_argument("--quiet", action="store_true", help="print nothing but errors")
         if getattr(module, "USES_EFFECTS", False):
             command.add_argument("--effects", type=Path, action="append", default=[], metavar="DIR", help=EFFECTS_HELP)
         module.add_arguments(command)
     return whole
+
+
+def path(text: str) -> Path:
+    """A file or folder.  An empty one would be the folder that one happens to stand in: a variable of the shell that was never set."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("an empty name; give a file or folder (. for this one)")
+    return Path(text)
+
+
+def filled(text: str) -> str:
+    """Any text that is not empty."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("an empty name")
+    return text
 
 
 def methods(text: str) -> list[str]:
@@ -64,13 +85,15 @@ def conditions(text: str) -> tuple[str, ...]:
     return chosen
 
 
-def count(least: int) -> Callable[[str], int]:
-    """A parser of whole numbers of at least so many."""
+def count(least: int, most: int = MOST) -> Callable[[str], int]:
+    """A parser of whole numbers of at least so many, and no more than anything can use."""
 
     def parse(text: str) -> int:
         value = int(text)
         if value < least:
             raise argparse.ArgumentTypeError(f"{value} is less than {least}")
+        if value > most:
+            raise argparse.ArgumentTypeError(f"{text} is more than {most}")
         return value
 
     parse.__name__ = "whole number"
@@ -94,6 +117,23 @@ def positive(text: str) -> float:
 
 
 positive.__name__ = "number"  # argparse says "invalid number value"
+
+
+def within(low: float, high: float) -> Callable[[str], float]:
+    """A parser of numbers of that range."""
+
+    def parse(text: str) -> float:
+        value = float(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is no number from {low:g} to {high:g}")
+        return value
+
+    parse.__name__ = "number"
+    return parse
+
+
+#: what session.toml may say of a sensor (docs/formats.md)
+data_rate, gyro_full_scale, accel_full_scale = within(0.1, 50_000), within(1, FASTEST_DPS), within(0.1, 1000)
 
 
 def seconds(text: str) -> float:
@@ -137,10 +177,10 @@ def stream_header(text: str) -> str:
 
 
 def three(text: str) -> list[float]:
-    """Three numbers, with commas."""
+    """Three rates in dps, with commas, that a gyroscope can read."""
     values = [float(word) for word in text.split(",")]
-    if len(values) != 3 or not all(abs(value) < float("inf") for value in values):
-        raise argparse.ArgumentTypeError(f"{text!r} is no triple of numbers such as 0.5,-0.3,0.6")
+    if len(values) != 3 or not all(abs(value) <= FASTEST_DPS for value in values):
+        raise argparse.ArgumentTypeError(f"{text!r} is no triple of numbers within ±{FASTEST_DPS:g}, such as 0.5,-0.3,0.6")
     return values
 
 

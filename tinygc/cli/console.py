@@ -7,14 +7,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from session.common.console import PlainConsole
 
 #: columns of a table that is piped: wide enough that no cell wraps
 PIPED_WIDTH = 160
 
 
-class _Output(Console):
+class _Output(PlainConsole):
     """rich leaves with exit code 1 when the reader has gone, which here means a failed limit; the command line knows better."""
 
     def on_broken_pipe(self) -> None:
@@ -28,10 +29,9 @@ class _Output(Console):
             raise
 
 
-def output(quiet: bool = False) -> Console:
+def output(quiet: bool = False) -> PlainConsole:
     """Standard output; silent when quiet."""
-    # What is printed quotes files and folders: nothing in it is markup.
-    return _Output(quiet=quiet, highlight=False, markup=False, emoji=False, width=None if sys.stdout.isatty() else PIPED_WIDTH)
+    return _Output(quiet=quiet, width=None if sys.stdout.isatty() else PIPED_WIDTH)
 
 
 @contextmanager
@@ -40,11 +40,11 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
     if quiet:
         yield lambda what, done, of: None
         return
-    console = Console(stderr=True, highlight=False)
+    console = PlainConsole(stderr=True)
     if not console.is_terminal:
         yield _Lines(console)
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=1)
         yield lambda what, done, of: bar.update(task, description=what, completed=done, total=of)
@@ -53,7 +53,7 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
 class _Lines:
     """One line per step, not per update."""
 
-    def __init__(self, console: Console):
+    def __init__(self, console: PlainConsole):
         self._console, self._last = console, ""
 
     def __call__(self, what: str, done: int, of: int) -> None:

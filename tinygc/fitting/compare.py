@@ -25,6 +25,7 @@ import numpy as np
 from scipy import stats
 
 from session.common.errors import DataError, FormatError
+from session.common.texts import printable, shell_word
 from session.log.config import Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of
@@ -70,7 +71,7 @@ class Calibrated:
     @property
     def name(self) -> str:
         """Of its folder."""
-        return self.folder.resolve().name
+        return printable(self.folder.resolve().name)
 
 
 @dataclass(frozen=True)
@@ -116,17 +117,19 @@ def read_calibrated(folder: Path) -> Calibrated:
     """A session's least-squares calibration.  Raises FormatError where it has not been fitted."""
     config, path = read_config(folder / "session.toml"), folder / "fit" / "model_least_squares.json"
     if not path.exists():
-        raise FormatError(f"{path}: not found; run `calibrate.py fit {folder}` first")
+        raise FormatError(f"{path}: not found; run `calibrate.py fit {shell_word(folder)}` first")
     model, table = models.load_with_table(path)
     covariance = _matrix(table.get("covariance"))
     if not isinstance(model, LinearModel) or covariance.shape != (12, 12) or not np.isfinite(covariance).all():
-        raise FormatError(f"{path}: no linear model with a covariance of 12 x 12; run `calibrate.py fit {folder}` again")
+        raise FormatError(f"{path}: no linear model with a covariance of 12 x 12; run `calibrate.py fit {shell_word(folder)}` again")
     if certain(covariance) or np.linalg.eigvalsh(covariance / np.sqrt(np.outer(*[np.diag(covariance)] * 2))).min() <= 0:
-        raise FormatError(f"{path}: the covariance is not positive definite; run `calibrate.py fit {folder}` again")
+        raise FormatError(f"{path}: the covariance is not positive definite; run `calibrate.py fit {shell_word(folder)}` again")
     notes = []
-    fit = read_fit(folder / "fit" / "fit.json", f"run `calibrate.py fit {folder}` again")
+    fit = read_fit(folder / "fit" / "fit.json", f"run `calibrate.py fit {shell_word(folder)}` again")
     if fit.get("goodness") is None:
-        raise FormatError(f"{folder / 'fit' / 'fit.json'}: goodness is missing, expected a table; run `calibrate.py fit {folder}` again")
+        raise FormatError(
+            f"{folder / 'fit' / 'fit.json'}: goodness is missing, expected a table; run `calibrate.py fit {shell_word(folder)}` again"
+        )
     if fit["goodness"]["p_value"] < DIFFERS_P:
         notes.append("its closure is above its noise floor: its sigmas are widened for that, and `explain` says why")
     unobserved = tuple(name for name in NAMES if name in (table.get("unobserved") or ()))
@@ -135,7 +138,7 @@ def read_calibrated(folder: Path) -> Calibrated:
     if "accelerometer_covariance" in table:
         accelerometer = _matrix(table["accelerometer_covariance"])
         if accelerometer.shape != (12, 12) or not np.isfinite(accelerometer).all():
-            raise FormatError(f"{path}: accelerometer_covariance is not 12 x 12; run `calibrate.py fit {folder}` again")
+            raise FormatError(f"{path}: accelerometer_covariance is not 12 x 12; run `calibrate.py fit {shell_word(folder)}` again")
     triad = read_triad(table, fit, config, str(path))
     return Calibrated(folder, config, model.vector, covariance, unobserved, hashes, tuple(notes), accelerometer, triad)
 

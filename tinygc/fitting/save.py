@@ -8,7 +8,7 @@ from typing import Any
 from session.common.version import VERSION
 from session.files.results import write_whole
 from session.files.writing import result_folder
-from session.log.hashes import input_hashes
+from session.log.hashes import file_key, input_hashes
 from tinygc import models
 from tinygc.fitting import saved_fit
 from tinygc.fitting.accelerometer import JOINT_NAMES
@@ -88,4 +88,4 @@ def model_tables(result: FitResult) -> dict[str, dict]:
 
 def _began_s(problem: Problem) -> dict[str, float]:
     """Of each log, s of the session at which it begins."""
-    return {log.path.name: float(moment) for log, moment in zip(problem.session.logs, problem.began_s[:-1], strict=True)}
+    return {file_key(log.path): float(moment) for log, moment in zip(problem.session.logs, problem.began_s[:-1], strict=True)}

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from session.common.errors import DataError, FitError, FormatError
+from session.common.texts import printable
 from session.log.config import Sensor, read_config
 from session.log.folder import log_paths, read_session
-from session.log.hashes import input_hashes, sha256_of
+from session.log.hashes import file_key, input_hashes, sha256_of
 from tinygc.library.fit import Progress
 from tinygc.temperature.axis_fit import ORDERS
 from tinygc.temperature.rest_fit import RestFit, fit_rests, read_rests
@@ -37,7 +38,7 @@ def fit_temperature(
     _refuse_same([*rest_paths, *(path for folder in turning for path in log_paths(folder, "log"))])
     rests: RestFit | None = None
     hashes = {_named(path, paths): sha256_of(path) for path in rest_paths}
-    name = paths[0].resolve().name
+    name = printable(paths[0].resolve().name)
     if rest_paths:
         rests = fit_rests(read_rests(rest_paths, sensor, progress), tuple(range(most_order + 1)), progress=progress)
     if not turning:
@@ -74,4 +75,4 @@ def _one_sensor(folders: list[Path]) -> Sensor:
 
 
 def _named(path: Path, folders: list[Path]) -> str:
-    return path.name if len(folders) == 1 else f"{path.parent.resolve().name}/{path.name}"
+    return file_key(path) if len(folders) == 1 else f"{printable(path.parent.resolve().name)}/{file_key(path)}"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
+
+from session.common.console import PlainConsole
 
 #: columns: wide enough that no cell of a table wraps
 WIDTH = 160
@@ -14,12 +16,12 @@ _HTML = '<pre style="font-family:ui-monospace,Menlo,Consolas,monospace;line-heig
 def as_text(page: RenderableType) -> str:
     """Plain lines, without colours and without blanks at their ends."""
     file = io.StringIO()
-    Console(file=file, width=WIDTH, highlight=False, markup=False, emoji=False, no_color=True).print(page)
+    PlainConsole(file=file, width=WIDTH, no_color=True).print(page)
     return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 
 def as_html(page: RenderableType) -> str:
     """The same with its colours, for a notebook."""
-    console = Console(file=io.StringIO(), record=True, width=WIDTH, highlight=False, markup=False, emoji=False)
+    console = PlainConsole(file=io.StringIO(), record=True, width=WIDTH)
     console.print(page)
     return console.export_html(inline_styles=True, code_format=_HTML)

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from session.checks.alignment import truth_words
 from session.checks.first_look import Finding
+from session.common.texts import shell_word
 from session.common.units import DEG
 from tinygc.fitting.figures import closure_figures, run_figures
 from tinygc.fitting.known_turns import known_turns_words
@@ -231,7 +232,7 @@ def _noise_words(result: FitResult) -> list[Text]:
         words.append(
             Text(
                 f"The closure is {above:.1f} times its noise floor{p}: something is missing from the model, or this sensor's noise is more "
-                f"than white. The sigmas above are widened for it. Run `calibrate.py explain {result.session.folder}`.",
+                f"than white. The sigmas above are widened for it. Run `calibrate.py explain {shell_word(result.session.folder)}`.",
                 "yellow",
             )
         )

@@ -22,6 +22,19 @@ SHORTEST_CLOSURE_STILLS = 10
 #: what memory holds: a day of turns at 208 Hz
 MOST_SEGMENTS = 2000
 MOST_SAMPLES = 20_000_000
+#: beyond any sensor and any hand: what is larger would overflow somewhere
+LARGEST = {
+    "gyro_noise_dps_rthz": 100.0,
+    "accel_noise_ug_rthz": 1e6,
+    "bias_instability_dph": 1000.0,  # session.toml's own limit
+    "gyro_bias_dps": 1e4,
+    "accel_bias_mg": 1e4,
+    "accel_calibration_error_mg": 1e4,
+    "vigour": 1000.0,
+}
+#: still_s: session.toml's own limit
+SMALLEST = {"vigour": 1e-3, "still_s": 0.1, "turn_s": 0.01}
+LONGEST_LEVER_M = 10.0
 
 
 def choice(default: Any, meaning: str) -> Any:
@@ -84,17 +97,16 @@ class SimulationOptions:
             numbers = value if isinstance(value, tuple) else (value,)
             fine = all(isfinite(number) for number in numbers if isinstance(number, float))
             self._require(fine, option.name, "finite numbers" if isinstance(value, tuple) else "a finite number")
-        for name in ("closure_s", "accel_noise_ug_rthz", "bias_instability_dph", "gyro_noise_dps_rthz"):
-            self._require(getattr(self, name) >= 0, name, "0 or more")
+        self._require(self.closure_s >= 0, "closure_s", "0 or more")
+        for name, most in LARGEST.items():
+            self._require(0 <= getattr(self, name) <= most, name, f"0 to {most:g}")
         for name in ("gyro_scale_error", "gyro_misalignment", "accel_scale_error", "accel_misalignment"):
             self._require(0 <= getattr(self, name) <= 0.1, name, "0 to 0.1 (larger ones may be no invertible matrix)")
-        for name in ("gyro_bias_dps", "accel_bias_mg", "accel_calibration_error_mg"):
-            self._require(getattr(self, name) >= 0, name, "0 or more")
         from session.log.known_turns import MOST_SIGMA_DEG  # whose NumPy `--help` does not wait for
 
         self._require(0 <= self.stop_sigma_deg <= MOST_SIGMA_DEG, "stop_sigma_deg", f"0 to {MOST_SIGMA_DEG:g}")
-        for name in ("vigour", "still_s", "turn_s"):
-            self._require(getattr(self, name) > 0, name, "more than 0")
+        for name, least in SMALLEST.items():
+            self._require(getattr(self, name) >= least, name, f"{least:g} or more")
         self._require(1 <= self.segments <= MOST_SEGMENTS, "segments", f"1 to {MOST_SEGMENTS}")
         self._require(self.seed >= 0, "seed", "0 or more")
         self._require(self.unit_seed >= -1, "unit_seed", "-1, 0 or more")
@@ -103,7 +115,8 @@ class SimulationOptions:
         self._require(abs(self.latitude_deg) <= 90, "latitude_deg", "-90 to 90")
         self._require(9.7 <= self.gravity_mps2 <= 9.9, "gravity_mps2", "9.7 to 9.9")
         self._require(abs(self.heading_deg or 0) <= 360, "heading_deg", "-360 to 360")
-        self._require(len(self.lever_m) == 3, "lever_m", "three numbers")
+        fine = len(self.lever_m) == 3 and all(abs(length) <= LONGEST_LEVER_M for length in self.lever_m)
+        self._require(fine, "lever_m", f"three numbers within {LONGEST_LEVER_M:g}")
         for name, settled_c in (
             ("temperature_start_c", self.temperature_start_c),
             ("warm_up_c", self.temperature_start_c + self.warm_up_c),

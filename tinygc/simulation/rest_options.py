@@ -8,6 +8,17 @@ from math import isfinite
 from session.common.errors import CalibrationError
 from tinygc.simulation.options import choice
 
+#: beyond any sensor: what is larger would overflow somewhere
+LARGEST = {
+    "zero_dps": 1e4,
+    "slope_dps_per_c": 100.0,
+    "bend_dps_per_c2": 10.0,
+    "lag_s": 1e5,
+    "hysteresis_dps": 1e4,
+    "random_walk_dps_rts": 100.0,
+}
+MOST_KNOCKS = 100_000
+
 
 @dataclass(frozen=True)
 class RestOptions:
@@ -34,9 +45,13 @@ class RestOptions:
         self._require(0 <= self.cycles <= 1000, "cycles", "0 to 1000")
         self._require(10 <= self.cycle_s <= 1e7, "cycle_s", "10 to 1e7")
         self._require(-40 <= self.cold_c <= self.warm_c <= 105, "cold_c", "at most warm_c, both within the sensor's range, -40 to 105 degC")
+        for name, most in LARGEST.items():
+            value = getattr(self, name)
+            fine = all(abs(number) <= most for number in (value if isinstance(value, tuple) else (value,)))
+            self._require(fine, name, f"within {most:g}")
         self._require(self.random_walk_dps_rts >= 0, "random_walk_dps_rts", "0 or more")
         self._require(abs(self.noise_per_c) * (self.warm_c - self.cold_c) < 2, "noise_per_c", "less: the noise would be negative")
-        self._require(self.knocks >= 0, "knocks", "0 or more")
+        self._require(0 <= self.knocks <= MOST_KNOCKS, "knocks", f"0 to {MOST_KNOCKS}")
 
     def _require(self, fine: bool, name: str, expected: str) -> None:
         if not fine:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import positive
+from tinygc.cli.arguments import accel_full_scale, data_rate, gyro_full_scale
 
 if TYPE_CHECKING:
     from session.dialects.layout import Answers
@@ -15,9 +15,9 @@ def add_log_options(command: argparse.ArgumentParser) -> None:
     """``--odr``, ``--gyro-fs``, … in a group of their own."""
     asked = command.add_argument_group("what a log may not tell")
     asked.add_argument("--sensor", metavar="NAME", help="what the sensor is, such as MPU-9250 (calibrate.py sensors lists those known)")
-    asked.add_argument("--odr", type=positive, metavar="HZ", help="data rate")
-    asked.add_argument("--gyro-fs", type=positive, metavar="DPS", help="full scale of the gyroscope")
-    asked.add_argument("--accel-fs", type=positive, metavar="G", help="full scale of the accelerometer")
+    asked.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate")
+    asked.add_argument("--gyro-fs", type=gyro_full_scale, metavar="DPS", help="full scale of the gyroscope")
+    asked.add_argument("--accel-fs", type=accel_full_scale, metavar="G", help="full scale of the accelerometer")
     asked.add_argument("--time-unit", metavar="UNIT", help="s, ms, us, ns, 25us; none: count samples at --odr")
     asked.add_argument("--gyro-unit", metavar="UNIT", help="dps, mdps, rad/s, lsb, or one count: 0.061dps")
     asked.add_argument("--accel-unit", metavar="UNIT", help="g, mg, m/s2, lsb, or one count: g/2048")

@@ -11,17 +11,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.common.errors import CalibrationError
+from session.common.texts import printable
 from session.files.results import json_text
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from session.common.console import PlainConsole
 
 
-def output(args: argparse.Namespace) -> Console:
+def output(args: argparse.Namespace) -> PlainConsole:
     """Standard output for people; silent when quiet, and where the JSON has standard output to itself."""
     from tinygc.cli import console
 
     return console.output(args.quiet or str(args.json) == "-")
+
+
+def complain(line: str) -> None:
+    """One line on standard error, whatever file or folder it quotes."""
+    print(f"calibrate: {printable(line)}", file=sys.stderr)
 
 
 def try_destinations(args: argparse.Namespace, default: str) -> None:

@@ -6,6 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from session.common.texts import printable
 from tinygc.cli.commands._log_options import add_log_options, answers_of
 from tinygc.cli.commands._results import output, write_json
 
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
         if not to_stdout:
             output(args).print(line, soft_wrap=True)
         elif not args.quiet:
-            print(line, file=sys.stderr)
+            print(printable(line), file=sys.stderr)
     write_json(
         args.json,
         {

@@ -9,7 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from session.common.errors import CalibrationError
-from tinygc.cli.arguments import count, positive, seconds
+from session.common.texts import printable
+from tinygc.cli.arguments import accel_full_scale, count, data_rate, gyro_full_scale, positive, seconds
 from tinygc.cli.commands._results import write_json
 
 SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
@@ -18,7 +19,7 @@ SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("folder", type=Path, nargs="?", help="session folder to stream (a simulated one)")
-    command.add_argument("--rate", type=positive, default=416.0, metavar="HZ", help="data rate of the simulated sensor (%(default)g)")
+    command.add_argument("--rate", type=data_rate, default=416.0, metavar="HZ", help="data rate of the simulated sensor (%(default)g)")
     command.add_argument("--segments", type=count(1), default=40, help="turns of the simulated session (%(default)s)")
     command.add_argument(
         "--closure", type=seconds, default=0.0, metavar="S", help="closure run behind it, s, begun on the index mark (%(default)g: none)"
@@ -34,8 +35,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--frames", action="store_true", help="send frames instead of text lines")
     command.add_argument("--physical", action="store_true", help="send text lines in dps, g and degC instead of registers")
     command.add_argument("--sensor", default="ASM330LHH", metavar="NAME", help="whose registers the simulated one has (%(default)s)")
-    command.add_argument("--gyro-fs", type=positive, default=500.0, metavar="DPS", help="its full scale (%(default)g)")
-    command.add_argument("--accel-fs", type=positive, default=4.0, metavar="G", help="its full scale (%(default)g)")
+    command.add_argument("--gyro-fs", type=gyro_full_scale, default=500.0, metavar="DPS", help="its full scale (%(default)g)")
+    command.add_argument("--accel-fs", type=accel_full_scale, default=4.0, metavar="G", help="its full scale (%(default)g)")
     command.add_argument("--speed", type=positive, default=1.0, metavar="X", help="so many times faster than real (%(default)g)")
     command.add_argument("--lead", type=seconds, default=10.0, metavar="S", help="still time before the session (%(default)g)")
     command.add_argument("--tail", type=seconds, metavar="S", help="still time behind it, then stop (go on for ever)")
@@ -69,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
     def say(what: str) -> None:
         if not args.quiet:
-            print(what, file=sys.stderr, flush=True)
+            print(printable(what), file=sys.stderr, flush=True)
 
     if args.frames and args.physical:
         raise CalibrationError("board: frames hold registers; leave --frames or --physical out")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from tinygc.cli.commands._results import output, try_destinations, write_json
+from tinygc.cli.commands._results import complain, output, try_destinations, write_json
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
 USES_EFFECTS = True
@@ -41,6 +40,6 @@ def _with_pictures(args: argparse.Namespace) -> bool:
     from tinygc.explanation.pictures.canvas import can_draw
 
     if not args.no_pictures and not can_draw():
-        print("calibrate: no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')", file=sys.stderr)
+        complain("no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')")
         return False
     return not args.no_pictures

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.arguments import filled
+from tinygc.cli.commands._results import complain, output, write_json
 from tinygc.deploy.exports import FORMATS
 
 SUMMARY = "write the calibration for other programs"
@@ -16,15 +17,13 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("folder", type=Path, help="session folder that was fitted")
     command.add_argument("--to", required=True, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
-    command.add_argument("--model", metavar="NAME", help="method of the fit, or a model file (least_squares)")
+    command.add_argument("--model", type=filled, metavar="NAME", help="method of the fit, or a model file (least_squares)")
     command.add_argument("--out", type=Path, metavar="DIR", help="where the files go (export/ in the session folder)")
     command.add_argument("--anyway", action="store_true", help="export a model that closes held-out segments worse than raw rates, too")
 
 
 def run(args: argparse.Namespace) -> int:
     """A calibration in another program's words."""
-    import sys
-
     from session.files.results import write_text_whole
     from session.files.writing import result_folder
     from tinygc.deploy.exports import exporter
@@ -34,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
 
     def say(line: str) -> None:
         said.append(line)
-        print(f"calibrate: {line}", file=sys.stderr)
+        complain(line)
 
     model, context = read_context(args.folder, args.model, say, anyway=args.anyway)
     folder = args.out or args.folder / "export"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 from session.common.errors import CalibrationError
 from tinygc.cli.arguments import positive, three
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
-from tinygc.cli.commands._results import output, try_destinations, write_json
+from tinygc.cli.commands._results import complain, output, try_destinations, write_json
 from tinygc.cli.commands._temperature import add_temperature_arguments, fit_temperature, has_only_rests
 from tinygc.methods.registry import METHODS
 
@@ -70,9 +69,9 @@ def run(args: argparse.Namespace) -> int:
     write_json(args.json, table)
     above = [] if args.limit is None else _above(table, args.limit)
     if above:
-        print(f"calibrate: above --limit {args.limit:g} deg: {'; '.join(above)}", file=sys.stderr)
+        complain(f"above --limit {args.limit:g} deg: {'; '.join(above)}")
     if failed := result.result.against_raw.failed:
-        print(f"calibrate: {result.result.against_raw.words}", file=sys.stderr)
+        complain(result.result.against_raw.words)
     return 1 if above or failed else 0
 
 
@@ -128,7 +127,7 @@ def _rebias(args: argparse.Namespace) -> int:
     }
     above = [] if args.limit is None else _above(only, args.limit)
     if above:
-        print(f"calibrate: above --limit {args.limit:g} deg: {'; '.join(above)}", file=sys.stderr)
+        complain(f"above --limit {args.limit:g} deg: {'; '.join(above)}")
     return 1 if above else 0
 
 

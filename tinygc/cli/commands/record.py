@@ -9,9 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import closure_seconds, count, note, positive, stream_header
+from session.common.texts import printable, shell_word
+from tinygc.cli.arguments import accel_full_scale, closure_seconds, count, data_rate, gyro_full_scale, note, stream_header
 from tinygc.cli.commands._interruption import Interruption
-from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.commands._results import complain, output, write_json
 
 if TYPE_CHECKING:
     from session.guide.guide import Guide
@@ -51,9 +52,13 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--like", type=Path, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
     command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (calibrate.py sensors)")
     command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
-    command.add_argument("--odr", type=positive, metavar="HZ", help="data rate, where the board does not say")
-    command.add_argument("--gyro-fs", dest="gyro_fs_dps", type=positive, metavar="DPS", help="full scale, where the board does not say")
-    command.add_argument("--accel-fs", dest="accel_fs_g", type=positive, metavar="G", help="full scale, where the board does not say")
+    command.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate, where the board does not say")
+    command.add_argument(
+        "--gyro-fs", dest="gyro_fs_dps", type=gyro_full_scale, metavar="DPS", help="full scale, where the board does not say"
+    )
+    command.add_argument(
+        "--accel-fs", dest="accel_fs_g", type=accel_full_scale, metavar="G", help="full scale, where the board does not say"
+    )
     command.add_argument("--no-coach", action="store_true", help="any turn will do")
     command.add_argument("--mute", action="store_true", help="no bell")
 
@@ -101,11 +106,12 @@ def run(args: argparse.Namespace) -> int:
         console.print(ASSUMED, soft_wrap=True)
     if missing := _missing(guide):
         console.print(missing, soft_wrap=True)
-    again = f"calibrate.py record --resume --out {folder} --port {port}{f' --closure {args.closure:g}' if args.closure else ''}"
+    again = f"calibrate.py record --resume --out {shell_word(folder)} --port {shell_word(port)}"
+    again += f" --closure {args.closure:g}" if args.closure else ""
     if interrupted:
-        print(f"calibrate: interrupted; everything received is kept. To go on: {again}", file=sys.stderr)
+        complain(f"interrupted; everything received is kept. To go on: {again}")
     else:
-        console.print(f"next: calibrate.py check {folder}, then calibrate.py fit {folder}", soft_wrap=True)
+        console.print(f"next: calibrate.py check {shell_word(folder)}, then calibrate.py fit {shell_word(folder)}", soft_wrap=True)
     write_json(args.json, _table(guide, folder, recorder))
     return 130 if interrupted else 0
 
@@ -140,20 +146,19 @@ def _say_what_was_asked(args: argparse.Namespace, folder: Path) -> None:
         try:
             words = requested_by_explain(place) if place else None
         except FormatError as error:  # nobody at the table waits for an old explanation
-            print(f"calibrate: {error}", file=sys.stderr)
+            complain(str(error))
             continue
         if words and not args.quiet:
-            print(f"explain asks ({place}): {words}", file=sys.stderr)
+            print(printable(f"explain asks ({place}): {words}"), file=sys.stderr)
             return
 
 
 def _view(args: argparse.Namespace, title: str) -> LiveScreen | PlainLines:
     """The live screen in a terminal, lines elsewhere, nothing where quiet."""
-    from rich.console import Console
-
+    from session.common.console import PlainConsole
     from session.guide.screen import LiveScreen, PlainLines
 
-    console = Console(stderr=True, highlight=False, markup=False, emoji=False, quiet=args.quiet)
+    console = PlainConsole(stderr=True, quiet=args.quiet)
     return LiveScreen(title, args.mute, console) if console.is_terminal and not args.quiet else PlainLines(console)
 
 

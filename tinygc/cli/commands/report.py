@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from tinygc.cli.arguments import positive
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options
-from tinygc.cli.commands._results import output, try_file, write_json
+from tinygc.cli.commands._results import complain, output, try_file, write_json
 
 SUMMARY = "the calibration report: one HTML file that needs nothing else"
 USES_EFFECTS = True
@@ -47,11 +46,9 @@ def run(args: argparse.Namespace) -> int:
     output(args).print(f"written: {path}", soft_wrap=True)
     write_json(args.json, summary(evidence))
     if args.limit is not None and not decision.passed:
-        print(
-            f"calibrate: above --limit {args.limit:g} deg: {'; '.join(text for met, text in decision.reasons if not met)}", file=sys.stderr
-        )
+        complain(f"above --limit {args.limit:g} deg: {'; '.join(text for met, text in decision.reasons if not met)}")
         return 1
     if evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):
-        print("calibrate: the calibration closes held-out segments worse than the raw rates do: do not apply it", file=sys.stderr)
+        complain("the calibration closes held-out segments worse than the raw rates do: do not apply it")
         return 1
     return 0

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from session.common.texts import printable, shell_word
 from session.common.units import DEG, DEG_PER_HOUR, G
 from session.log.config import Accelerometer, Config, read_config
 from session.log.folder import log_paths
-from session.log.hashes import sha256_of
+from session.log.hashes import file_key, sha256_of
 from session.log.logfile import read_log
 from tinygc import models
 from tinygc.deploy.errors import ExportError
@@ -131,8 +132,8 @@ def read_context(
         )
     fit = _fit_beside(path)
     sources = [path, folder / "session.toml", *log_paths(folder, "log"), *log_paths(folder, "closure")]
-    hashes = {source.name: sha256_of(source) for source in sources}
-    name: str = table.get("session") or folder.resolve().name
+    hashes = {file_key(source): sha256_of(source) for source in sources}
+    name: str = table.get("session") or printable(folder.resolve().name)
     named: str = table.get("method") or path.stem.removeprefix("model_")
     if worse := worse_in_table(fit, named.removesuffix(AT_END)):
         words = f"{path.name} closes held-out segments with {worse[0]:.4g} deg, worse than the raw rates with {worse[1]:.4g} deg"
@@ -147,7 +148,7 @@ def _model_path(folder: Path, method: str | None) -> Path:
         return Path(method)
     there = {path.stem.removeprefix("model_"): path for path in sorted((folder / "fit").glob("model_*.json"))}
     if not there:
-        raise ExportError(f"{folder / 'fit'}: no model; run `calibrate.py fit {folder}` first, or give --model FILE")
+        raise ExportError(f"{folder / 'fit'}: no model; run `calibrate.py fit {shell_word(folder)}` first, or give --model FILE")
     wanted = method or (ONLY if set(there) == {ONLY} else PREFERRED)
     if wanted not in there:
         raise ExportError(f"{folder / 'fit'}: no model_{wanted}.json; there are {', '.join(there)}")

@@ -6,7 +6,7 @@ import numpy as np
 
 from session.common.units import DEG, G
 from session.common.version import VERSION
-from session.log.hashes import hash_of_log
+from session.log.hashes import file_key, hash_of_log
 from tinygc.effects import catalogue
 from tinygc.explanation.verdict.claims import Claim, Considered
 from tinygc.explanation.verdict.explain import Explanation
@@ -63,7 +63,7 @@ def to_json(e: Explanation) -> dict:
         },
         "warnings": [vars(warning) for warning in e.warnings],
         "next": what_next(e),
-        "logs": {log.path.name: hash_of_log(log) for log in e.session.logs},
+        "logs": {file_key(log.path): hash_of_log(log) for log in e.session.logs},
         "version": VERSION,
     }
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from session.common.texts import comment
 from session.stream import frames
 from session.stream.form import HEADER
 from tinygc.simulation.board.faults import Faults, spoil
@@ -132,7 +133,7 @@ class Board:
             message = frames.encode_info(self._sequence, self.source.info)
             self._sequence += 1
         else:
-            message = f"# {self.source.info.text}\n".encode()
+            message = f"# {comment(self.source.info.text)}\n".encode()  # a serial number is one line, whatever it says
         if self._position >= self._silent_until:
             self.terminal.write(spoil([message], self.faults, self._rng))
 

@@ -32,6 +32,11 @@ class Finding:
         for name in ("where", "says", "do"):  # they may quote a file
             object.__setattr__(self, name, printable(getattr(self, name)))
 
+    @property
+    def line(self) -> str:
+        """All of it in a line, but for the level."""
+        return f"{self.where}: {self.what}: {self.says}" + (f"; {self.do}" if self.do else "")
+
 
 def worst(findings: Iterable[Finding]) -> str:
     """The most serious level among findings; ``ok`` where there are none."""
@@ -52,4 +57,4 @@ def stop_at_errors(findings: list[Finding]) -> None:
     """A calibration fitted to wrong units or axes is worse than none."""
     for finding in findings:
         if finding.level == "error":
-            raise DataError(f"{finding.where}: {finding.what}: {finding.says}" + (f"; {finding.do}" if finding.do else ""))
+            raise DataError(finding.line)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.common.errors import FormatError, StorageError
+from session.common.texts import unicode_text
 from session.files.reading import open_file
 
 RAW, TIMES = "raw.bin", "raw.times"
@@ -85,7 +86,7 @@ class RawFile:
         """Something that happened behind the first ``offset`` bytes; without one, behind all there are."""
         with self._lock:
             where = self.size if offset is None else offset
-            self._write(self._times, f"{host_ns},{where},{' '.join(event.split())}\n".encode())
+            self._write(self._times, f"{host_ns},{where},{unicode_text(' '.join(event.split()))}\n".encode())
 
     def close(self) -> None:
         """Force everything to the disk and close; may be called twice."""

@@ -11,10 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FormatError
+from session.common.texts import comment
 from session.common.units import DEG, MG
 from session.files.writing import naming, result_folder
 from session.log.config import SCHEMA
 from session.log.known_turns import NAME as KNOWN_TURNS
+from session.log.toml_text import line
 from tinygc.simulation.known_turns import stopped_turns, turns_text
 from tinygc.simulation.options import SimulationOptions, command_line
 from tinygc.simulation.simulate import Distort, Recording, Simulation, simulate_session
@@ -92,15 +94,15 @@ def check_folder(folder: Path, force: bool) -> None:
 def _write_log(path: Path, simulation: Simulation, recording: Recording) -> None:
     options, odr_hz = simulation.options, simulation.unit.odr_hz
     ranges = f"gyro_fs_dps={options.gyro_fs_dps:g} accel_fs_g={options.accel_fs_g:g}"
-    comment = f"# {ranges} odr_hz={odr_hz:.4f} serial={_serial(options)}"
+    said = f"# {ranges} odr_hz={odr_hz:.4f} serial={_serial(options)}"
     table = np.column_stack([recording.t_us, recording.gyro, recording.accel, recording.temp])
-    path.write_bytes(packed_log(comment, table))
+    path.write_bytes(packed_log(said, table))
 
 
-def packed_log(comment: str, table: np.ndarray) -> bytes:
-    """A log of registers (N, 8), whole numbers, as its packed bytes."""
+def packed_log(said: str, table: np.ndarray) -> bytes:
+    """A log of registers (N, 8), whole numbers, as its packed bytes; said: its comment."""
     row = ",".join(["%d"] * table.shape[1]) + "\n"
-    text = f"{comment}\n{HEADER}\n" + row * len(table) % tuple(table.ravel().tolist())
+    text = f"{said}\n{HEADER}\n" + row * len(table) % tuple(table.ravel().tolist())
     return gzip.compress(text.encode("ascii"), GZIP_LEVEL, mtime=0)  # mtime 0: the same seed gives the same bytes
 
 
@@ -119,12 +121,11 @@ def config_text(simulation: Simulation, concealed: bool, calibrated: bool = True
     heading = f"heading_deg = {unit.heading_deg!r}\n" if options.with_heading else ""
     remark = f"# Physics is concealed in it besides: {TRUTH} tells which.\n" if concealed else ""
     return f"""\
-# SIMULATED, not recorded.  To make it again: {command_line(options)}
+# SIMULATED, not recorded.  To make it again: {comment(command_line(options))}
 {remark}schema = "{SCHEMA}"
 
 [sensor]
-model = "{options.sensor}"
-serial = "{_serial(options)}"
+{line("model", options.sensor)}serial = "{_serial(options)}"
 odr_hz = {float(options.odr_hz)!r}
 gyro_fs_dps = {options.gyro_fs_dps:g}
 accel_fs_g = {options.accel_fs_g:g}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.commands._results import complain, output, write_json
 
 SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
 
@@ -26,5 +26,8 @@ def run(args: argparse.Namespace) -> int:
     output(args).print(findings_table(findings))
     write_json(args.json, {"schema": "tinygc-check/1", "findings": [vars(finding) for finding in findings]})
     if worst(findings) == "error":
+        if output(args).quiet:  # whoever sees no table is told at least what stops the calibration
+            errors = [finding for finding in findings if finding.level == "error"]
+            complain(errors[0].line + (f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""))
         return 2
     return 1 if args.strict and worst(findings) == "warning" else 0

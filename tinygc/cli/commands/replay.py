@@ -43,8 +43,7 @@ def run(args: argparse.Namespace) -> int:
         console.print(f"  {note}", soft_wrap=True)
     for finding in made.findings:
         if finding.level in ("error", "warning"):
-            do = f"; {finding.do}" if finding.do else ""
-            console.print(f"  {finding.level}: {finding.where}: {finding.what}: {finding.says}{do}", soft_wrap=True)
+            console.print(f"  {finding.level}: {finding.line}", soft_wrap=True)
     for number, step in enumerate(made.next):
         console.print(f"{'next:' if number == 0 else 'then:'} {step}", soft_wrap=True)
     write_json(args.json, {"schema": "tinygc-replay/1", **_table(made)})

@@ -20,6 +20,8 @@ SUMMARY = "ArduPilot parameters: gyroscope offsets and temperature terms (no sca
 FILE = "ardupilot.param"
 ABOUT_C = 35.0  #: of its polynomial
 SCALE = 1e6  #: of the polynomial's coefficients
+#: bytes of a line: ArduPilot reads a file of its own (defaults.parm) 98 at a time, and takes what is left of a comment for a parameter
+LONGEST = 96
 LEAST_C = 10.0  #: INS_TCAL1_TMAX must be so far above INS_TCAL1_TMIN
 
 
@@ -46,6 +48,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
         *(() if force is None else ("corrected = (measured - INS_ACCOFFS_*) INS_ACCSCAL_*, m/s^2",)),
         "rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.  It calibrates the offset anew at each boot unless",
         "INS_GYR_CAL is 0.",
+        longest=LONGEST,
     )
     return {FILE: head + _table(values)}
 
@@ -69,6 +72,7 @@ def _over_temperature(model: ThermalModel, context: Context) -> str:
         "T and CALTEMP held within INS_TCAL1_TMIN to TMAX; rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.",
         "INS_TCAL1_ACC* likewise, m/s^2; INS_ACC1_CALTEMP is set by ArduPilot's own accelerometer calibration, which comes first.",
         "It calibrates the gyro's offset anew at each boot unless INS_GYR_CAL is 0.",
+        longest=LONGEST,
     )
     return head + _table(values)
 

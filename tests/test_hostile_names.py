@@ -1,0 +1,227 @@
+"""Folders, files and options as no careful person gives them: names that are no UTF-8, that hold line ends or escape sequences; no name."""
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from commandline import refused
+from conftest import ROOT
+from html_pages import parsed
+
+from session.log.config import read_config
+from session.log.logfile import read_log
+from tinygc.cli.arguments import parser
+from tinygc.deploy.exports import FORMATS
+
+#: bytes that are no UTF-8, line ends, a title for the terminal, rich's markup, HTML, a formula
+EVIL = os.fsdecode(b"caf\xe9\n\x1b]0;t\x07[red]<b>$\\frac$ \xe2\x80\xa8x")
+SHOWN = r"caf\xe9\n\x1b]0;t\x07[red]<b>$\frac$ \u2028x"
+FIT = ("--methods", "least_squares", "--folds", "2")
+
+
+@pytest.fixture
+def evil(simulated, tmp_path):
+    """A simulated session in a folder of that name, whose session.toml and log have such texts, too."""
+    folder = tmp_path / EVIL
+    try:
+        shutil.copytree(simulated(), folder)
+    except OSError:
+        pytest.skip("this disk takes no such name")
+    (folder / "log0001.csv.gz").rename(folder / os.fsdecode(b"log\xe9\n[bold].csv.gz"))
+    path = folder / "session.toml"
+    text = re.sub(r'serial = "[^"]*"', r'serial = "s\\n\\u001B[31m[/red]</h1><script>\\u202E*/\\u2028#"', path.read_text(encoding="utf-8"))
+    path.write_text(text + '\n[notes]\n"<i>\\n\\u001B[2J" = "</dd>\\u2029[link=x]"\n', encoding="utf-8")
+    return folder
+
+
+def clean(result, codes=(0,)):
+    """Nothing but lines of text on both streams, and no traceback."""
+    code, out, err = result
+    assert code in codes, err
+    assert "Traceback" not in out + err
+    assert all(line.isprintable() for line in (out + err).split("\n")), [x for x in (out + err).split("\n") if not x.isprintable()]
+    return out
+
+
+def test_every_command_takes_a_name_that_is_no_text(evil, tmp_path, run):
+    """fit used to end in a traceback after all its work; what it leaves is read by the rest."""
+    assert SHOWN in clean(run("fit", evil, *FIT, "--json", evil / "fit.json"))
+    assert json.loads((evil / "fit.json").read_text(encoding="utf-8"))["session"] == SHOWN
+    model = json.loads((evil / "fit" / "model_least_squares.json").read_text(encoding="utf-8"))
+    assert "log\\xe9\n[bold].csv.gz" in model["sha256"]
+    clean(run("check", evil))
+    for name in FORMATS:
+        clean(run("export", evil, "--to", name))
+    clean(run("apply", evil / "fit" / "model_least_squares.json", next(evil.glob("log*")), "-o", evil / "calibrated.csv"))
+    assert f"{SHOWN}: " in clean(run("explain", evil))
+    clean(run("plan", evil))
+    clean(run("accelerometer", evil))
+    clean(run("compare", evil, evil), codes=(2,))
+
+
+def test_the_exports_of_such_a_session_hold_no_line_of_it(evil, simulated, tmp_path, run):
+    plain = tmp_path / "plain"
+    shutil.copytree(simulated(), plain)
+    for folder in (evil, plain):
+        assert run("fit", folder, *FIT, "--quiet")[0] == 0
+        for name in FORMATS:
+            clean(run("export", folder, "--to", name, "--quiet"))
+    exports = {path.name: path.read_text(encoding="utf-8") for path in (evil / "export").iterdir()}
+    assert len(exports) == 10
+    for path in (plain / "export").iterdir():
+        if path.suffix in (".params", ".param", ".yaml"):  # each parameter, each key, each number
+            assert _body(exports[path.name]) == _body(path.read_text(encoding="utf-8")), path.name
+
+
+def _body(text):
+    return [line for line in text.splitlines() if not line.startswith("#")]
+
+
+def test_the_report_shows_such_texts_and_obeys_none(evil, simulated, tmp_path, run):
+    plain = tmp_path / "plain"
+    shutil.copytree(simulated(), plain)
+    path = plain / "session.toml"
+    text = re.sub(r'serial = "[^"]*"', 'serial = "another"', path.read_text(encoding="utf-8"))  # than the log says, as in the other
+    path.write_text(text + '\n[notes]\na = "b"\n', encoding="utf-8")
+    pages = []
+    for folder in (evil, plain):
+        clean(run("report", folder, "--no-explain", *FIT, "--out", folder / "page.html"), codes=(0, 1))
+        pages.append(parsed((folder / "page.html").read_text(encoding="utf-8")))
+    assert pages[0].tags == pages[1].tags
+    words = " ".join(pages[0].words)
+    assert SHOWN in words
+    assert r"s\n\x1b[31m[/red]</h1><script>\u202e*/\u2028#" in words
+    assert r"</dd>\u2029[link=x]" in words
+
+
+def test_pictures_are_drawn_under_such_a_name(evil, run):
+    pytest.importorskip("matplotlib")
+    shutil.copytree(evil, evil.with_name("$\\frac{ 😀"))
+    clean(run("explain", evil.with_name("$\\frac{ 😀"), "--json", "-"))
+
+
+@pytest.mark.parametrize(
+    "serial", ["a\nb", "\r\n[x]", "\x1b[31m", "\x00"[:0] + "\x7f", "\u2028\x85", "😀", '"\\', os.fsdecode(b"\xe9"), "Ø-12 µ"]
+)
+def test_replay_reads_again_the_serial_number_that_it_wrote(serial, folder, tmp_path, run):
+    made = tmp_path / "made"
+    clean(run("replay", folder / "log0001.csv", "--out", made, "--gyro-fs", "500", "--accel-fs", "4", "--serial", serial))
+    assert read_config(made / "session.toml").sensor.serial == (serial if "\udce9" not in serial else r"\xe9")
+    clean(run("check", made))
+
+
+@pytest.mark.parametrize("axes", [(), ("--gyro-axes", "y,-x,z")])
+def test_the_name_of_a_log_says_nothing_of_it(axes, folder, tmp_path, run):
+    """A line end in it made lines of session.toml, and a ``key=value`` a statement of the log's own."""
+    log = folder / 'l\nmodel = "x"\n gyro_fs_dps=125 stamps=counted \u2028.csv'
+    (folder / "log0001.csv").rename(log)
+    made = tmp_path / "made"
+    clean(run("replay", log, "--out", made, "--gyro-fs", "500", "--accel-fs", "4", *axes))
+    table = tomllib.loads((made / "session.toml").read_text(encoding="utf-8"))
+    assert set(table) == {"schema", "sensor"}
+    assert table["sensor"]["gyro_fs_dps"] == 500
+    said = read_log(made / "log0001.csv", read_config(made / "session.toml").sensor).comments
+    assert said.get("gyro_fs_dps") != "125"
+    assert "stamps" not in said
+
+
+def test_what_a_log_says_of_itself_is_refused_before_it_is_written(folder, tmp_path, run):
+    log = folder / "log0001.csv"
+    lines = [f"{9600 * n},0.1,{n % 3},0.3,0,0,-1" for n in range(1000)]
+    log.write_text("\n".join(["# gyro_fs_dps=1e308 accel_fs_g=4", "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", *lines, ""]))
+    refused(run("replay", log, "--out", tmp_path / "made"), "gyro_fs_dps", "not written")
+    assert not (tmp_path / "made").exists()
+
+
+def test_check_quiet_says_its_one_line(folder, tmp_path, run):
+    (folder / "session.toml").write_text("x", encoding="utf-8")
+    refused(run("check", "--quiet", folder), "session.toml", "broken TOML")
+    refused(run("check", "--quiet", tmp_path / "nothing"), "not found")
+    code, out, err = run("check", folder, "--json", "-")
+    assert code == 2
+    assert json.loads(out)["findings"][0]["level"] == "error"
+    assert len(err.strip().splitlines()) == 1
+
+
+def _commands():
+    (commands,) = (action for action in parser()._actions if isinstance(action, argparse._SubParsersAction))
+    return commands.choices
+
+
+@pytest.mark.parametrize("name", sorted(_commands()))
+def test_no_path_of_any_command_is_empty(name, capsys):
+    """``--out ""``, a variable of the shell that was never set, wrote into the folder that one stood in."""
+    command = _commands()[name]
+    paths = [action for action in command._actions if action.type is Path]
+    assert paths
+    for action in paths:
+        for text in ("", " "):
+            with pytest.raises(argparse.ArgumentError, match="empty name"):
+                command._get_values(action, [text]) if action.nargs is None else command._get_value(action, text)
+
+
+def test_an_empty_out_is_refused_in_one_line(folder, tmp_path, run, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    for arguments in (("fit", folder), ("export", folder, "--to", "json"), ("explain", folder), ("simulate",)):
+        refused(run(*arguments, "--out", ""), "--out", "empty name")
+    refused(run("export", folder, "--to", "json", "--model", ""), "--model", "empty name")
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("text", ["1e308,0,0", "0,-1e308,0", "nan,0,0", "1e6,0,0"])
+def test_a_bias_beyond_any_gyroscope_is_refused(text, folder, run):
+    refused(run("fit", folder, "--model", folder / "none.json", "--bias", "given", f"--bias-dps={text}"), "--bias-dps", "within ±100000")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(("record", "--port", "none", option, "1e308") for option in ("--odr", "--gyro-fs", "--accel-fs")),
+        *(("replay", "log.csv", "--out", "x", option, "1e-308") for option in ("--odr", "--gyro-fs", "--accel-fs")),
+        *(("board", option, "1e308") for option in ("--rate", "--gyro-fs", "--accel-fs")),
+        ("record", "--port", "none", "--baud", "1" + "0" * 30),
+        ("fit", "x", "--seed", "1" + "0" * 30),
+        ("fit", "x", "--folds", "1" + "0" * 30),
+        ("fit", "x", "--denoise-delay", "1" + "0" * 30),
+        ("fit", "x", "--temperature", "--temperature-order", "1000000"),
+        ("plan", "x", "--count", "1" + "0" * 30),
+        *(
+            ("simulate", "--out", "x", "--segments", "7", f"--{option}=1e308")
+            for option in ("gyro-noise-dps-rthz", "accel-noise-ug-rthz", "bias-instability-dph", "gyro-bias-dps", "accel-bias-mg", "vigour")
+        ),
+        ("simulate", "--out", "x", "--lever-m", "nan", "0", "0"),
+        ("simulate", "--out", "x", "--turn-s", "1e-308"),
+        *(
+            ("simulate", "--out", "x", "--rest-cycles", "1", f"--rest-{option}=1e308")
+            for option in ("slope-dps-per-c", "bend-dps-per-c2", "lag-s", "hysteresis-dps", "random-walk-dps-rts")
+        ),
+        ("simulate", "--out", "x", "--rest-cycles", "1", "--rest-knocks", "1" + "0" * 30),
+    ],
+    ids=lambda arguments: " ".join(arguments)[:60],
+)
+def test_numbers_beyond_any_sensor_are_refused(arguments, tmp_path, run, monkeypatch, recwarn):
+    monkeypatch.chdir(tmp_path)
+    refused(run(*arguments))
+    assert not list(tmp_path.iterdir())
+    assert not recwarn.list
+
+
+def test_a_simulated_session_of_a_sensor_with_a_line_end_in_its_name(tmp_path, run):
+    made = tmp_path / "made"
+    clean(run("simulate", "--out", made, "--segments", "2", "--closure", "0", "--odr-hz", "104", "--sensor", 'ASM330LHH"\n[site]\n#'))
+    assert read_config(made / "session.toml").sensor.model == 'ASM330LHH"\n[site]\n#'
+
+
+def test_a_progress_bar_reads_no_markup():
+    """On a terminal as elsewhere: a log's name is drawn as it is."""
+    code = "from tinygc.cli.console import progress_bar\nwith progress_bar() as progress: progress('reading [/red] [bold]x\\x1b[2J', 0, 1)"
+    made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert made.stderr == "reading [/red] [bold]x\\x1b[2J …\n"

@@ -1,0 +1,137 @@
+"""Texts of files, boards and people stay texts wherever they go: read back by each format's own reader, nothing is injected.
+
+The texts, the places and the readers are those of ``benchmarks/hostile_texts.py``, which prints the table.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+from hostile_texts import HOSTILE, LINE_ENDS, LINEAR, LONG, PAYLOADS, PLACES, context, injected
+
+from session.common.texts import comment, json_text, printable, shell_word, unicode_text
+from session.log.toml_text import line
+from tinygc.deploy.exports import FORMATS, exporter
+
+PIECES = [
+    *LINE_ENDS,
+    *PAYLOADS.values(),
+    "*/",
+    "/*",
+    "//",
+    "\\",
+    "??/",
+    "-->",
+    "<b>",
+    '"',
+    "'",
+    "#",
+    "\x1b[31m",
+    "[red]",
+    "\udce9",
+    "\u202e",
+]
+TEXTS = st.text(st.characters(), max_size=40) | st.lists(st.sampled_from(PIECES) | st.text(st.characters(), max_size=3), max_size=6).map(
+    "".join
+)
+SLOW = ("c header", "c source")
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_a_hostile_text_injects_nothing(name):
+    texts = (*HOSTILE, *LONG) if name == "ardupilot" else HOSTILE
+    assert {text: count for text in texts if (count := injected(PLACES[name], text))} == {}
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(TEXTS)
+def test_no_text_at_all_injects_anything(text):
+    assert {name: count for name, place in PLACES.items() if name not in SLOW and (count := injected(place, text))} == {}
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(TEXTS)
+def test_no_text_at_all_injects_anything_into_c(text):
+    assert {name: count for name in SLOW if (count := injected(PLACES[name], text))} == {}
+
+
+def test_the_readers_see_an_injection():
+    """What the table would say if nothing were escaped: the checks above can fail."""
+    from hostile_texts import Place, ardupilot, c_statements, elements, lines_but_comments, terminal, toml_lines, yaml_table
+
+    for read, wrong in (
+        (lines_but_comments, "# {}\nx 1\n"),
+        (ardupilot, "# {}\nx,1\n"),
+        (yaml_table, "# {}\nx: 1\n"),
+        (c_statements, "// {}\nint x;\n"),
+        (c_statements, "/* {} */\nint x;\n"),
+        (terminal, "{}\n"),
+        (elements, "<p>{}</p>"),
+        (toml_lines, '[sensor]\nmodel = "{}"\n'),
+    ):
+        assert any(injected(Place(wrong.replace("{}", "%s").__mod__, read), text) for text in (*HOSTILE, *LONG)), read
+    assert injected(Place(lambda text: f"# {text}\n", ardupilot), LONG[70]) == 1
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "arm-none-eabi-gcc"])
+def test_exported_c_compiles_whatever_the_serial_number_says(compiler, tmp_path):
+    """Every hostile text at once, every warning an error; the constructor of one of them is not in the object (C11 knows trigraphs)."""
+    if shutil.which(compiler) is None:
+        pytest.skip(f"not installed: {compiler}")
+    types = "typedef union { float array[3]; } FusionVector;\ntypedef union { float array[3][3]; } FusionMatrix;\n"
+    for number, text in enumerate(("".join(HOSTILE), *PAYLOADS.values(), "a\\", "a??/", "a */ int evil; /*")):
+        for name, content in exporter("xio").export(LINEAR, context(f"x\n{text}")).items():
+            if name.endswith(".h"):
+                (tmp_path / f"xio{number}.c").write_text(types + content + "int here(void);\n", encoding="utf-8")
+        for name, content in exporter("c").export(LINEAR, context(f"x\n{text}")).items():
+            (tmp_path / name).write_text(content, encoding="utf-8")
+        sources = [f"xio{number}.c", "tinygc_model.c"]
+        flags = ["-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wno-unused-variable", "-Wno-unused-const-variable", "-c"]
+        made = subprocess.run([compiler, *flags, *sources], cwd=tmp_path, capture_output=True, text=True)
+        assert made.returncode == 0, made.stderr[:2000]
+        assert not any(b"evil" in path.read_bytes() for path in tmp_path.glob("*.o"))
+
+
+@pytest.mark.parametrize("name", [name for name in FORMATS if name != "c"])
+def test_what_is_readable_stays_readable(name):
+    assert any("Ø-12 µ" in text for text in exporter(name).export(LINEAR, context("Ø-12 µ")).values())
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.text(st.characters()))
+def test_json_and_toml_give_back_what_they_were_given(text):
+    plain = unicode_text(text)
+    plain.encode("utf-8")
+    assert json.loads(json_text({text: [text]})) == {plain: [plain]}
+    assert json.loads(json_text({text: [text]}, ascii_only=True).encode("ascii")) == {plain: [plain]}
+    assert tomllib.loads(line(text, text)) == {plain: plain}
+    assert printable(text).isprintable()
+    assert comment(text).isprintable()
+    if text.isprintable():
+        assert printable(text) == plain == text
+
+
+def test_bytes_that_were_no_text_are_shown_as_bytes():
+    assert printable(os.fsdecode(b"caf\xe9\n")) == r"caf\xe9\n"
+    assert unicode_text("\ud800") == r"\ud800"
+    assert json.loads(json_text(os.fsdecode(b"caf\xe9"))) == r"caf\xe9"
+
+
+@pytest.mark.parametrize("name", [b"plain", b"two words", b"caf\xe9", b"a\n$(reboot)", b"it's", b"\x1b[31m\\", "Ø µ".encode(), b"-x", b"~"])
+def test_a_command_that_is_copied_names_the_very_file(name):
+    if shutil.which("bash") is None:
+        pytest.skip("not installed: bash")
+    word = shell_word(Path(os.fsdecode(name)))
+    assert word.isprintable()
+    made = subprocess.run(["bash", "-c", f"printf %s {word}"], capture_output=True, check=True)
+    assert made.stdout == name or name == b"-x"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import os
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -31,7 +32,7 @@ def effects_in(said: Path, folder: Path) -> list[tuple[Effect, Path]]:
 
 def _package(folder: Path) -> str:
     """A package of the folder's files alone, freshly: its name is no file's, so that nothing else imports it by chance."""
-    name = f"tinygc_effects_folder_{hashlib.sha256(str(folder).encode()).hexdigest()[:12]}"
+    name = f"tinygc_effects_folder_{hashlib.sha256(os.fsencode(folder)).hexdigest()[:12]}"
     for loaded in [module for module in sys.modules if module == name or module.startswith(f"{name}.")]:
         del sys.modules[loaded]
     importlib.invalidate_caches()

@@ -5,14 +5,13 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
+import processes
 import pytest
 from commandline import refused
-from conftest import ROOT
 from html_pages import parsed
 
 from session.log.config import read_config
@@ -21,8 +20,8 @@ from tinygc.cli.arguments import parser
 from tinygc.deploy.exports import FORMATS
 
 #: bytes that are no UTF-8, line ends, a title for the terminal, rich's markup, HTML, a formula
-EVIL = os.fsdecode(b"caf\xe9\n\x1b]0;t\x07[red]<b>$\\frac$ \xe2\x80\xa8x")
-SHOWN = r"caf\xe9\n\x1b]0;t\x07[red]<b>$\frac$ \u2028x"
+EVIL = os.fsdecode(b"caf\xe9\nINJECTED\x1b]0;t\x07[red]<b>$\\frac$ \xe2\x80\xa8x")
+SHOWN = r"caf\xe9\nINJECTED\x1b]0;t\x07[red]<b>$\frac$ \u2028x"
 FIT = ("--methods", "least_squares", "--folds", "2")
 
 
@@ -34,10 +33,12 @@ def evil(simulated, tmp_path):
         shutil.copytree(simulated(), folder)
     except OSError:
         pytest.skip("this disk takes no such name")
-    (folder / "log0001.csv.gz").rename(folder / os.fsdecode(b"log\xe9\n[bold].csv.gz"))
+    (folder / "log0001.csv.gz").rename(folder / os.fsdecode(b"log\xe9\nINJECTED [bold].csv.gz"))
     path = folder / "session.toml"
-    text = re.sub(r'serial = "[^"]*"', r'serial = "s\\n\\u001B[31m[/red]</h1><script>\\u202E*/\\u2028#"', path.read_text(encoding="utf-8"))
-    path.write_text(text + '\n[notes]\n"<i>\\n\\u001B[2J" = "</dd>\\u2029[link=x]"\n', encoding="utf-8")
+    text = re.sub(
+        r'serial = "[^"]*"', r'serial = "s\\nINJECTED\\u001B[31m[/red]</h1><script>\\u202E*/\\u2028#"', path.read_text(encoding="utf-8")
+    )
+    path.write_text(text + '\n[notes]\n"<i>\\nINJECTED\\u001B[2J" = "</dd>\\u2029[link=x]"\n', encoding="utf-8")
     return folder
 
 
@@ -46,16 +47,16 @@ def clean(result, codes=(0,)):
     code, out, err = result
     assert code in codes, err
     assert "Traceback" not in out + err
-    assert all(line.isprintable() for line in (out + err).split("\n")), [x for x in (out + err).split("\n") if not x.isprintable()]
+    assert [line for line in (out + err).split("\n") if not line.isprintable() or line.strip().startswith("INJECTED")] == []
     return out
 
 
-def test_every_command_takes_a_name_that_is_no_text(evil, tmp_path, run):
+def test_every_command_takes_a_name_that_is_no_text(evil, simulated, run):
     """fit used to end in a traceback after all its work; what it leaves is read by the rest."""
     assert SHOWN in clean(run("fit", evil, *FIT, "--json", evil / "fit.json"))
     assert json.loads((evil / "fit.json").read_text(encoding="utf-8"))["session"] == SHOWN
     model = json.loads((evil / "fit" / "model_least_squares.json").read_text(encoding="utf-8"))
-    assert "log\\xe9\n[bold].csv.gz" in model["sha256"]
+    assert "log\\xe9\nINJECTED [bold].csv.gz" in model["sha256"]
     clean(run("check", evil))
     for name in FORMATS:
         clean(run("export", evil, "--to", name))
@@ -64,6 +65,12 @@ def test_every_command_takes_a_name_that_is_no_text(evil, tmp_path, run):
     clean(run("plan", evil))
     clean(run("accelerometer", evil))
     clean(run("compare", evil, evil), codes=(2,))
+    other = evil.with_name(EVIL + "2")
+    shutil.copytree(simulated(seed=4), other)
+    clean(run("fit", other, *FIT, "--quiet"))
+    assert "another sensor" in clean(run("compare", evil, other))
+    clean(run("fit", other, "--model", evil / "fit" / "model_least_squares.json", "--bias", "start"))
+    clean(run("fit", evil, "--model", evil / "fit" / "model_least_squares.json", "--bias", "start"))
 
 
 def test_the_exports_of_such_a_session_hold_no_line_of_it(evil, simulated, tmp_path, run):
@@ -97,7 +104,7 @@ def test_the_report_shows_such_texts_and_obeys_none(evil, simulated, tmp_path, r
     assert pages[0].tags == pages[1].tags
     words = " ".join(pages[0].words)
     assert SHOWN in words
-    assert r"s\n\x1b[31m[/red]</h1><script>\u202e*/\u2028#" in words
+    assert r"s\nINJECTED\x1b[31m[/red]</h1><script>\u202e*/\u2028#" in words
     assert r"</dd>\u2029[link=x]" in words
 
 
@@ -223,5 +230,5 @@ def test_a_simulated_session_of_a_sensor_with_a_line_end_in_its_name(tmp_path, r
 def test_a_progress_bar_reads_no_markup():
     """On a terminal as elsewhere: a log's name is drawn as it is."""
     code = "from tinygc.cli.console import progress_bar\nwith progress_bar() as progress: progress('reading [/red] [bold]x\\x1b[2J', 0, 1)"
-    made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    made = processes.run([sys.executable, "-c", code], stderr=processes.PIPE, text=True, check=True)
     assert made.stderr == "reading [/red] [bold]x\\x1b[2J …\n"

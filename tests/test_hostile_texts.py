@@ -6,7 +6,6 @@ The texts, the places and the readers are those of ``benchmarks/hostile_texts.py
 import json
 import os
 import shutil
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -15,6 +14,7 @@ import pytest
 from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from processes import PIPE, run
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 from hostile_texts import HOSTILE, LINE_ENDS, LINEAR, LONG, PAYLOADS, PLACES, context, injected
@@ -53,13 +53,13 @@ def test_a_hostile_text_injects_nothing(name):
     assert {text: count for text in texts if (count := injected(PLACES[name], text))} == {}
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(TEXTS)
 def test_no_text_at_all_injects_anything(text):
     assert {name: count for name, place in PLACES.items() if name not in SLOW and (count := injected(place, text))} == {}
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=15)
 @given(TEXTS)
 def test_no_text_at_all_injects_anything_into_c(text):
     assert {name: count for name in SLOW if (count := injected(PLACES[name], text))} == {}
@@ -97,7 +97,7 @@ def test_exported_c_compiles_whatever_the_serial_number_says(compiler, tmp_path)
             (tmp_path / name).write_text(content, encoding="utf-8")
         sources = [f"xio{number}.c", "tinygc_model.c"]
         flags = ["-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wno-unused-variable", "-Wno-unused-const-variable", "-c"]
-        made = subprocess.run([compiler, *flags, *sources], cwd=tmp_path, capture_output=True, text=True)
+        made = run([compiler, *flags, *sources], cwd=tmp_path, stderr=PIPE, text=True)
         assert made.returncode == 0, made.stderr[:2000]
         assert not any(b"evil" in path.read_bytes() for path in tmp_path.glob("*.o"))
 
@@ -107,7 +107,6 @@ def test_what_is_readable_stays_readable(name):
     assert any("Ø-12 µ" in text for text in exporter(name).export(LINEAR, context("Ø-12 µ")).values())
 
 
-@settings(derandomize=True, deadline=None)
 @given(st.text(st.characters()))
 def test_json_and_toml_give_back_what_they_were_given(text):
     plain = unicode_text(text)
@@ -133,5 +132,17 @@ def test_a_command_that_is_copied_names_the_very_file(name):
         pytest.skip("not installed: bash")
     word = shell_word(Path(os.fsdecode(name)))
     assert word.isprintable()
-    made = subprocess.run(["bash", "-c", f"printf %s {word}"], capture_output=True, check=True)
+    made = run(["bash", "-c", f"printf %s {word}"], stdout=PIPE, check=True)
     assert made.stdout == name or name == b"-x"
+
+
+def test_a_terminal_obeys_the_page_and_nothing_that_it_quotes():
+    from io import StringIO
+
+    from rich.text import Text
+
+    from session.common.console import PlainConsole
+
+    console = PlainConsole(file=StringIO(), width=80, force_terminal=True, color_system="standard")
+    console.print(Text("a\x1b[2J\x9b2J\u202eb", "bold red"), "[red]c[/red]\nd", ":skull:")
+    assert console.file.getvalue() == "\x1b[1;31ma\\x1b[2J\\x9b2J\\u202eb\x1b[0m [red]c[/red]\\nd :skull:\n"

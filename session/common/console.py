@@ -15,6 +15,11 @@ from rich.text import Text
 from session.common.texts import printable
 
 
+def one_line(text: str, style: str = "", end: str = "") -> Text:
+    """A line of a page that quotes names; end: what a page puts between its paragraphs, an empty line."""
+    return Text(printable(text) + end, style)
+
+
 class PlainConsole(Console):
     """No markup; a string is one line, a ``Text`` as many as it has; what is not printable is shown as escapes (``printable``)."""
 

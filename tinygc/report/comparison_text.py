@@ -7,6 +7,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from session.common.console import one_line
 from tinygc.fitting.agreement import Agreement
 from tinygc.fitting.compare import DIFFERS_P, Comparison
 from tinygc.fitting.compare_triads import DIGITS, MODES
@@ -18,7 +19,7 @@ MOST_MOVED = 5
 
 def comparison_page(comparison: Comparison) -> Group:
     """Table, verdict, what moved, what to bear in mind."""
-    notes = [Text(f"Note: {note}.", "yellow") for note in comparison.notes]
+    notes = [one_line(f"Note: {note}.", "yellow") for note in comparison.notes]
     parts: list[RenderableType] = [_table(comparison), *_verdict(comparison), _triads(comparison), _triads_agree(comparison), *notes]
     return Group(*parts)
 
@@ -71,7 +72,7 @@ def _verdict(comparison: Comparison) -> list[Text]:
     for moved in comparison.moved[:MOST_MOVED]:
         digits = _digits(comparison, comparison.labels.index((moved.word, moved.component, moved.unit)))
         by = f"{moved.by:+.{digits}f} {moved.unit} from {rest}, {abs(moved.sigmas):.1f} sigmas"
-        lines.append(Text(f"  {moved.word} {moved.component} of {moved.session}: {by}"))
+        lines.append(one_line(f"  {moved.word} {moved.component} of {moved.session}: {by}"))
     if len(comparison.moved) > MOST_MOVED:
         lines.append(Text(f"  and {len(comparison.moved) - MOST_MOVED} more"))
     if not agrees and not comparison.moved:

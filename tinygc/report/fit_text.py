@@ -11,7 +11,8 @@ from rich.text import Text
 
 from session.checks.alignment import truth_words
 from session.checks.first_look import Finding
-from session.common.texts import shell_word
+from session.common.console import one_line
+from session.common.texts import printable, shell_word
 from session.common.units import DEG
 from tinygc.fitting.figures import closure_figures, run_figures
 from tinygc.fitting.known_turns import known_turns_words
@@ -36,7 +37,7 @@ def fit_report(result: FitResult) -> Group:
     """Closure by method, closure runs, parameters, and what to know about them."""
     parts: list[RenderableType] = [_headline(result), _methods(result)]
     if result.against_raw.worse:
-        parts.append(Text(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
+        parts.append(one_line(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
     if result.runs:
         parts.append(_closure_runs(result))
     parts += [_parameters(result), *_accelerometer(result), *_remarks(result)]
@@ -70,21 +71,25 @@ def _headline(result: FitResult) -> Text:
         f"gyro noise {noise[0]:.1f} {noise[1]:.1f} {noise[2]:.1f} mdps/√Hz; {earth_words(result)}\n",
         "not bold",
     )
+
+    def add(line: str, style: str = "not bold") -> None:
+        text.append(f"  {printable(line)}\n", style)
+
     for segment in rejected:
-        text.append(f"  segment {segment.number} at {segment.start_s:.0f} s left out: {segment.problem}\n", "yellow")
+        add(f"segment {segment.number} at {segment.start_s:.0f} s left out: {segment.problem}", "yellow")
     starts = {segment.number: segment.start_s for segment in problem.used}
     for each in problem.widened:
-        text.append(f"  segment {each.segment} at {starts[each.segment]:.0f} s: {each.words}\n", "yellow")
+        add(f"segment {each.segment} at {starts[each.segment]:.0f} s: {each.words}", "yellow")
     unused = problem.unused_rests
     for log, rest in unused[:MOST_RESTS]:
-        text.append(f"  rest {rest} ({log})\n" if len(problem.session.logs) > 1 else f"  rest {rest}\n", "not bold")
+        add(f"rest {rest} ({log})" if len(problem.session.logs) > 1 else f"rest {rest}")
     if len(unused) > MOST_RESTS:
-        text.append(f"  … and {len(unused) - MOST_RESTS} more rests that are no reference (fit.json has all)\n", "not bold")
+        add(f"… and {len(unused) - MOST_RESTS} more rests that are no reference (fit.json has all)")
     for segment in problem.used:
         if segment.note:
-            text.append(f"  segment {segment.number} at {segment.start_s:.0f} s: {segment.note}\n", "not bold")
+            add(f"segment {segment.number} at {segment.start_s:.0f} s: {segment.note}")
     if words := known_turns_words(result):
-        text.append(f"  {words}\n", "not bold")
+        add(words)
     return text
 
 
@@ -195,12 +200,12 @@ def _remarks(result: FitResult) -> list[Text]:
     remarks = [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in result.warnings]
     remarks += _noise_words(result)
     if result.session.alignment is not None:
-        remarks.append(Text(f"Truth: {truth_words(result.session.alignment)}."))
+        remarks.append(one_line(f"Truth: {truth_words(result.session.alignment)}."))
     remarks.append(Text(result.bias_from.words))
     remarks += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
         remarks.append(Text(_physics_words(result.physics), "cyan"))
-        remarks += [Text(f"{run.file}: {words}.", "yellow") for run, words in _losses(result) if words]
+        remarks += [one_line(f"{run.file}: {words}.", "yellow") for run, words in _losses(result) if words]
     unobserved = result.linear.notes.get("unobserved")
     if unobserved:
         seen = f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways."
@@ -237,10 +242,10 @@ def _noise_words(result: FitResult) -> list[Text]:
             )
         )
     if result.noise is None:
-        words.append(Text(f"Bias instability, which the sigmas reckon with: {result.problem.instability.words}."))
+        words.append(one_line(f"Bias instability, which the sigmas reckon with: {result.problem.instability.words}."))
     else:
-        words.append(Text(f"Bias instability: {result.problem.instability.words}."))
-        words.append(Text(f"Noise beyond white, which the sigmas reckon with: {result.noise.words}."))
+        words.append(one_line(f"Bias instability: {result.problem.instability.words}."))
+        words.append(one_line(f"Noise beyond white, which the sigmas reckon with: {result.noise.words}."))
     return words
 
 

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from session.alignment.table import alignment_table
 from session.checks.alignment import frame_text, mounting_text, offset_text
+from session.common.console import one_line
 from session.common.units import DEG, MG
 from session.common.version import VERSION
 from session.files.results import write_whole
@@ -132,9 +133,9 @@ def truth_page(e: TruthExplanation) -> Group:
         share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
         share += f"   or {', '.join(claim.equivalent)}" if claim.equivalent else ""
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, f"   p {p_words(claim.p_value)}{share}"))
-        parts.append(Text(f"  {claim.says}"))
+        parts.append(one_line(f"  {claim.says}"))
         parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
-    parts += [Text(f"{sentence}\n") for sentence in refusals(e)]
+    parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
     parts += [_evidence(e), Text(CANNOT)]
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
 

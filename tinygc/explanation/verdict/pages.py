@@ -8,6 +8,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from session.common.console import one_line
 from session.common.units import DEG, MG
 from tinygc.effects.occurrence import STILLS
 from tinygc.explanation.naming.seen_from import in_words
@@ -39,7 +40,7 @@ def explanation_page(e: Explanation) -> Group:
                 f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value, claim.p_is_bound)}",
             )
         )
-        parts.append(Text(f"  {claim.says}"))
+        parts.append(one_line(f"  {claim.says}"))
         parts += [Text(f"  {line}") for line in parameter_lines(claim)]
         if claim.equivalent:
             parts.append(Text(f"  could as well be: {', '.join(equivalent_words(claim))}", "yellow"))
@@ -47,7 +48,7 @@ def explanation_page(e: Explanation) -> Group:
     for claim in e.findings:
         chance = f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value)}"
         parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, chance))
-        parts.append(Text(f"  {claim.says}; it carries {100 * (claim.share or 0):.0f} % of the misfit"))
+        parts.append(one_line(f"  {claim.says}; it carries {100 * (claim.share or 0):.0f} % of the misfit"))
         parts += [*_rivals(claim), Text("")]
     parts += [
         Text(HEADING, "italic"),
@@ -59,7 +60,7 @@ def explanation_page(e: Explanation) -> Group:
     parts += _considered(e)
     parts += _noise(e)
     if not e.problem.instability.source.startswith("typical"):
-        parts.append(Text(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
+        parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
     parts += [*_where(e), _proof(e)]
     if e.verdict == "no_mismatch":
         parts += [Text(line) for line in in_words(e.seen_from)]

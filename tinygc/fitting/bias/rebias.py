@@ -264,7 +264,8 @@ def rebias_report(result: Rebiased) -> Group:
     """A table for the terminal."""
     from rich.console import Group
     from rich.table import Table
-    from rich.text import Text
+
+    from session.common.console import one_line
 
     titles = {"stored": "stored bias", "start": "bias start", "gravity": "bias gravity", "given": "bias given"}
     table = Table(title=f"{result.path.name} in {result.problem.session.name}", title_justify="left", title_style="bold", box=None)
@@ -281,5 +282,5 @@ def rebias_report(result: Rebiased) -> Group:
         rmse = [f"{run_figures(errors[name])['rmse_deg']:.4f}" for errors in result.run_errors]
         table.add_row(titles[name], *cells, f"{own['tilt_rms_deg']:.4f}", yaw, *rmse, style="bold" if name == result.source else "")
     table.caption, table.caption_justify = "bold is what is saved", "left"
-    first, *warnings = remarks(result)
-    return Group(table, Text(f"{first[0].upper()}{first[1:]}."), *(Text(f"{each[0].upper()}{each[1:]}.", "yellow") for each in warnings))
+    first, *warnings = (f"{each[0].upper()}{each[1:]}." for each in remarks(result))
+    return Group(table, one_line(first), *(one_line(each, "yellow") for each in warnings))

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from session.common.errors import CalibrationError
+from session.common.texts import printable
 from session.public import euroc_folders, imucal, mikov, mimu, tofupilot, xsens
 
 #: of each set: files, folder to write into, whether the accelerometer is as the authors give it, or from stills -> session folders
@@ -38,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     try:
         for folder in SETS[args.name](args.dir, args.out or args.dir / "sessions", args.accelerometer == "given"):
-            print(folder)
+            print(printable(str(folder)))
     except (CalibrationError, OSError) as error:
         print(f"session.public: {error}", file=sys.stderr)
         return 2

@@ -19,7 +19,8 @@ from processes import PIPE, run
 sys.path.insert(0, str(ROOT / "benchmarks"))
 from hostile_texts import HOSTILE, LINE_ENDS, LINEAR, LONG, PAYLOADS, PLACES, context, injected
 
-from session.common.texts import comment, json_text, printable, shell_word, unicode_text
+from session.common.texts import comment, printable, shell_word, unicode_text
+from session.files.results import json_text
 from session.log.toml_text import line
 from tinygc.deploy.exports import FORMATS, exporter
 

@@ -94,7 +94,7 @@ def _without_gaps(samples: Samples) -> tuple[Samples, list[Bridge]]:
 
 def _with_peaks(samples: Samples, sensor: Sensor, gaps: list[Bridge]) -> tuple[Samples, list[Bridge]]:
     end = register_end_dps(sensor, samples.gyro) * DEG
-    at_end: np.ndarray = np.concatenate([np.abs(part) >= end for _, part in pieces(samples.gyro)])
+    at_end: np.ndarray = np.concatenate([np.greater_equal(np.abs(part), end) for _, part in pieces(samples.gyro)])
     if not at_end.any():
         return samples, []
     spoilt = np.asarray(at_end.any(axis=1))

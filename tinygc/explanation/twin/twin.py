@@ -36,9 +36,8 @@ class Twin:
 
     def __init__(self, problem: Problem):
         self.problem, self.batch = problem, problem.batch
-        #: the problem in the rows that effects are given: of a long log, thinned where nothing moves
         self.seen, self._thinnings = thinned(problem)
-        problem = self.seen
+        problem = self.seen  # in the rows that effects are given
         self.segments = problem.used
         at_rest = all(segment.first is not None for segment in self.segments)  # not between moments of truth: no still is a reference
         self.stills: list[tuple[int, Still]] = [
@@ -179,8 +178,9 @@ class Twin:
         return np.linalg.norm(state.freed(self.force), axis=1) - state.gravity_mps2
 
     def sensitivity(self, state: State, rates: list[np.ndarray]) -> np.ndarray:
-        """(S, T, d, 3) s."""
-        return closure.sensitivity(self.batch_at(state), self.padded(rates))[:, :, : self.batch.angles]
+        """(S, T, d, 3) s; every hypothesis keeps its own, so without the row that nobody looks at."""
+        found = closure.sensitivity(self.batch_at(state), self.padded(rates))
+        return found if self.batch.angles == 3 else found[:, :, : self.batch.angles].copy(order="K")
 
     def linear_columns(self, sensitivity: np.ndarray) -> Channels:
         """Of the 12 linear parameters."""

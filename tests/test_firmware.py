@@ -90,14 +90,25 @@ def test_a_folder_without_a_model_is_named(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def board(tmp_path_factory):
+def elf(tmp_path_factory):
     if MISSING:
         pytest.skip(MISSING)
     folder = tmp_path_factory.mktemp("board")
-    elf = measure.build("tinygc.elf", write_model(folder / "model", "tinygc_denoised"), folder, SERIAL="4711")
+    return measure.build("tinygc.elf", write_model(folder / "model", "tinygc_denoised"), folder, SERIAL="4711")
+
+
+@contextlib.contextmanager
+def emulator_of(elf):
     with contextlib.ExitStack() as running:
         start = lambda command, **how: running.enter_context(started(command, limit_s=4 * PATIENCE_S, **how))  # noqa: E731
         yield running.enter_context(measure.Emulator(elf, start))
+
+
+@pytest.fixture(scope="module")
+def board(elf):
+    """One for all tests: its stand-in has fallen silent once somebody has spoken to it."""
+    with emulator_of(elf) as emulator:
+        yield emulator
 
 
 @pytest.fixture(autouse=True)
@@ -106,11 +117,12 @@ def patience(monkeypatch):
     monkeypatch.setattr(play, "SILENCE_S", PATIENCE_S)
 
 
-def test_the_stand_in_can_be_recorded_at_once(board, tmp_path):
+def test_the_stand_in_can_be_recorded_at_once(elf, tmp_path):
     """Nobody has spoken to the board: it streams at the sensor's pace, without a gap, and says what it is."""
-    recorder = Recorder(tmp_path, board.ports[0])
-    until(lambda: recorder.decoder.samples >= 300, recorder.poll, "300 samples")
-    recorder.close()
+    with emulator_of(elf) as board:
+        recorder = Recorder(tmp_path, board.ports[0])
+        until(lambda: recorder.decoder.samples >= 300, recorder.poll, "300 samples")
+        recorder.close()
     decoder = recorder.decoder
     assert decoder.samples >= 300
     assert (decoder.lost, decoder.implausible, decoder.resets) == (0, 0, 0)

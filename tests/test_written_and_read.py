@@ -12,6 +12,7 @@ from recording_wires import MEMORY
 
 import calibrate
 import tinygc
+from session.log.config import read_config
 from session.log.folder import read_session
 from session.recording.session_file import SessionFile
 from session.stream.events import Info
@@ -128,7 +129,8 @@ SESSIONS = [
 
 def like(folder: Path, new: Path) -> None:
     """``record --like``, and ``--resume`` of what that wrote."""
-    config = SessionFile(new, folder, None, None, None).configure(Info(500.0, 4.0, 104.3, "7"), 5.0)
+    physical = read_config(folder / "session.toml").sensor.profile is None  # whose registers nobody knows
+    config = SessionFile(new, folder, None, None, None).configure(Info(500.0, 4.0, 104.3, "7"), 5.0, physical)
     assert SessionFile(new, None, None, None, None).configure(Info(500.0, 4.0, 104.3, "7")).sensor == config.sensor
     assert calibrate.main(["check", str(new), "--quiet"]) == 2  # no logs yet
 

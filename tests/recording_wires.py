@@ -22,7 +22,7 @@ from tinygc.simulation.board.terminal import Terminal
 
 LEAD_S = 3  #: of the virtual boards
 #: of a board whose reader may be late by any time
-MEMORY = 2**30
+MEMORY = 10**9
 CONFIG = """schema = "tinygc-session/1"
 [sensor]
 odr_hz = 1667

@@ -10,7 +10,7 @@ import numpy as np
 
 from fuzz_targets.rules import choose, finite, must_hold
 from session.accelerometer.section import with_section
-from session.common.errors import FormatError
+from session.common.errors import CalibrationError, FormatError
 from session.log.additions import add_exclude, add_notes
 from session.log.config import Accelerometer, Config, LeftOut, read_config
 from session.recording.session_file import SessionFile, toml_text
@@ -109,9 +109,14 @@ def run(data: bytes, folder: Path) -> None:
 def _written_anew(config: Config, path: Path, folder: Path) -> None:
     (folder / "new").mkdir()
     sensor, file = config.sensor, folder / "new" / "session.toml"
-    made = SessionFile(file.parent, path, None, sensor.gyro_fs_dps, sensor.accel_fs_g).configure(None, 10.0)
-    assert made is not None
-    read_config(file)
+    try:
+        made = SessionFile(file.parent, path, None, sensor.gyro_fs_dps, sensor.accel_fs_g).configure(None, 10.0)
+        assert made is not None
+        read_config(file)
+    except CalibrationError:
+        assert not file.exists(), "what is refused was written"
+        assert not _has_known_registers(config), "what every command reads was refused"
+        return
     (folder / "again.toml").write_text(toml_text(replace(config, unknown=())), encoding="utf-8")
     again = read_config(folder / "again.toml")
     _alike(config, again)
@@ -119,6 +124,13 @@ def _written_anew(config: Config, path: Path, folder: Path) -> None:
     assert again.exclude == config.exclude
     SessionFile(file.parent, None, None, None, None, notes={"key": "value"}).configure(None, 10.0)
     assert read_config(file).notes["key"] == "value"
+
+
+def _has_known_registers(config: Config) -> bool:
+    try:
+        return np.isfinite(config.sensor.register_units.gyro_rps + config.sensor.register_units.accel_mps2)
+    except FormatError:
+        return False
 
 
 def _alike(one: Config, other: Config) -> None:

@@ -15,6 +15,7 @@ from session.common.errors import CalibrationError
 from session.common.texts import printable
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands._results import standard_output
+from tinygc.cli.paths import refuse_overwriting
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -49,6 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     """With the effects of the folders that were named, and no others, in the catalogue."""
+    refuse_overwriting(args)
     if not getattr(args, "effects", None):
         return args.run(args)
     from tinygc.effects import using

@@ -13,6 +13,7 @@ from session.common.texts import printable, shell_word
 from tinygc.cli.arguments import accel_full_scale, closure_seconds, count, data_rate, gyro_full_scale, note, stream_header
 from tinygc.cli.commands._interruption import Interruption
 from tinygc.cli.commands._results import complain, output, write_json
+from tinygc.cli.paths import folder_written, path_read
 
 if TYPE_CHECKING:
     from session.guide.guide import Guide
@@ -33,7 +34,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.epilog = EPILOG
     command.add_argument("--port", metavar="PORT", help="such as /dev/ttyACM0 (the only one there is, if it can be the board)")
     command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
-    command.add_argument("--out", type=Path, metavar="DIR", help="session folder to write (the next free data/sessionN)")
+    command.add_argument("--out", type=folder_written, metavar="DIR", help="session folder to write (the next free data/sessionN)")
     command.add_argument("--resume", action="store_true", help="go on with the recording in --out")
     command.add_argument("--segments", type=count(1), default=40, help="to be accepted (%(default)s)")
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
@@ -49,7 +50,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--note", type=note, action="append", default=[], metavar="KEY=TEXT", help="for [notes] of session.toml, such as operator=…"
     )
-    command.add_argument("--like", type=Path, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
+    command.add_argument("--like", type=path_read, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
     command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (calibrate.py sensors)")
     command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
     command.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate, where the board does not say")

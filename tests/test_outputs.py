@@ -238,7 +238,7 @@ def test_two_outputs_are_not_one(run, idle, recording, tmp_path):
 
 def test_an_output_without_a_name_is_refused(run, recording):
     for command, option in outputs(file_written, log_written, folder_written):
-        refused(run(command, *least(command_parsers()[command], recording, option, "")), option, "empty")
+        refused(run(command, *least(command_parsers()[command], recording, option, "")), option, "an empty name")
 
 
 def test_inputs_of_apply_stay(run, idle, tmp_path):

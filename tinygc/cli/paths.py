@@ -46,8 +46,8 @@ def folder_written(text: str) -> Path:
 
 
 def _path(text: str) -> Path:
-    if not text:
-        raise argparse.ArgumentTypeError("the name is empty")
+    if not text.strip():
+        raise argparse.ArgumentTypeError("an empty name; give a file or folder (. for this one)")
     return Path(text)
 
 

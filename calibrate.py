@@ -14,6 +14,7 @@ from typing import TextIO
 from session.common.errors import CalibrationError
 from session.common.texts import printable
 from tinygc.cli.arguments import parser
+from tinygc.cli.commands._interruption import ended_by_signals
 from tinygc.cli.commands._results import standard_output
 from tinygc.cli.paths import refuse_overwriting
 
@@ -24,10 +25,11 @@ def main(arguments: list[str] | None = None) -> int:
     # Many small matrices: on a machine that is busy with other work, threads that wait for one another cost more than they give.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        args = parser().parse_args(arguments)
-        code = _run(args)
-        with standard_output():
-            sys.stdout.flush()
+        with ended_by_signals():
+            args = parser().parse_args(arguments)
+            code = _run(args)
+            with standard_output():
+                sys.stdout.flush()
         return code
     except CalibrationError as error:
         print(f"calibrate: {error}", file=sys.stderr)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from dataclasses import replace
 
 from session.common.errors import CalibrationError
 from session.common.texts import printable
 from tinygc.cli.arguments import accel_full_scale, count, data_rate, gyro_full_scale, positive, seconds
+from tinygc.cli.commands._interruption import ended_by_signals
 from tinygc.cli.commands._results import write_json
 from tinygc.cli.paths import file_written, path_read
 
@@ -53,7 +53,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """A virtual board, until Ctrl-C or the end of ``--tail``."""
+    """A virtual board, until Ctrl-C or the end of ``--tail``; its port's link goes with it."""
+    with ended_by_signals(ignored_interrupt=True):
+        return _board(args)
+
+
+def _board(args: argparse.Namespace) -> int:
     try:
         from tinygc.simulation.board.terminal import MEMORY_BYTES, Terminal
     except ImportError:
@@ -66,8 +71,6 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.simulation.board.faults import Faults
     from tinygc.simulation.board.source import recorded, simulated
     from tinygc.simulation.options import SimulationOptions
-
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the port's link goes with the board
 
     def say(what: str) -> None:
         if not args.quiet:
@@ -90,9 +93,6 @@ def run(args: argparse.Namespace) -> int:
         write_text_whole(args.config, source.config)
     # A faster board must hold back more, for a host that is as fast as ever.
     with Terminal(args.link, args.memory or round(MEMORY_BYTES * max(1.0, args.speed))) as terminal:
-        if not args.quiet and str(args.json) != "-":
-            print(terminal.name, flush=True)
-        say(f"{source.info.text}: open it with another program; Ctrl-C ends")
         board = Board(
             source=source,
             terminal=terminal,
@@ -107,6 +107,9 @@ def run(args: argparse.Namespace) -> int:
             say=say,
         )
         try:
+            if not args.quiet and str(args.json) != "-":
+                print(terminal.name, flush=True)
+            say(f"{source.info.text}: open it with another program; Ctrl-C ends")
             board.run()
         finally:
             say(f"{board.sent} samples sent, {terminal.dropped} writes dropped since nobody read")

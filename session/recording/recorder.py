@@ -9,13 +9,13 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from session.common.errors import CalibrationError
 from session.recording.clock import ComparisonOfClocks
 from session.recording.decisions import Decision
 from session.recording.decoding import new_connection, stream
-from session.recording.logwriter import NEW_LOG, LogWriter
+from session.recording.logwriter import FOREIGN, NEW_LOG, LogWriter
 from session.recording.port import Closed, Opened, Port, Received
 from session.recording.rawfile import RAW, RawFile
+from session.recording.sorting import WORD, Sorting
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk, Event, Trouble
 
@@ -29,22 +29,29 @@ class Recorder:
 
     def __init__(self, folder: Path, name: str, baudrate: int = 921600, header: str | None = None):
         self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
+        self._sorting = Sorting(self.decoder, self.logs)
         self.clock = ComparisonOfClocks()
         self.resumed: list[Event | Decision] = []
-        if (folder / RAW).exists():
-            for _, events in stream(folder / RAW, self.decoder, self.logs):
-                self.resumed += events
-        self.raw = RawFile(folder)
-        self._decoded = self.raw.size  # bytes; the reader thread is ahead of it
+        self.raw = RawFile(folder)  # nobody else writes there from now on
         self.connected, self.why, self._closed = False, "", False
         try:
+            if self.raw.size:
+                for _, events in stream(folder / RAW, self.decoder, self.logs, self._sorting):
+                    self.resumed += events
+            self._decoded = self.raw.size  # bytes; the reader thread is ahead of it
             self.port = Port(name, baudrate, self._keep)
-        except CalibrationError:
+        except BaseException:
             self.raw.discard()
             raise
 
     def poll(self, timeout_s: float = 0.1) -> list[Event]:
-        """Events of all that has arrived, waiting for the first at most so long.  StorageError when the disk is full."""
+        """Events of all that has arrived, waiting for the first at most so long.  StorageError when the disk is full, or the files are
+        not there any more."""
+        if self.raw.trouble is not None:
+            raise self.raw.trouble
+        return self._poll(timeout_s)
+
+    def _poll(self, timeout_s: float) -> list[Event]:
         items = []
         with contextlib.suppress(queue.Empty):
             items.append(self.port.items.get(timeout=timeout_s))
@@ -64,6 +71,20 @@ class Recorder:
         elif decision.word == "keep":
             self.logs.keep(decision.rest)
 
+    def set_apart(self, landmarks: int) -> list[str]:
+        """What came behind so many of the new logs and infos that were given away was another board's, until the port is opened again.
+
+        That is written down for every replay, and its logs get another name: those names, as far as there are any.
+        """
+        landmark = self._sorting.set_apart(landmarks)
+        self.raw.mark(time.monotonic_ns(), f"{WORD} {landmark.number}", landmark.offset)
+        return [path.name for path in self.logs.paths if path.name.startswith(FOREIGN)]
+
+    @property
+    def samples(self) -> int:
+        """Of this recording's own board."""
+        return self._sorting.samples
+
     def close(self) -> None:
         """Stop reading, write what is left, close the files; may be called twice."""
         if self._closed:
@@ -71,8 +92,8 @@ class Recorder:
         self._closed = True
         self.port.close()
         try:
-            self.poll(0)
-            self.logs.write(self.decoder.finish())
+            self._poll(0)
+            self._sorting.take(self.decoder.finish())
         finally:
             self.raw.close()
             self.logs.close()
@@ -96,10 +117,9 @@ class Recorder:
                 self._decoded += len(data)
                 fresh = self.decoder.feed(data)
                 self._compare(fresh, arrivals[-1].host_ns)
+                events += self._sorting.take(fresh)
             else:
-                fresh = [event for item in group for event in self._take_state(item)]
-            self.logs.write(fresh)
-            events += fresh
+                events += [event for item in group for event in self._take_state(item)]
         return events
 
     def _compare(self, events: list[Event], host_ns: int) -> None:
@@ -121,4 +141,4 @@ class Recorder:
         if not self.connected:
             return []
         self.clock.restart()
-        return new_connection(self.decoder)
+        return new_connection(self.decoder, self._sorting, self._decoded)

@@ -5,12 +5,13 @@ import gzip
 import importlib
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
+import processes
 import pytest
 from commandline import refused
+from processes import PIPE
 
 from session.common.errors import StorageError
 from session.files.recorded import is_recorded
@@ -219,8 +220,7 @@ def test_standard_output_may_not_be_a_recording(recording):
     before = contents(recording)
     for stream in ("stdout", "stderr"):
         with (recording / "log0001.csv").open("ab") as file:
-            command = [sys.executable, ROOT / "calibrate.py", "check", recording]
-            done = subprocess.run(command, cwd=ROOT, timeout=120, **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, stream: file})
+            done = processes.run([*processes.CALIBRATE, "check", recording], **{"stdout": PIPE, "stderr": PIPE, stream: file})
         assert done.returncode == 2
         if stream == "stdout":
             assert b"standard output: is" in done.stderr
@@ -310,7 +310,7 @@ def test_the_player_of_logs_replaces_none(recording, tmp_path):
     before = contents(recording)
     for out in (recording / "log0001.csv", recording / "raw.bin"):
         words = [sys.executable, ROOT / "firmware" / "play.py", tmp_path / "port", recording / "log0001.csv", "-o", out]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+        done = processes.run(words, capture_output=True, text=True)
         assert done.returncode == 2
         assert done.stderr.startswith("play: --out ")
         assert len(done.stderr.splitlines()) == 1

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 import signal
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from recording_wires import make_wire, replayed, until
+from processes import CALIBRATE, PIPE, started, until
+from recording_wires import make_wire, replayed
 from streams import INFO, frame_list, samples, sent
 
 from session.log.folder import read_session
@@ -26,7 +23,6 @@ from session.stream.decoder import StreamDecoder
 from session.stream.events import Info
 from tinygc.simulation.board.terminal import Terminal
 
-ROOT = Path(__file__).resolve().parent.parent
 OTHER = replace(INFO, serial="78")
 wire = pytest.fixture(make_wire, name="wire")
 SECOND = 1667
@@ -146,36 +142,28 @@ accel_fs_g = 4
 """
 
 
-@contextlib.contextmanager
 def recording(*words):
     """The command, in a process of its own."""
-    command = [sys.executable, ROOT / "calibrate.py", "record", "--no-coach", *words]
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
+    return started([*CALIBRATE, "record", "--no-coach", *words], stdout=PIPE, stderr=PIPE, text=True)
 
 
 def ended(process) -> tuple[int, str, str]:
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate()
     assert "Traceback" not in err
     return process.returncode, out, err
 
 
-def feed(terminal: Terminal, folder: Path, data: bytes) -> None:
-    """Send to a recorder in another process, until the bytes are on the disk."""
-    size = (folder / "raw.bin").stat().st_size if (folder / "raw.bin").exists() else 0
-    until(lambda: terminal.has_reader)
+def feed(terminal: Terminal, folder: Path, data: bytes, opened: int) -> None:
+    """Send to a recorder in another process that has opened the port for the n-th time, until the bytes are on the disk."""
+    until(lambda: sum(mark.event.startswith("open") for mark in read_marks(folder / "raw.bin")) == opened)
+    size = (folder / "raw.bin").stat().st_size
     terminal.write(data)
     until(lambda: (folder / "raw.bin").stat().st_size >= size + len(data), lambda: terminal.write(b""))
 
 
-def pour(terminal: Terminal, data: bytes, process) -> None:
-    """Send to a recorder until it ends by itself."""
-    until(lambda: terminal.has_reader or process.poll() is not None)
+def pour(terminal: Terminal, folder: Path, data: bytes, opened: int, process) -> None:
+    """Send to a recorder that has opened the port for the n-th time, until it ends by itself."""
+    until(lambda: sum(mark.event.startswith("open") for mark in read_marks(folder / "raw.bin")) == opened)
     terminal.write(data)
     until(lambda: process.poll() is not None, lambda: terminal.write(b""))
 
@@ -187,7 +175,7 @@ def test_the_command_goes_on_with_resume(other, noticed, port, tmp_path):
     folder = tmp_path / "s"
     words = ["--port", port.name, "--out", folder]
     with recording(*words) as process:
-        feed(port, folder, b"".join(said_by(INFO, 4)))
+        feed(port, folder, b"".join(said_by(INFO, 4)), 1)
         until(lambda: (folder / "session.toml").exists())
         if not noticed:
             process.send_signal(signal.SIGINT)
@@ -196,7 +184,7 @@ def test_the_command_goes_on_with_resume(other, noticed, port, tmp_path):
         until(lambda: not noticed or (len(read_marks(folder / "raw.bin")) > 1 and "close" in read_marks(folder / "raw.bin")[-1].event))
         port.plug()
         if noticed:
-            pour(port, b"".join(said_by(other, 3, 1)), process)
+            pour(port, folder, b"".join(said_by(other, 3, 1)), 2, process)
             code, _, said = ended(process)
             assert code == 2
             assert "its bytes are kept apart (raw.bin and foreign0001.csv)" in said.splitlines()[-1]
@@ -212,8 +200,7 @@ def test_the_command_goes_on_with_resume(other, noticed, port, tmp_path):
     port.plug()
     with recording(*words, "--resume", "--json", tmp_path / "told.json") as process:
         opened = 3 if noticed else 4  # it begins again once it has set the bytes apart
-        until(lambda: sum(mark.event.startswith("open") for mark in read_marks(folder / "raw.bin")) == opened)
-        feed(port, folder, b"".join(said_by(INFO, 4, 2)))
+        feed(port, folder, b"".join(said_by(INFO, 4, 2)), opened)
         until(lambda: (folder / "log0002.csv").exists())
         process.send_signal(signal.SIGINT)
         code, _, said = ended(process)
@@ -235,7 +222,7 @@ def test_a_first_board_that_contradicts_the_folders_file_does_not_bar_the_way(po
     (folder / "session.toml").write_text(TOML.format(fs=1000))
     words = ["--port", port.name, "--out", folder]
     with recording(*words) as process:
-        pour(port, b"".join(said_by(INFO, 3)), process)
+        pour(port, folder, b"".join(said_by(INFO, 3)), 1, process)
         code, _, said = ended(process)
     assert code == 2
     assert "sensor.gyro_fs_dps is 1000, the board says 500" in said
@@ -243,7 +230,7 @@ def test_a_first_board_that_contradicts_the_folders_file_does_not_bar_the_way(po
     port.plug()
     right = replace(INFO, gyro_fs_dps=1000.0)
     with recording(*words, "--resume") as process:
-        feed(port, folder, b"".join(said_by(right, 4, 2)))
+        feed(port, folder, b"".join(said_by(right, 4, 2)), 2)
         until(lambda: (folder / "log0001.csv").exists())
         process.send_signal(signal.SIGINT)
         assert ended(process)[0] == 130

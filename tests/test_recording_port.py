@@ -13,8 +13,8 @@ from recording_wires import make_wire, replayed
 from streams import frame_list, sent
 
 from session.common.errors import CalibrationError, DeviceError, StorageError
-from session.recording.port import RETRY_S, Closed, Opened, Port, Received
-from session.recording.ports import known_ports, lock_of, only_candidate
+from session.recording.port import Closed, Opened, Port, Received
+from session.recording.ports import is_left_behind, known_ports, lock_of, only_candidate
 from session.recording.rawfile import RawFile, read_marks
 from session.recording.recorder import Recorder
 from session.stream.events import Trouble
@@ -208,7 +208,7 @@ def test_a_link_that_a_killed_board_left_is_not_followed(usual, wire, tmp_path, 
     assert not (tmp_path / "s").exists()
 
 
-def test_a_board_that_is_killed_while_it_is_read_is_waited_for(wire, tmp_path):
+def test_a_board_that_is_killed_while_it_is_read_is_waited_for(wire, tmp_path, monkeypatch):
     """The name is tried again and again, and not followed before a board holds its lock."""
     terminal = Terminal(tmp_path / "port")
     terminal.plug()
@@ -218,7 +218,9 @@ def test_a_board_that_is_killed_while_it_is_read_is_waited_for(wire, tmp_path):
     terminal._lock.close()  # as a kill does
     (tmp_path / "port").symlink_to(wire[1])  # what the system gave to somebody else meanwhile
     assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
-    time.sleep(4 * RETRY_S)
+    tried = []
+    monkeypatch.setattr("session.recording.port.is_left_behind", lambda name: tried.append(name) or is_left_behind(name))
+    until(lambda: len(tried) > 2)
     assert port.items.empty()
     with Terminal(tmp_path / "port") as again:
         assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)

@@ -9,7 +9,8 @@ import shutil
 import signal
 
 import pytest
-from recording_wires import make_wire, record, replayed, send, until
+from processes import until
+from recording_wires import make_wire, record, replayed, send
 from streams import frame_list, samples, sent
 
 from session.common.errors import StorageError

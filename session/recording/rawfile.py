@@ -196,7 +196,7 @@ class RawFile:
     def _save(self, gone: Path) -> None:
         """Go on in copies under another name."""
         what = f"{gone}: was removed, moved or replaced while it was being recorded"
-        self.trouble = StorageError(f"{what}, and no place was found to save what was received")
+        why = "no place was found for what was received"
         for folder in new_folder(self.path.parent):
             old, paths = [self._raw, self._times], [folder / RAW, folder / TIMES]
             try:
@@ -207,7 +207,7 @@ class RawFile:
                     self._raw, self._times = new
                     self.path, self.saved = folder / RAW, folder
             except OSError as error:
-                self.trouble = StorageError(f"{what}, and what was received could not be saved in {folder}: {error.strerror or error}")
+                why = f"what was received could not be saved in {folder}: {error.strerror or error}"
                 discard(folder, paths)  # to be tried again
                 continue
             lock(self._raw)
@@ -215,6 +215,7 @@ class RawFile:
                 os.close(file)
             self.trouble = StorageError(f"{what}; what was received is saved in {folder}; go on with record --resume --out {folder}")
             return
+        self.trouble = StorageError(f"{what}, and {why}")
 
 
 def read_marks(raw_path: Path) -> list[Mark]:

@@ -35,7 +35,11 @@ class Terminal:
         self._waiting = b""
 
     def __enter__(self) -> Terminal:
-        self.plug()
+        try:
+            self.plug()
+        except CalibrationError:
+            self._let_go()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -45,6 +49,9 @@ class Terminal:
         if self.has_reader:
             time.sleep(DRAIN_S)  # a pseudo-terminal forgets what its reader has not fetched
         self.unplug()
+        self._let_go()
+
+    def _let_go(self) -> None:
         lock_of(self.name).unlink(missing_ok=True)
         self._lock.close()
 

@@ -14,7 +14,9 @@ from typing import TextIO
 from session.common.errors import CalibrationError
 from session.common.texts import printable
 from tinygc.cli.arguments import parser
+from tinygc.cli.commands._interruption import ended_by_signals
 from tinygc.cli.commands._results import standard_output
+from tinygc.cli.paths import refuse_overwriting
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -23,10 +25,11 @@ def main(arguments: list[str] | None = None) -> int:
     # Many small matrices: on a machine that is busy with other work, threads that wait for one another cost more than they give.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        args = parser().parse_args(arguments)
-        code = _run(args)
-        with standard_output():
-            sys.stdout.flush()
+        with ended_by_signals():
+            args = parser().parse_args(arguments)
+            code = _run(args)
+            with standard_output():
+                sys.stdout.flush()
         return code
     except CalibrationError as error:
         print(f"calibrate: {error}", file=sys.stderr)
@@ -49,6 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     """With the effects of the folders that were named, and no others, in the catalogue."""
+    refuse_overwriting(args)
     if not getattr(args, "effects", None):
         return args.run(args)
     from tinygc.effects import using

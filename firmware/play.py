@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from session.common.errors import CalibrationError, DeviceError, FormatError
 from session.stream import frames
 from session.stream.form import HEADER
+from tinygc.cli.paths import Paths, file_written, path_read, refuse_overwriting
 
 CALIBRATED_TYPE, SELF_TEST_TYPE, HELLO_TYPE = 0x03, 0x04, 0x10
 CALIBRATED, SELF_TEST = struct.Struct("<BHIfff"), struct.Struct("<BHHfI")
@@ -129,10 +130,12 @@ def read_registers(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("port", help="of the board: any serial port, or the pseudo-terminal that QEMU names")
-    parser.add_argument("log", type=Path, nargs="?", help=f"log of registers: {HEADER}")
-    parser.add_argument("-o", "--out", type=Path, help="where the calibrated rates go: t_us,wx_rps,wy_rps,wz_rps")
+    parser.add_argument("log", type=path_read, nargs="?", help=f"log of registers: {HEADER}")
+    parser.add_argument("-o", "--out", type=file_written, help="where the calibrated rates go: t_us,wx_rps,wy_rps,wz_rps")
+    parser.set_defaults(paths=Paths.of(parser))
     args = parser.parse_args()
     try:
+        refuse_overwriting(args)
         t_us, registers = read_registers(args.log) if args.log else (np.zeros(0, np.int64), np.zeros((0, 7), np.int16))
         with args.out.open("w", encoding="utf-8") if args.out else nullcontext() as out:
             return play(args.port, t_us, registers, out)

@@ -12,12 +12,15 @@ POSIX_ONLY = {
     for name in [
         "board",
         "decisions",
+        "ending",
         "firmware",
         "record",
         "record_closure",
         "recording",
+        "recording_another_board",
         "recording_clock",
         "recording_port",
+        "recording_removed",
         "recording_survives",
         "written_and_read",
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from conftest import Table, config
 from processes import PATIENCE_S
 
-from session.common.errors import CalibrationError
+from session.common.errors import CalibrationError, OtherSensor
 from session.guide.guide import Guide
 from session.guide.guided_session import GuidedRecording
 from session.guide.messages import Kind, Stage
@@ -36,6 +37,11 @@ class Port:
         self.port = SimpleNamespace(name="/dev/ttyACM0")
         self.decoder = SimpleNamespace(garbage=0, crc_errors=0)
         self.clock = SimpleNamespace(device_seconds_per_second=None, compared_s=0.0)
+        self.raw, self.apart = SimpleNamespace(path=Path("raw.bin")), []
+
+    def set_apart(self, landmarks):
+        self.apart.append(landmarks)
+        return ["foreign0001.csv"]
 
     def catch_up(self):
         yield from ([event] for event in self._resumed)
@@ -132,15 +138,36 @@ def test_a_board_that_says_nothing_of_its_ranges_is_not_guessed():
     assert led(Port(chunks(SESSION)), configure=lambda info, waited_s: config() if waited_s >= 3 else None)[0].accepted == 3
 
 
+def swapped_in(events):
+    return lambda port: plugged(port) and events
+
+
+def test_a_file_that_contradicts_all_that_was_recorded_sets_nothing_apart():
+    """It is the file that is wrong: somebody has changed it since."""
+
+    def contradicted(info, waited_s):
+        if info:
+            raise OtherSensor("session.toml: sensor.gyro_fs_dps is 1000, the board says 500; correct the one that is wrong")
+
+    port = Port([], resumed=[INFO, *chunks(SESSION)[:40], INFO, *chunks(SESSION)])
+    with pytest.raises(OtherSensor, match=r"correct the one that is wrong$"):
+        led(port, configure=contradicted)
+    assert port.apart == []
+
+
 def test_another_sensor_has_no_place_in_the_recording():
     """Neither when it is resumed nor behind a pulled cable; a word that was damaged on the wire is not repeated."""
     other = Info(500.0, 4.0, 208.0, "2")
-    for port in (
-        Port([plugged, other, *chunks(SESSION)[:9], other], resumed=[INFO, *chunks(SESSION)[:40]]),
-        Port([INFO, *chunks(SESSION)[:9], pulled, plugged, other, other]),
+    swapped = [Trouble("reconnect"), other]
+    for port, sound in (
+        (Port([swapped_in(swapped), *chunks(SESSION)[:9], other], resumed=[INFO, *chunks(SESSION)[:40]]), 2),
+        (Port([INFO, *chunks(SESSION)[:9], pulled, swapped_in(swapped), other]), 2),
+        (Port([INFO, *chunks(SESSION)[:9], INFO, other, other]), 2),  # behind the same wire: since the last word that was right
+        (Port([], resumed=[INFO, *chunks(SESSION)[:40], *swapped, *chunks(SESSION)[:9], other]), 2),
     ):
-        with pytest.raises(CalibrationError, match=r"serial=2, this recording is of serial=1.*another --out"):
+        with pytest.raises(OtherSensor, match=r"serial=2, this recording is of serial=1.*--out; its bytes are kept apart \(raw.bin"):
             led(port)
+        assert port.apart == [sound]
     damaged = [INFO, *chunks(SESSION)[:9], other, *chunks(SESSION)[9:]]
     guide, _ = led(Port(damaged))
     assert guide.accepted == 3

@@ -128,7 +128,10 @@ FORBIDDEN = {
         "processes.py": "the one that starts commands",
         "test_processes.py": "within a command that it starts",
     },
-    "multiprocessing": {"test_recording_survives.py": "a fork starts in no time, and ends when its parent has"},
+    "multiprocessing": {
+        "test_recording_survives.py": "a fork starts in no time, and ends when its parent has",
+        "test_recording_removed.py": "the same",
+    },
     "time": {
         "processes.py": "waits for what must happen",
         "recording_wires.py": "the shortest of waits, for a condition",

@@ -295,6 +295,21 @@ def test_a_folder_with_another_log_is_left_alone(tmp_path, capsys):
     refused(capsys, ["xsens", tmp_path], "log0002.csv", "--out")
 
 
+def test_what_a_person_has_written_into_a_folder_is_not_replaced(tmp_path, capsys):
+    """The same files give the same bytes again; a session.toml that somebody has changed, or another recording's log, stays."""
+    write_xsens(tmp_path)
+    folder = tmp_path / "sessions" / "xsens"
+    for _ in range(2):
+        assert main(["xsens", str(tmp_path)]) == 0
+    for name in ("session.toml", "log0001.csv.gz"):
+        made = (folder / name).read_bytes()
+        (folder / name).write_bytes(b"mine")
+        refused(capsys, ["xsens", tmp_path], f"holds another {name}", "--out")
+        assert (folder / name).read_bytes() == b"mine"
+        (folder / name).write_bytes(made)
+    assert sorted(path.name for path in folder.iterdir()) == ["log0001.csv.gz", "session.toml"]
+
+
 def test_another_name_is_no_set(tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         main(["xsense", str(tmp_path)])

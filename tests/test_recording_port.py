@@ -12,9 +12,9 @@ from processes import PATIENCE_S, until
 from recording_wires import make_wire, replayed
 from streams import frame_list, sent
 
-from session.common.errors import DeviceError, StorageError
+from session.common.errors import CalibrationError, DeviceError, StorageError
 from session.recording.port import Closed, Opened, Port, Received
-from session.recording.ports import known_ports, only_candidate
+from session.recording.ports import is_left_behind, known_ports, lock_of, only_candidate
 from session.recording.rawfile import RawFile, read_marks
 from session.recording.recorder import Recorder
 from session.stream.events import Trouble
@@ -188,3 +188,60 @@ def test_a_board_that_comes_back_under_another_name(tmp_path, monkeypatch):
         assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
         assert port.items.get(timeout=PATIENCE_S).name == str(second.name)
         port.close()
+
+
+@pytest.mark.parametrize("usual", [True, False])
+def test_a_link_that_a_killed_board_left_is_not_followed(usual, wire, tmp_path, monkeypatch):
+    """By now it may lead to somebody's terminal, which opening alone would take away from them."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    link = tmp_path / ("tinygc-board" if usual else "port")
+    link.symlink_to(wire[1])
+    if not usual:
+        lock_of(link).write_text("")
+    opened = []
+    monkeypatch.setattr(serial, "Serial", lambda *words, **more: opened.append(words))
+    with pytest.raises(DeviceError, match="runs no more"):
+        Port(str(link))
+    with pytest.raises(DeviceError, match="runs no more"):
+        Recorder(tmp_path / "s", str(link))
+    assert opened == []
+    assert not (tmp_path / "s").exists()
+
+
+def test_a_board_that_is_killed_while_it_is_read_is_waited_for(wire, tmp_path, monkeypatch):
+    """The name is tried again and again, and not followed before a board holds its lock."""
+    terminal = Terminal(tmp_path / "port")
+    terminal.plug()
+    port = Port(str(terminal.name))
+    assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
+    terminal.unplug()
+    terminal._lock.close()  # as a kill does
+    (tmp_path / "port").symlink_to(wire[1])  # what the system gave to somebody else meanwhile
+    assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
+    tried = []
+    monkeypatch.setattr("session.recording.port.is_left_behind", lambda name: tried.append(name) or is_left_behind(name))
+    until(lambda: len(tried) > 2)
+    assert port.items.empty()
+    with Terminal(tmp_path / "port") as again:
+        assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
+        assert again.has_reader
+        port.close()
+
+
+def test_a_link_of_another_program_is_opened(wire, tmp_path):
+    (tmp_path / "vport").symlink_to(wire[1])
+    port = Port(str(tmp_path / "vport"))
+    assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
+    port.close()
+
+
+def test_a_board_takes_no_place_of_a_persons_file(tmp_path):
+    (tmp_path / "poetry.lock").write_text("mine")
+    with pytest.raises(CalibrationError, match="no lock of a virtual board"):
+        Terminal(tmp_path / "poetry")
+    assert (tmp_path / "poetry.lock").read_text() == "mine"
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "port").symlink_to(tmp_path / "mine")
+    with pytest.raises(CalibrationError, match="File exists"), Terminal(tmp_path / "port"):
+        pass
+    assert (tmp_path / "port").read_text() == "mine"

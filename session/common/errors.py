@@ -20,6 +20,10 @@ class DataError(CalibrationError):
     """The files are readable, but the samples in them cannot be what they claim to be."""
 
 
+class OtherSensor(DataError):
+    """The board is not the one that a recording is of."""
+
+
 class SegmentError(CalibrationError):
     """No usable still phases or segments."""
 

@@ -12,6 +12,7 @@ from typing import Any
 from session.common.errors import FormatError
 from session.common.texts import escaped_json, unicode_text
 from session.files.reading import MOST_JSON, read_bytes
+from session.files.recorded import refuse_recorded
 from session.files.writing import naming
 
 #: an integer of more digits is read as a float, infinite where it must be: no reader of numbers then meets one that no float can hold
@@ -74,7 +75,8 @@ def write_text_whole(path: Path, text: str) -> None:
 @contextlib.contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """Where to write what becomes ``path`` once the block ends well: a file beside it; a device or a pipe itself, which is no file to
-    put another in the place of.  A full disk is a StorageError that names ``path``."""
+    put another in the place of.  A full disk is a StorageError that names ``path``, and so is a recording's own file in its place."""
+    refuse_recorded(path)
     if is_stream(path):
         with naming(path):
             yield path

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Protocol as Interface
 
-from session.common.errors import CalibrationError, DataError, StorageError
+from session.common.errors import CalibrationError, OtherSensor, StorageError
 from session.guide.at_the_table import AtTheTable, Notebook
 from session.guide.closure_guide import BEGIN
 from session.guide.guide import Guide
@@ -81,6 +81,10 @@ class GuidedRecording:
         self._live = False  # what an earlier recording left is not decided again
         self._resuming = False  # until the port is open
         self._serial: str | None = None  # of the sensor in this recording
+        self._landmarks = self._sound = 0  # new logs and infos taken; up to which of them nothing was wrong
+        self._agreed = False  # whether an info was of this recording's sensor
+        #: whether what an earlier recording left held another board's bytes: they are apart now, and a replay passes them over
+        self.begin_again = False
 
     def lead(self, interrupted: Callable[[], bool] = lambda: False) -> None:
         """Take in what an earlier recording left, then follow the port until done; KeyboardInterrupt when ``interrupted``.
@@ -149,12 +153,15 @@ class GuidedRecording:
                 self._heard_s = time.monotonic()
                 self._samples(event)
             elif isinstance(event, Info):
+                self._landmarks += 1
                 self._hear_board(event)
             elif isinstance(event, Decision):
                 self._table.was_decided(event)
             elif isinstance(event, Trouble):
                 self.guide.health.troubles[event.kind] += event.count
                 if event.kind in NEW_LOG:
+                    self._landmarks += 1
+                    self._sound = self._landmarks
                     self._early = []
                     self._begin_behind()
                     self.guide.new_log()
@@ -175,7 +182,10 @@ class GuidedRecording:
         self._tell(self.guide.feed(samples_of(chunk, self.config)))
 
     def _hear_board(self, info: Info) -> None:
-        """What it says of itself.  A contradiction counts when it is said twice running: a line of text carries no check."""
+        """What it says of itself.  A contradiction counts when it is said twice running: a line of text carries no check.
+
+        Another board's bytes are set apart, so that the recording can go on: all since the last word that was right.
+        """
         said = (info.gyro_fs_dps, info.accel_fs_g, info.serial)
         again, self._last_said = said == self._last_said, said
         try:
@@ -183,11 +193,24 @@ class GuidedRecording:
             self._know(info)
         except StorageError:
             raise
+        except OtherSensor as error:
+            if again:
+                raise OtherSensor(f"{error}{self._set_apart()}") from None
         except CalibrationError:
             if again:
                 raise
         else:
+            self._sound, self._agreed = self._landmarks, True
             self.guide.health.info_odr_hz = info.odr_hz
+
+    def _set_apart(self) -> str:
+        """What to say of it.  Where nothing of what was recorded before agrees with session.toml, it is the file that is wrong."""
+        if not (self._live or self._resuming or self._agreed):
+            return ""
+        self.begin_again = not (self._live or self._resuming)
+        logs = self.recorder.set_apart(self._sound)
+        kept = f"{self.recorder.raw.path.name} and {', '.join(logs)}" if logs else self.recorder.raw.path.name
+        return f"; its bytes are kept apart ({kept}), and the recording goes on with its own board and --resume"
 
     def _require_same_sensor(self, serial: str) -> None:
         """In all of a recording, resumed or not: two sensors have two calibrations."""
@@ -195,7 +218,7 @@ class GuidedRecording:
             return
         if self._serial not in (None, serial):
             known = f"this recording is of serial={self._serial}"
-            raise DataError(f"the board says serial={serial}, {known}: another sensor needs another --out")
+            raise OtherSensor(f"the board says serial={serial}, {known}: another sensor needs another --out")
         self._serial = serial
 
     def _know(self, info: Info | None, waited_s: float = 0.0) -> bool:

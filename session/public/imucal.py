@@ -13,7 +13,7 @@ from session.common.errors import FormatError
 from session.log.known_turns import COLUMNS as TURN_COLUMNS
 from session.log.known_turns import NAME as KNOWN_TURNS
 from session.public.sources import found, rows_of_numbers, text_of
-from session.public.writing import write_folder
+from session.public.writing import refuse_to_replace, write_folder
 
 FILE = "example_ferraris_session.csv"
 COLUMNS = ("n_samples", "gyr_x", "gyr_y", "gyr_z", "acc_x", "acc_y", "acc_z")
@@ -45,6 +45,8 @@ def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
         raise FormatError(f"{path} line 1: {head[:60]!r}, expected {','.join(COLUMNS)}; download it again")
     rows = rows_of_numbers(path, COLUMNS, ",", skip=1)
     lines = (f"{number / RATE_HZ:.7f},{','.join(row[1:])}" for number, row in enumerate(rows))
+    turns = ",".join(TURN_COLUMNS) + "\n" + CIRCLES
+    refuse_to_replace(out / "imucal" / KNOWN_TURNS, turns.encode())
     folder = write_folder(out / "imucal", TOML, HEADER, lines, given)
-    (folder / KNOWN_TURNS).write_text(",".join(TURN_COLUMNS) + "\n" + CIRCLES, encoding="utf-8")
+    (folder / KNOWN_TURNS).write_text(turns, encoding="utf-8")
     yield folder

@@ -34,7 +34,7 @@ def placed(folder: Path, write: Callable[[Path], None], given: bool, read: Calla
     """The folder, with what ``write`` writes; not given: with an accelerometer calibrated from its own stills.  read: what reads it.
 
     A recording that cannot be read again, or not be calibrated so, leaves no file behind, and what lies in the folder from before stays
-    as it was.  Raises CalibrationError then.
+    as it was.  Raises CalibrationError then, and FormatError where it would take another file's place.
     """
     with result_folder(folder), tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as part:
         write(Path(part))
@@ -48,9 +48,18 @@ def placed(folder: Path, write: Callable[[Path], None], given: bool, read: Calla
                 calibrate_from_stills(Path(part))
             except CalibrationError as error:
                 raise type(error)(str(error).replace(part, str(folder))) from None
-        for path in sorted(Path(part).iterdir()):
+        made = sorted(Path(part).iterdir())
+        for path in made:
+            refuse_to_replace(folder / path.name, path.read_bytes())
+        for path in made:
             path.replace(folder / path.name)
     return folder
+
+
+def refuse_to_replace(path: Path, data: bytes) -> None:
+    """FormatError where a file is there that says something else: another recording's, or what a person has written into it."""
+    if path.exists() and path.read_bytes() != data:
+        raise FormatError(f"{path.parent}: holds another {path.name}; choose another folder with --out, or remove that one")
 
 
 def _refuse_another(folder: Path) -> None:

@@ -7,15 +7,17 @@ compared with what would be written, and only what lies behind it is added; a lo
 from __future__ import annotations
 
 import errno
+import os
 from pathlib import Path
 
 ASIDE = ".changed"
 
 
 class GrowingFile:
-    """Write to it as to a new file.  aside: where a file went whose beginning was another one, or None.  Raises OSError."""
+    """Write to it as to a new file, or behind what it holds.  aside: where a file went whose beginning was another one, or None.
+    Raises OSError."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, behind: bool = False):
         self.path = path
         self.aside: Path | None = None
         self._same = 0  # bytes of the old file that were found again
@@ -23,6 +25,8 @@ class GrowingFile:
             raise FileExistsError(errno.EEXIST, f"{path.name} is a named pipe", str(path))
         self._left = path.stat().st_size if path.is_file() else 0
         self._file = path.open("r+b" if self._left else "wb")
+        if behind:
+            self._left, self._same = 0, self._file.seek(0, os.SEEK_END)
 
     def write(self, text: str) -> None:
         """Add text, or find it there already."""

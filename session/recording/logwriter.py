@@ -17,6 +17,8 @@ NEW_LOG = ("reset", "reconnect")
 NOWHERE = ""
 #: starts in a row that last less than this; behind so many, one that does so again gets no log
 SHORT_US, SHORT_STARTS = 1_000_000, 20
+#: begins the names of logs of another board, which no command reads
+FOREIGN = "foreign"
 
 
 class LogWriter:
@@ -40,11 +42,46 @@ class LogWriter:
         self._short = 0  # starts in a row that lasted less than SHORT_US
         self._doubted: list[Event] = []  # since the last start, where it may be one more
         self.not_logged = self.not_logged_starts = 0
+        self._own_stem = stem  # while another board's samples are written
 
     def begin(self, stem: str) -> None:
         """The next sample begins a new file ``stem*.csv``."""
-        self.close()
-        self.stem = stem
+        self._own_stem = stem
+        if not self.is_apart:
+            self.close()
+            self.stem = stem
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether what comes is another board's."""
+        return self.stem == FOREIGN
+
+    def apart(self) -> None:
+        """What comes from here on is another board's, until ``back``."""
+        if not self.is_apart:
+            self.close()
+            self._own_stem, self.stem = self.stem, FOREIGN
+
+    def back(self) -> None:
+        """What comes from here on is the recording's own."""
+        if self.is_apart:
+            self.close()
+            self.stem = self._own_stem
+
+    def rename_apart(self, which: slice) -> None:
+        """Some of ``paths`` turn out to be another board's: they get such names.  The present file goes on under its new one."""
+        chosen = range(*which.indices(len(self.paths)))
+        with self._storage():
+            present = self._file is not None and len(self.paths) - 1 in chosen
+            if present and self._file is not None:
+                self._file.close()
+            for number in chosen:
+                target = self._next(FOREIGN)
+                put_aside(target)
+                self.paths[number] = self.paths[number].rename(target)
+            if present:
+                self._file = GrowingFile(self.paths[-1], behind=True)
+                self._own_stem, self.stem = self.stem, FOREIGN
 
     def pause(self) -> None:
         """Samples from here on go to no log, until the next ``begin``."""
@@ -52,7 +89,7 @@ class LogWriter:
 
     def keep(self, stem: str) -> None:
         """The present file is whole: end it, and name it ``stem*.csv``; then ``pause``.  Nothing where there is no file."""
-        path = self.paths[-1] if self._file else None
+        path = self.paths[-1] if self._file and not self.is_apart else None
         self.pause()
         if path is None:
             return
@@ -153,7 +190,7 @@ class LogWriter:
             self._comment(f"left out as implausible: {event.count} (t_us {'?' if event.t_us is None else event.t_us})")
 
     def _samples(self, chunk: Chunk) -> None:
-        self.physical = chunk.form.physical
+        self.physical = self.physical if self.is_apart else chunk.form.physical
         if self.stem == NOWHERE:
             return
         file = self._file or self._open(chunk.form)

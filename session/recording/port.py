@@ -15,7 +15,7 @@ from pathlib import Path
 import serial
 
 from session.common.errors import CalibrationError, DeviceError
-from session.recording.ports import identity_of, name_of
+from session.recording.ports import identity_of, is_left_behind, name_of
 
 try:
     from termios import error as TerminalError
@@ -32,6 +32,7 @@ HINTS = {
     errno.EAGAIN: ": another program has it open",
     errno.EBUSY: ": another program has it open",
 }
+LEFT_BEHIND = "the virtual board that made this link runs no more; start it again, or remove the link"
 READ_S = 0.2
 RETRY_S = 0.25
 
@@ -85,6 +86,8 @@ class Port:
         self._thread.join()
 
     def _open(self) -> serial.Serial:
+        if is_left_behind(self.name):  # before it is followed: opening a terminal already changes it
+            raise serial.SerialException(LEFT_BEHIND)
         return serial.Serial(self.name, self.baudrate, timeout=READ_S, exclusive=True)
 
     def _hand_over(self, item: object) -> None:

@@ -9,16 +9,11 @@ from typing import TYPE_CHECKING
 
 from serial.tools import list_ports
 
-from session.common.errors import DeviceError, FormatError
-from session.files.reading import open_file
+from session.common.errors import DeviceError
+from session.recording.lock import is_locked
 
 if TYPE_CHECKING:
     from serial.tools.list_ports_common import ListPortInfo
-
-try:
-    import fcntl
-except ImportError:  # Windows, which has no virtual boards either
-    fcntl = None  # type: ignore[assignment]  # a module or none: what asks for it asks first
 
 ST_VENDOR = 0x0483
 #: USB ids -> what they are; ST's product ids from its usb.ids entries
@@ -59,12 +54,24 @@ def known_ports() -> list[KnownPort]:
 
 def virtual_boards() -> list[Path]:
     """Links of the virtual boards that run on this machine (``calibrate.py board``); none where the system has no such thing."""
-    return sorted(path for path in Path(tempfile.gettempdir()).glob(f"{VIRTUAL_STEM}*") if path.is_symlink() and _is_held(lock_of(path)))
+    return sorted(path for path in Path(tempfile.gettempdir()).glob(f"{VIRTUAL_STEM}*") if path.is_symlink() and is_locked(lock_of(path)))
 
 
 def lock_of(link: Path) -> Path:
     """The file that a running board holds locked: a link that a killed one left may lead to somebody's terminal by now."""
     return link.with_name(link.name + ".lock")
+
+
+def is_left_behind(name: str) -> bool:
+    """Whether a port's name is the link of a virtual board that does not run any more.
+
+    Links of other programs (``socat``) have no lock, and are what they are.
+    """
+    link = Path(name)
+    if not link.is_symlink():
+        return False
+    usual = link.name.startswith(VIRTUAL_STEM) and link.parent.resolve() == Path(tempfile.gettempdir()).resolve()
+    return (usual or lock_of(link).exists()) and not is_locked(lock_of(link))
 
 
 def only_candidate() -> KnownPort:
@@ -103,16 +110,3 @@ def _known(port: ListPortInfo) -> KnownPort:
 
 def _virtual(path: Path) -> KnownPort:
     return KnownPort(str(path), "virtual board (calibrate.py board)", True)
-
-
-def _is_held(lock: Path) -> bool:
-    if fcntl is None:
-        return False
-    try:
-        with open_file(lock) as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except (OSError, FormatError):
-        return False
-    return False

@@ -3,14 +3,17 @@
 ``raw.bin`` holds what the port gave and nothing else, so any capture of a port replays.  ``raw.times`` is text,
 ``host_ns,bytes,event``: at host_ns (monotonic clock) the file held that many bytes.  Events are ``open`` (the port was opened, with
 wall-clock time and port), ``close``, and what was decided at the table (``decisions``).  A write goes straight to the operating
-system, so a killed process loses nothing that it had; twice a second it is forced to the disk, against a power failure.
+system, so a killed process loses nothing that it had; twice a second it is forced to the disk, against a power failure.  Nobody else writes
+meanwhile: ``raw.bin`` is locked.  Files that are removed under a recording are saved under another name.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +21,17 @@ from pathlib import Path
 from session.common.errors import FormatError, StorageError
 from session.common.texts import unicode_text
 from session.files.reading import open_file
+from session.recording.lock import lock
+from session.recording.rescue import BINARY, catch_up, copied, discard, is_gone, new_folder
 
 RAW, TIMES = "raw.bin", "raw.times"
 TIMES_HEADER = "host_ns,bytes,event"
 SYNC_S = 0.5
-#: Windows would turn line ends into its own
-BINARY = getattr(os, "O_BINARY", 0)
+LOOK_S = 0.25  #: whether the files are still there
+#: what is said where another process has the folder
+IN_USE = "another record is writing there now; wait until it has ended, or give --out another folder"
+#: of a disk that took bytes, and then could not keep them
+NOT_KEPT = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC), errno.EIO)
 #: bytes of a line of raw.times, whose longest part is a log's name or a person's note
 LONGEST_MARK = 1 << 16
 #: decisions at a table and openings of a port in one recording
@@ -42,17 +50,26 @@ class Mark:
 
 
 class RawFile:
-    """Append bytes and marks.  StorageError says what is safe when no more can be written; later calls raise it again."""
+    """Append bytes and marks.  StorageError says what is safe when no more can be written; later calls raise it again.
+
+    path: of the bytes; trouble: a StorageError, once what was received is not, or not only, where it should be; saved: the folder where it
+    is instead.  Files that were removed go on in that folder, so that nothing that comes meanwhile is lost.
+    """
 
     def __init__(self, folder: Path):
         self.path = folder / RAW
+        self.trouble: StorageError | None = None
+        self.saved: Path | None = None
         self._failed: StorageError | None = None
+        self._discarded = False
+        self._missed = 0  # how often running the files were not there
         self._last_ns = -TIME_STEP_NS
         self._made = [path for path in (self.path, folder / TIMES, folder, *folder.parents) if not path.exists()]
         try:
             self._open(folder)
         except StorageError:
-            self._unmake()
+            if not self._in_use:
+                self._unmake()
             raise
         self._lock = threading.Lock()
         self._done = threading.Event()
@@ -60,9 +77,10 @@ class RawFile:
         self._syncing.start()
 
     def _open(self, folder: Path) -> None:
+        self._in_use = False
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._raw = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | BINARY, 0o644)
+            self._raw = self._locked()
             self._times = os.open(folder / TIMES, os.O_RDWR | os.O_APPEND | os.O_CREAT | BINARY, 0o644)
         except OSError as error:
             raise StorageError(f"{error.filename or folder}: {error.strerror or error}; give --out another folder") from None
@@ -73,6 +91,18 @@ class RawFile:
         os.lseek(self._times, -1, os.SEEK_END)
         if os.read(self._times, 1) != b"\n":  # a process was killed while it wrote a line
             self._write(self._times, b"\n")
+
+    def _locked(self) -> int:
+        """The raw file, locked.  Its place may change between opening and locking: another process may give it up, and take it away."""
+        while True:
+            file = os.open(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT | BINARY, 0o644)
+            if not lock(file):
+                os.close(file)
+                self._in_use = True
+                raise StorageError(f"{self.path.parent}: {IN_USE}")
+            if not is_gone(file, self.path):
+                return file
+            os.close(file)
 
     def append(self, host_ns: int, data: bytes) -> None:
         """Bytes that arrived at host_ns."""
@@ -99,6 +129,9 @@ class RawFile:
 
     def discard(self) -> None:
         """Close; where no byte was received, take away the files and folders that were not there before."""
+        self._discarded = True
+        if os.name == "posix":  # before another process can lock it; Windows removes no open file
+            self._unmake()
         self.close()
         self._unmake()
 
@@ -125,13 +158,64 @@ class RawFile:
             data = data[written:]
 
     def _sync(self) -> None:
+        synced_s = time.monotonic()
         while True:
-            last = self._done.wait(SYNC_S)
-            for file in (self._raw, self._times):
-                with contextlib.suppress(OSError):  # a full disk speaks up at the next write
-                    os.fsync(file)
+            last = self._done.wait(LOOK_S)
+            self._look(last)
+            if last or time.monotonic() - synced_s >= SYNC_S:
+                synced_s = time.monotonic()
+                self._force_to_disk()
             if last:
                 return
+
+    def _force_to_disk(self) -> None:
+        for file in (self._raw, self._times):
+            try:
+                os.fsync(file)
+            except OSError as error:  # a pipe or a device is not forced anywhere
+                if error.errno in NOT_KEPT and self.trouble is None:
+                    self.trouble = StorageError(
+                        f"{self.path}: {error.strerror or error}; what was received last may not be on the disk; make room, "
+                        "then go on with --resume"
+                    )
+
+    def _look(self, last: bool) -> None:
+        """Whether the files are where they were; where they are not, twice running, save them."""
+        if self._discarded or self.saved is not None:
+            return
+        with self._lock:
+            gone = [path for file, path in self._files if is_gone(file, path)]
+        self._missed = self._missed + 1 if gone else 0
+        if gone and (self._missed > 1 or last):
+            self._save(gone[0])
+
+    @property
+    def _files(self) -> tuple[tuple[int, Path], tuple[int, Path]]:
+        return (self._raw, self.path), (self._times, self.path.with_name(TIMES))
+
+    def _save(self, gone: Path) -> None:
+        """Go on in copies under another name."""
+        what = f"{gone}: was removed, moved or replaced while it was being recorded"
+        why = "no place was found for what was received"
+        for folder in new_folder(self.path.parent):
+            old, paths = [self._raw, self._times], [folder / RAW, folder / TIMES]
+            try:
+                new = copied(old, paths)
+                with self._lock:  # the reader waits only for what has come meanwhile
+                    for source, target in zip(old, new, strict=True):
+                        catch_up(source, target)
+                    self._raw, self._times = new
+                    self.path, self.saved = folder / RAW, folder
+            except OSError as error:
+                why = f"what was received could not be saved in {folder}: {error.strerror or error}"
+                discard(folder, paths)  # to be tried again
+                continue
+            lock(self._raw)
+            for file in old:
+                os.close(file)
+            self.trouble = StorageError(f"{what}; what was received is saved in {folder}; go on with record --resume --out {folder}")
+            return
+        self.trouble = StorageError(f"{what}, and {why}")
 
 
 def read_marks(raw_path: Path) -> list[Mark]:

@@ -10,13 +10,13 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from session.common.errors import CalibrationError
 from session.recording.clock import ComparisonOfClocks
 from session.recording.decisions import Decision
-from session.recording.decoding import BLOCK, new_connection, stream
-from session.recording.logwriter import NEW_LOG, LogWriter
+from session.recording.decoding import BLOCK, Piece, new_connection, stream
+from session.recording.logwriter import FOREIGN, NEW_LOG, LogWriter
 from session.recording.port import Closed, Opened, Port, Received
 from session.recording.rawfile import RAW, RawFile
+from session.recording.sorting import WORD, Sorting
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk, Event, Trouble
 
@@ -33,15 +33,18 @@ class Recorder:
 
     def __init__(self, folder: Path, name: str, baudrate: int = 921600, header: str | None = None):
         self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
+        self._sorting = Sorting(self.decoder, self.logs)
         self.clock = ComparisonOfClocks()
-        self._past = stream(folder / RAW, self.decoder, self.logs) if (folder / RAW).exists() else None
-        self.raw = RawFile(folder)
+        self.raw = RawFile(folder)  # nobody else writes there from now on
+        self._past: Iterator[Piece] | None = None
         self._decoded = self.raw.size  # bytes; the reader thread is ahead of it
         self.undecoded = 0
         self.connected, self.why, self._closed = False, "", False
         try:
+            if self.raw.size:
+                self._past = stream(folder / RAW, self.decoder, self.logs, self._sorting)
             self.port = Port(name, baudrate, self._keep)
-        except CalibrationError:
+        except BaseException:
             self.raw.discard()
             raise
 
@@ -53,8 +56,15 @@ class Recorder:
             self._past = None
 
     def poll(self, timeout_s: float = 0.1) -> list[Event]:
-        """Events of what has arrived, a slice of it where there is much, waiting for the first at most so long.  StorageError when the
-        disk is full."""
+        """Events of what has arrived, a slice of it where there is much, waiting for the first at most so long.
+
+        StorageError when the disk is full, or the files are not there any more.
+        """
+        if self.raw.trouble is not None:
+            raise self.raw.trouble
+        return self._poll(timeout_s)
+
+    def _poll(self, timeout_s: float) -> list[Event]:
         assert self._past is None, "catch_up comes first"
         items: list = []
         size = 0
@@ -76,6 +86,20 @@ class Recorder:
         elif decision.word == "keep":
             self.logs.keep(decision.rest)
 
+    def set_apart(self, landmarks: int) -> list[str]:
+        """What came behind so many of the new logs and infos that were given away was another board's, until the port is opened again.
+
+        That is written down for every replay, and its logs get another name: those names, as far as there are any.
+        """
+        landmark = self._sorting.set_apart(landmarks)
+        self.raw.mark(time.monotonic_ns(), f"{WORD} {landmark.number}", landmark.offset)
+        return [path.name for path in self.logs.paths if path.name.startswith(FOREIGN)]
+
+    @property
+    def samples(self) -> int:
+        """Of this recording's own board."""
+        return self._sorting.samples
+
     def close(self) -> None:
         """Stop reading, write what is left, close the files; may be called twice."""
         if self._closed:
@@ -85,9 +109,9 @@ class Recorder:
         deadline = time.monotonic() + LAST_S
         try:
             while self._past is None and not self.port.items.empty() and time.monotonic() < deadline:
-                self.poll(0)
+                self._poll(0)
             if self._past is None and self.port.items.empty():
-                self.logs.write(self.decoder.finish())
+                self._sorting.take(self.decoder.finish())
             else:  # half a log is what a whole one begins with: nothing is finished here
                 self.undecoded = self.raw.size - self.decoder.taken
         finally:
@@ -113,10 +137,9 @@ class Recorder:
                 self._decoded += len(data)
                 fresh = self.decoder.feed(data)
                 self._compare(fresh, arrivals[-1].host_ns)
+                events += self._sorting.take(fresh)
             else:
-                fresh = [event for item in group for event in self._take_state(item)]
-            self.logs.write(fresh)
-            events += fresh
+                events += [event for item in group for event in self._take_state(item)]
         return events
 
     def _compare(self, events: list[Event], host_ns: int) -> None:
@@ -138,4 +161,4 @@ class Recorder:
         if not self.connected:
             return []
         self.clock.restart()
-        return new_connection(self.decoder)
+        return new_connection(self.decoder, self._sorting, self._decoded)

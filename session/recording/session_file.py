@@ -11,7 +11,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-from session.common.errors import CalibrationError, FormatError, StorageError
+from session.common.errors import CalibrationError, FormatError, OtherSensor, StorageError
 from session.log.additions import add_exclude, add_notes, exclude_text, notes_text
 from session.log.config import OWN_UNITS, SCHEMA, Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
 from session.log.toml_text import Value, line, setting
@@ -28,6 +28,7 @@ NOMINAL_WITHIN = 0.2  #: of a rate that is said: INTERNAL_FREQ_FINE reaches so f
 NEAREST_WITHIN = 0.1  #: of a rate that is taken for it: beyond ``session.checks.rate.ODR_WRONG``, ``check`` says that it is another
 DIVIDED_WITHIN = 0.05  #: where a divider makes many rates, the next one is hardly farther
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
+BOARD = "the board"
 MOST_A_SECOND = 9  #: notes
 SAME_MOMENT_S = 1e-3
 OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", *OWN_UNITS)
@@ -62,6 +63,7 @@ class SessionFile:
             like = like / NAME
         self._like = read_config(like) if like is not None else None
         self._info: Info | None = None  # the last that the board has said
+        self._text = self._read()
         if self._own is not None:
             for name, value in self._notes.items():
                 if (there := self._own.notes.get(name, value)) != value:
@@ -79,14 +81,14 @@ class SessionFile:
         """The configuration, and the file written; None while not enough is known.  waited_s: seconds of samples without an info;
         physical: whether the samples are in physical units, None while there are none.
 
-        CalibrationError where the board contradicts the file or the command line; StorageError where it cannot be written.
+        OtherSensor where the board contradicts the file, CalibrationError the command line; StorageError where it cannot be written.
         """
         if info is not None:
             info = replace(info, serial=plain(info.serial), sensor=plain(info.sensor))
             said: dict[str, float] = {"gyro_fs_dps": info.gyro_fs_dps, "accel_fs_g": info.accel_fs_g}
             if self._own is not None:
-                self._require_agreement(self._own.sensor, said, "the board")
-                self._require_model(self._own.sensor.model, info.sensor, "the board")
+                self._require_agreement(self._own.sensor, said, BOARD)
+                self._require_model(self._own.sensor.model, info.sensor, BOARD)
             for name, value in said.items():
                 if self._said[name] not in (None, value):
                     raise CalibrationError(f"the board says {name} = {value:g}, {FLAGS[name]} says {self._said[name]:g}: leave it out")
@@ -100,7 +102,9 @@ class SessionFile:
             self._write(config, bool(physical))
             self._own = config
         notes, self._notes = self._notes, {}
-        add_notes(self.path, notes)
+        if notes:
+            add_notes(self.path, notes)
+            self._text = self._read()
         return self._own
 
     def note(self, text: str, when: datetime) -> None:
@@ -111,7 +115,9 @@ class SessionFile:
             return
         for number in itertools.count(2):
             try:
-                return add_notes(self.path, {name: text})
+                add_notes(self.path, {name: text})
+                self._text = self._read()
+                return
             except FormatError:  # two within a second
                 if number > MOST_A_SECOND:
                     raise
@@ -120,10 +126,22 @@ class SessionFile:
     def exclude(self, log: str, at_s: float) -> None:
         """The turn that moved at that moment of the log's clock does not count."""
         add_exclude(self.path, LeftOut(log, at_s))
+        self._text = self._read()
 
     def excludes(self, log: str, at_s: float) -> bool:
         """Whether the file says so: a person may have taken it back."""
         return any(row.log == log and abs(row.at_s - at_s) < SAME_MOMENT_S for row in read_config(self.path).exclude)
+
+    def save_copy(self, folder: Path) -> None:
+        """What the file last held, for a folder that stands in for one that was removed.  Raises OSError."""
+        if self._text is not None and not (folder / NAME).exists():
+            (folder / NAME).write_bytes(self._text)
+
+    def _read(self) -> bytes | None:
+        try:
+            return self.path.read_bytes()
+        except OSError:
+            return None
 
     def _sensor(self, info: Info | None, waited_s: float, physical: bool) -> Sensor | None:
         said = dict(self._said)
@@ -144,13 +162,15 @@ class SessionFile:
 
     def _require_model(self, mine: str, said: str | None, who: str) -> None:
         if said and not _same_model(mine, said):
-            raise CalibrationError(f'{self.path}: sensor.model is "{mine}", {who} says {said}; correct the one that is wrong')
+            error = OtherSensor if who == BOARD else CalibrationError
+            raise error(f'{self.path}: sensor.model is "{mine}", {who} says {said}; correct the one that is wrong')
 
     def _require_agreement(self, sensor: Sensor, said: Mapping[str, float | None], who: str) -> None:
         for name, value in said.items():
             mine = getattr(sensor, name)
             if value is not None and (abs(value / mine - 1) > NOMINAL_WITHIN if name == "odr_hz" else value != mine):
-                raise CalibrationError(f"{self.path}: sensor.{name} is {mine:g}, {who} says {value:g}; correct the one that is wrong")
+                error = OtherSensor if who == BOARD else CalibrationError
+                raise error(f"{self.path}: sensor.{name} is {mine:g}, {who} says {value:g}; correct the one that is wrong")
 
     def _write(self, config: Config, physical: bool) -> None:
         """Whole or not at all, and only what can be read again: it is read before it gets its name."""
@@ -165,6 +185,7 @@ class SessionFile:
             if self.path.exists():  # somebody has put one there meanwhile
                 raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
             os.replace(fresh, self.path)
+            self._text = self._read()
         except OSError as error:
             raise StorageError(f"{self.path}: {error.strerror or error}; give --out another folder") from None
         except FormatError as error:

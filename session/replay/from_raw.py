@@ -11,7 +11,7 @@ from session.common.texts import shell_word
 from session.files.reading import MB, MOST_TOML, open_file, read_bytes
 from session.files.writing import naming
 from session.recording.decoding import BLOCK, stream
-from session.recording.logwriter import LogWriter, said_not_logged
+from session.recording.logwriter import FOREIGN, LogWriter, said_not_logged
 from session.recording.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.replay.convert import Converted
 from session.stream.decoder import StreamDecoder
@@ -57,7 +57,8 @@ def convert_raw(
                 raise FormatError(f"{raw_path}: no sample among {MOST_SILENT} bytes, behind {samples} samples; cut the file there")
         logs.write(decoder.finish())
         logs.close()
-        if not logs.paths:
+        own = [path for path in logs.paths if not path.name.startswith(FOREIGN)]
+        if not own:
             raise FormatError(
                 f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line); "
                 "text in physical units that does not say its header needs --header t_us,gx_dps,…"
@@ -86,7 +87,7 @@ def convert_raw(
         notes.append(said_not_logged(logs.not_logged, logs.not_logged_starts))
     notes += [ASSUMED] * assumed
     next_steps = (f"calibrate.py check {shell_word(out)}", f"calibrate.py fit {shell_word(out)}")
-    return Converted(out, logs.paths[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)
+    return Converted(out, own[0], ("a port's raw bytes",), decoder.samples, tuple(notes), tuple(check_folder(out)), next_steps)
 
 
 def _configure(

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 from session.common.texts import printable
 from tinygc.cli.commands import COMMANDS
+from tinygc.cli.paths import Paths, file_written, path_read
 from tinygc.methods.registry import CHOSEN
 
 METHODS = ",".join(CHOSEN)
@@ -43,12 +44,13 @@ def parser() -> argparse.ArgumentParser:
         summary = module.SUMMARY
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         command.set_defaults(run=module.run)
-        command.add_argument("--json", type=Path, metavar="FILE", help="write the result as JSON (- for standard output)")
+        command.add_argument("--json", type=file_written, metavar="FILE", help="write the result as JSON (- for standard output)")
         command.add_argument("--seed", type=count(0, LARGEST_SEED), default=0, help="of every random draw (%(default)s)")
         command.add_argument("--quiet", action="store_true", help="print nothing but errors")
         if getattr(module, "USES_EFFECTS", False):
-            command.add_argument("--effects", type=Path, action="append", default=[], metavar="DIR", help=EFFECTS_HELP)
+            command.add_argument("--effects", type=path_read, action="append", default=[], metavar="DIR", help=EFFECTS_HELP)
         module.add_arguments(command)
+        command.set_defaults(paths=Paths.of(command))
     return whole
 
 

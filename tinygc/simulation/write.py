@@ -13,6 +13,7 @@ import numpy as np
 from session.common.errors import FormatError
 from session.common.texts import comment
 from session.common.units import DEG, MG
+from session.files.recorded import has_recorded_name
 from session.files.writing import naming, result_folder
 from session.log.config import SCHEMA
 from session.log.known_turns import NAME as KNOWN_TURNS
@@ -27,6 +28,8 @@ TRUTH_SCHEMA = "tinygc-truth/1"
 GZIP_LEVEL = 6  #: level 9 takes three times as long for a few percent
 LOG, CLOSURE, CONFIG, TRUTH = "log0001.csv.gz", "closure0001.csv.gz", "session.toml", "truth.json"
 REST = "rest0001.csv.gz"
+#: begins the session.toml of a simulation
+SIMULATED = "# SIMULATED"
 
 
 def write_session(
@@ -86,9 +89,17 @@ def check_folder(folder: Path, force: bool) -> None:
         raise FormatError(f"{folder}: not empty; give a new folder, or --force to replace an earlier simulation")
     if TRUTH not in present:
         raise FormatError(f"{folder}: holds no simulation ({TRUTH} is missing) and is not replaced; give a new folder")
-    strangers = {name for name in present if name.startswith(("log", "closure", "rest"))} - {LOG, CLOSURE, REST}
+    strangers = {name for name in present if has_recorded_name(Path(name))} - {LOG, CLOSURE, REST, CONFIG, TRUTH, KNOWN_TURNS}
+    strangers |= {name for name in present if not _is_a_simulations(folder / name)}
     if strangers:
         raise FormatError(f"{folder}: holds {min(strangers)} beside a simulation and is not replaced; give a new folder")
+
+
+def _is_a_simulations(path: Path) -> bool:
+    """Whether a file may be one that a simulation wrote: a link leads to somebody's else, and a session.toml says so itself."""
+    if path.name == CONFIG and not path.is_symlink():
+        return path.read_bytes().startswith(SIMULATED.encode())
+    return not (has_recorded_name(path) and (path.is_symlink() or path.stat().st_nlink > 1))
 
 
 def _write_log(path: Path, simulation: Simulation, recording: Recording) -> None:
@@ -121,7 +132,7 @@ def config_text(simulation: Simulation, concealed: bool, calibrated: bool = True
     heading = f"heading_deg = {unit.heading_deg!r}\n" if options.with_heading else ""
     remark = f"# Physics is concealed in it besides: {TRUTH} tells which.\n" if concealed else ""
     return f"""\
-# SIMULATED, not recorded.  To make it again: {comment(command_line(options))}
+{SIMULATED}, not recorded.  To make it again: {comment(command_line(options))}
 {remark}schema = "{SCHEMA}"
 
 [sensor]

@@ -15,7 +15,7 @@ from session.sensor.known import DEFAULT
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.rest import Chip, simulate_rest
 from tinygc.simulation.rest_options import RestOptions, rest_flag
-from tinygc.simulation.write import CLOSURE, CONFIG, LOG, REST, TRUTH, TRUTH_SCHEMA, check_folder, packed_log
+from tinygc.simulation.write import CLOSURE, CONFIG, LOG, REST, SIMULATED, TRUTH, TRUTH_SCHEMA, check_folder, packed_log
 
 
 def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, force: bool = False) -> Path:
@@ -50,7 +50,7 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
 def _config(session: SimulationOptions, options: RestOptions) -> str:
     given = [f"{rest_flag('cycles')} {options.cycles:g}", f"--seed {session.seed}"]
     return f"""\
-# SIMULATED, not recorded: calibrate.py simulate {" ".join(given)} and what truth.json holds besides
+{SIMULATED}, not recorded: calibrate.py simulate {" ".join(given)} and what truth.json holds besides
 schema = "{SCHEMA}"
 
 [sensor]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
+import os
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -12,7 +14,8 @@ from typing import TYPE_CHECKING
 
 from session.common.errors import CalibrationError
 from session.common.texts import printable
-from session.files.results import json_text
+from session.files.recorded import refuse_recorded
+from session.files.results import is_stream, json_text, whole
 
 if TYPE_CHECKING:
     from session.common.console import PlainConsole
@@ -43,6 +46,7 @@ def try_file(args: argparse.Namespace, path: Path) -> None:
         return
     if path.is_dir():
         raise CalibrationError(f"{path}: that is a folder; give --out a file")
+    refuse_recorded(Path(os.path.realpath(path)))
     _try_folder(path.parent, args, "another file")
 
 
@@ -66,25 +70,37 @@ def write_json(path: Path | None, table: dict) -> None:
     if path is None:
         return
     if str(path) == "-":
-        whole = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
+        every = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
         with standard_output():
-            sys.stdout.write(json_text(table, ascii_only=not whole) + "\n")
+            sys.stdout.write(json_text(table, ascii_only=not every) + "\n")
         return
+    text = json_text(table) + "\n"
     try:
-        path.write_text(json_text(table) + "\n", encoding="utf-8")
+        with contextlib.nullcontext(path) if _is_the_systems(path) else whole(_place(path)) as place:
+            place.write_text(text, encoding="utf-8")
     except OSError as error:
         raise _no_json(path, error) from None
 
 
 def _try_json(path: Path) -> None:
-    new = not path.exists()
-    if new or path.is_file() or path.is_dir():  # a pipe or device is not opened twice
-        try:
-            path.open("a").close()
-        except OSError as error:
-            raise _no_json(path, error) from None
-    if new:
-        path.unlink()
+    if is_stream(path) or _is_the_systems(path):  # which is not opened twice
+        return
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        tempfile.TemporaryFile(dir=_place(path).parent).close()
+    except OSError as error:
+        raise _no_json(path, error) from None
+
+
+def _place(path: Path) -> Path:
+    """Where a link leads, so that it stays one."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def _is_the_systems(path: Path) -> bool:
+    """Whether the name is one that the system shows, such as /dev/stdout: nothing can be put in its place."""
+    return path.is_relative_to("/dev") or path.is_relative_to("/proc")
 
 
 def _no_json(path: Path, error: OSError) -> CalibrationError:

@@ -9,13 +9,14 @@ from session.common.errors import CalibrationError
 from tinygc.cli.arguments import count
 from tinygc.cli.commands._fitting import given
 from tinygc.cli.commands._results import output, try_destinations, write_json
+from tinygc.cli.paths import path_read
 
 HIGHEST_ORDER = 20  #: beyond it powers of a temperature are one and the same in float64
 
 
 def add_temperature_arguments(command: argparse.ArgumentParser) -> None:
     """What asks for it, and how far it goes."""
-    command.add_argument("more", type=Path, nargs="*", help="with --temperature: further folders of the same sensor")
+    command.add_argument("more", type=path_read, nargs="*", help="with --temperature: further folders of the same sensor")
     command.add_argument("--temperature", action="store_true", help="one model over temperature, of all folders and their rest logs")
     command.add_argument(
         "--temperature-order", type=count(0, HIGHEST_ORDER), metavar="N", help="highest power of the temperature that is tried (5)"

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.paths import folder_written, path_read
 
 SUMMARY = "calibrate the accelerometer alone, from the stills of a session, into a copy of it"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("folder", type=Path, help="session folder; what its session.toml says of the accelerometer is not used")
-    command.add_argument("--out", type=Path, metavar="DIR", help="the copy with [accelerometer] (FOLDER_calibrated); - writes none")
+    command.add_argument("folder", type=path_read, help="session folder; what its session.toml says of the accelerometer is not used")
+    command.add_argument("--out", type=folder_written, metavar="DIR", help="the copy with [accelerometer] (FOLDER_calibrated); -: none")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from session.common.texts import printable
 from tinygc.cli.commands._log_options import add_log_options, answers_of
 from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.paths import log_written, path_read
 
 SUMMARY = "calibrate the rates and the specific force of a log"
 USES_EFFECTS = True
@@ -16,13 +16,15 @@ USES_EFFECTS = True
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("model", type=Path, help="model file, such as fit/model_least_squares.json of a session")
-    command.add_argument("log", type=Path, help="any log that replay reads; -: standard input")
-    command.add_argument("-o", "--out", type=Path, required=True, metavar="CSV", help="log to write (.csv or .csv.gz); -: standard output")
+    command.add_argument("model", type=path_read, help="model file, such as fit/model_least_squares.json of a session")
+    command.add_argument("log", type=path_read, help="any log that replay reads; -: standard input")
+    command.add_argument(
+        "-o", "--out", type=log_written, required=True, metavar="CSV", help="to write (.csv or .csv.gz); -: standard output"
+    )
     command.add_argument("--unit", choices=("rps", "dps"), default="rps", help="of the rates (%(default)s: rad/s)")
     command.add_argument(
         "--session",
-        type=Path,
+        type=path_read,
         metavar="DIR",
         help="where session.toml is (beside the log); its [accelerometer] then holds, not the model's",
     )
@@ -40,11 +42,8 @@ def run(args: argparse.Namespace) -> int:
     to_stdout = str(args.out) == STANDARD
     if to_stdout and str(args.json) == STANDARD:
         raise CalibrationError("-o - and --json - both want standard output; give one of them a file")
-    if args.out.is_file():
-        if any(path.exists() and args.out.samefile(path) for path in (args.log, args.model)):
-            raise CalibrationError(f"{args.out}: is what is read; give -o another file")
-        if not args.force:
-            raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
+    if args.out.is_file() and not args.force:
+        raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
     with progress_bar(args.quiet) as progress:
         done = apply_model(args.model, args.log, args.out, answers_of(args), args.session, args.unit, progress)
     late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""

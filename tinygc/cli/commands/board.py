@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 from session.common.errors import CalibrationError
 from session.common.texts import printable
 from tinygc.cli.arguments import accel_full_scale, count, data_rate, gyro_full_scale, positive, seconds
+from tinygc.cli.commands._interruption import ended_by_signals
 from tinygc.cli.commands._results import write_json
+from tinygc.cli.paths import file_written, path_read
 
 SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("folder", type=Path, nargs="?", help="session folder to stream (a simulated one)")
+    command.add_argument("folder", type=path_read, nargs="?", help="session folder to stream (a simulated one)")
     command.add_argument("--rate", type=data_rate, default=416.0, metavar="HZ", help="data rate of the simulated sensor (%(default)g)")
     command.add_argument("--segments", type=count(1), default=40, help="turns of the simulated session (%(default)s)")
     command.add_argument(
@@ -48,12 +48,17 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         metavar="BYTES",
         help="what it holds back while its reader is busy (65536, times --speed if that is above 1)",
     )
-    command.add_argument("--link", type=Path, metavar="PATH", help="name of the port (tinygc-board in the temporary folder)")
-    command.add_argument("--config", type=Path, metavar="FILE", help="write the session.toml that belongs to the stream")
+    command.add_argument("--link", type=file_written, metavar="PATH", help="name of the port (tinygc-board in the temporary folder)")
+    command.add_argument("--config", type=file_written, metavar="FILE", help="write the session.toml that belongs to the stream")
 
 
 def run(args: argparse.Namespace) -> int:
-    """A virtual board, until Ctrl-C or the end of ``--tail``."""
+    """A virtual board, until Ctrl-C or the end of ``--tail``; its port's link goes with it."""
+    with ended_by_signals(ignored_interrupt=True):
+        return _board(args)
+
+
+def _board(args: argparse.Namespace) -> int:
     try:
         from tinygc.simulation.board.terminal import MEMORY_BYTES, Terminal
     except ImportError:
@@ -61,12 +66,11 @@ def run(args: argparse.Namespace) -> int:
             "board: a virtual board needs a pseudo-terminal, which only POSIX systems have (Linux, macOS); "
             "everything else runs here, record with a real port too"
         ) from None
+    from session.files.results import write_text_whole
     from tinygc.simulation.board.board import Board
     from tinygc.simulation.board.faults import Faults
     from tinygc.simulation.board.source import recorded, simulated
     from tinygc.simulation.options import SimulationOptions
-
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # the port's link goes with the board
 
     def say(what: str) -> None:
         if not args.quiet:
@@ -86,12 +90,9 @@ def run(args: argparse.Namespace) -> int:
             options = replace(options, accel_bias_mg=raw)
         source = simulated(options, calibrated=not raw)
     if args.config and source.config:
-        args.config.write_text(source.config, encoding="utf-8")
+        write_text_whole(args.config, source.config)
     # A faster board must hold back more, for a host that is as fast as ever.
     with Terminal(args.link, args.memory or round(MEMORY_BYTES * max(1.0, args.speed))) as terminal:
-        if not args.quiet and str(args.json) != "-":
-            print(terminal.name, flush=True)
-        say(f"{source.info.text}: open it with another program; Ctrl-C ends")
         board = Board(
             source=source,
             terminal=terminal,
@@ -106,6 +107,9 @@ def run(args: argparse.Namespace) -> int:
             say=say,
         )
         try:
+            if not args.quiet and str(args.json) != "-":
+                print(terminal.name, flush=True)
+            say(f"{source.info.text}: open it with another program; Ctrl-C ends")
             board.run()
         finally:
             say(f"{board.sent} samples sent, {terminal.dropped} writes dropped since nobody read")

@@ -8,6 +8,7 @@ from typing import Any
 
 from tinygc.cli.arguments import count
 from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.paths import folder_written, path_read
 
 SUMMARY = "examine explain on simulated sessions that hide something, blind"
 USES_EFFECTS = True
@@ -20,10 +21,10 @@ CASES = 40
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument(
-        "--on", type=Path, metavar="DIR", help="conceal effects in this recording, and say from what size on it tells each"
+        "--on", type=path_read, metavar="DIR", help="conceal effects in this recording, and say from what size on it tells each"
     )
     command.add_argument("--cases", type=count(1), metavar="N", help=f"sessions ({CASES}; with --on as many as it takes)")
-    command.add_argument("--out", type=Path, metavar="DIR", help="new folder for the truth and what was said (a temporary one)")
+    command.add_argument("--out", type=folder_written, metavar="DIR", help="new folder for the truth and what was said (a temporary one)")
     command.add_argument("--keep", action="store_true", help="keep the sessions, too")
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from tinygc.cli.commands._results import complain, output, write_json
+from tinygc.cli.paths import path_read
 
 SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("folder", type=Path, help="session folder")
+    command.add_argument("folder", type=path_read, help="session folder")
     command.add_argument("--strict", action="store_true", help="exit 1 on warnings")
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.paths import path_read
 
 SUMMARY = "say whether the calibrations of several sessions of one sensor agree"
 USES_EFFECTS = True
@@ -13,7 +13,7 @@ USES_EFFECTS = True
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("folders", type=Path, nargs="+", metavar="DIR", help="session folders that were fitted, two or more")
+    command.add_argument("folders", type=path_read, nargs="+", metavar="DIR", help="session folders that were fitted, two or more")
     command.add_argument("--bias", action="store_true", help="the bias counts, too: the sensor was never switched off in between")
     command.add_argument("--strict", action="store_true", help="exit 1 if they differ (p < 0.01)")
     command.add_argument("--limit", type=_probability, metavar="P", help="exit 1 if the p-value is below this")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from tinygc.cli.commands._results import complain, output, try_destinations, write_json
+from tinygc.cli.paths import folder_written, path_read
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
 USES_EFFECTS = True
@@ -13,10 +13,10 @@ USES_EFFECTS = True
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("folder", type=Path, help="session folder")
+    command.add_argument("folder", type=path_read, help="session folder")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument("--no-pictures", action="store_true", help="write no picture")
-    command.add_argument("--out", type=Path, metavar="DIR", help="where the result goes (explain/ in the session folder)")
+    command.add_argument("--out", type=folder_written, metavar="DIR", help="where the result goes (explain/ in the session folder)")
     command.add_argument("--strict", action="store_true", help="exit 1 if there is a mismatch")
 
 

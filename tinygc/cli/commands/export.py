@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from tinygc.cli.arguments import filled
 from tinygc.cli.commands._results import complain, output, write_json
+from tinygc.cli.paths import folder_written, path_read
 from tinygc.deploy.exports import FORMATS
 
 SUMMARY = "write the calibration for other programs"
@@ -15,10 +15,10 @@ USES_EFFECTS = True
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("folder", type=Path, help="session folder that was fitted")
+    command.add_argument("folder", type=path_read, help="session folder that was fitted")
     command.add_argument("--to", required=True, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
     command.add_argument("--model", type=filled, metavar="NAME", help="method of the fit, or a model file (least_squares)")
-    command.add_argument("--out", type=Path, metavar="DIR", help="where the files go (export/ in the session folder)")
+    command.add_argument("--out", type=folder_written, metavar="DIR", help="where the files go (export/ in the session folder)")
     command.add_argument("--anyway", action="store_true", help="export a model that closes held-out segments worse than raw rates, too")
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 from session.common.errors import CalibrationError
 from tinygc.cli.arguments import positive, three
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
 from tinygc.cli.commands._results import complain, output, try_destinations, write_json
 from tinygc.cli.commands._temperature import add_temperature_arguments, fit_temperature, has_only_rests
+from tinygc.cli.paths import folder_written, path_read
 from tinygc.methods.registry import METHODS
 
 #: what a bias of the day heeds of a fit's arguments
@@ -24,14 +24,14 @@ USES_EFFECTS = True
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
-    command.add_argument("folder", type=Path, help="session folder")
+    command.add_argument("folder", type=path_read, help="session folder")
     add_temperature_arguments(command)
     add_fit_arguments(command, OF_DAY)
     command.add_argument("--resume", action="store_true", help="go on with an adamw training that was interrupted")
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
-    command.add_argument("--model", type=Path, metavar="FILE", help="a stored calibration, of which only the bias is taken anew (--bias)")
+    command.add_argument("--model", type=path_read, metavar="FILE", help="a stored calibration, whose bias alone is taken anew (--bias)")
     command.add_argument("--bias-dps", type=three, metavar="X,Y,Z", help="what the sensor reads at rest, for --bias given")
-    command.add_argument("--out", type=Path, metavar="DIR", help="where the models go (fit/ in the session folder)")
+    command.add_argument("--out", type=folder_written, metavar="DIR", help="where the models go (fit/ in the session folder)")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
 
 

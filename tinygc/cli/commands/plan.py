@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from tinygc.cli.arguments import count
 from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.paths import path_read
 
 SUMMARY = "say which movements to record next"
 USES_EFFECTS = True
@@ -14,7 +14,7 @@ USES_EFFECTS = True
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("folder", type=Path, help="session folder")
+    command.add_argument("folder", type=path_read, help="session folder")
     command.add_argument("--count", type=count(1), default=5, help="movements at most (%(default)s)")
 
 

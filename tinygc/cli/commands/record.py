@@ -13,12 +13,15 @@ from session.common.texts import printable, shell_word
 from tinygc.cli.arguments import accel_full_scale, closure_seconds, count, data_rate, gyro_full_scale, note, stream_header
 from tinygc.cli.commands._interruption import Interruption
 from tinygc.cli.commands._results import complain, output, write_json
+from tinygc.cli.paths import folder_written, path_read
 
 if TYPE_CHECKING:
+    from session.common.errors import CalibrationError
     from session.guide.guide import Guide
     from session.guide.messages import Advice, Progress
     from session.guide.screen import LiveScreen, PlainLines
     from session.recording.recorder import Recorder
+    from session.recording.session_file import SessionFile
     from tinygc.plan.coach import Coach
 
 SUMMARY = "record a guided session from a serial port"
@@ -33,7 +36,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.epilog = EPILOG
     command.add_argument("--port", metavar="PORT", help="such as /dev/ttyACM0 (the only one there is, if it can be the board)")
     command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
-    command.add_argument("--out", type=Path, metavar="DIR", help="session folder to write (the next free data/sessionN)")
+    command.add_argument("--out", type=folder_written, metavar="DIR", help="session folder to write (the next free data/sessionN)")
     command.add_argument("--resume", action="store_true", help="go on with the recording in --out")
     command.add_argument("--segments", type=count(1), default=40, help="to be accepted (%(default)s)")
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
@@ -49,7 +52,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--note", type=note, action="append", default=[], metavar="KEY=TEXT", help="for [notes] of session.toml, such as operator=…"
     )
-    command.add_argument("--like", type=Path, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
+    command.add_argument("--like", type=path_read, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
     command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (calibrate.py sensors)")
     command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
     command.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate, where the board does not say")
@@ -65,43 +68,26 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Lead one person at the table through a session, and lose nothing of it."""
-    from session.common.errors import CalibrationError, StorageError
-    from session.guide.guide import Guide
-    from session.guide.guided_session import GuidedRecording
-    from session.guide.keys import Keys
     from session.recording.ports import only_candidate
-    from session.recording.recorder import Recorder
-    from session.recording.session_file import ASSUMED, SessionFile
+    from session.recording.session_file import ASSUMED
 
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
-    session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note))
-    _say_what_was_asked(args, folder)
-    interrupted = False
     with Interruption() as wanted:
-        recorder = Recorder(folder, port, args.baud, args.header)
-        guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)
-        coach = None if args.no_coach else _coach()
-        try:
-            with Keys() as keys, _view(args, f"{folder} · {port}") as view:
-                typed = keys if keys.there else None
-                configure = lambda info, waited_s: session_file.configure(info, waited_s, recorder.logs.physical)  # noqa: E731
-                GuidedRecording(guide, recorder, configure, coach, view, session_file, typed).lead(wanted)
-        except KeyboardInterrupt:
-            interrupted = True
-        except CalibrationError as error:
-            with contextlib.suppress(StorageError):  # a full disk has more than one thing to say
-                recorder.close()
-            raise type(error)(f"{error}; kept in {folder}: {_so_far(guide, recorder)}") from None
-        finally:
-            recorder.close()
+        told = _say_what_was_asked
+        while (led := _led(args, folder, port, wanted, told)) is None:
+            told = _nothing  # the recording began again without another board's bytes
+    guide, recorder, session_file, interrupted = led
     console = output(args)
     console.print(f"{folder}: {_so_far(guide, recorder)}", soft_wrap=True)
     for path in recorder.logs.put_aside:
         console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again", soft_wrap=True)
     for left in _left(recorder):
         console.print(left, soft_wrap=True)
+    for path in recorder.logs.paths:
+        if not path.exists():
+            console.print(f"{path}: was removed meanwhile; --resume makes it again of {recorder.raw.path.name}", soft_wrap=True)
     if guide.taken.own is not None:
         console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}", soft_wrap=True)
     if session_file.assumed:
@@ -118,6 +104,64 @@ def run(args: argparse.Namespace) -> int:
     return 130 if interrupted else 0
 
 
+def _led(
+    args: argparse.Namespace, folder: Path, port: str, wanted: Interruption, tell: Callable[[argparse.Namespace, Path], None]
+) -> tuple[Guide, Recorder, SessionFile, bool] | None:
+    """One recording to its end; whether it was interrupted.  None: it has to begin again, since it held another board's bytes, which
+    are apart now."""
+    from session.common.errors import CalibrationError
+    from session.guide.guide import Guide
+    from session.guide.guided_session import GuidedRecording
+    from session.guide.keys import Keys
+    from session.recording.recorder import Recorder
+    from session.recording.session_file import SessionFile
+
+    session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note))
+    tell(args, folder)
+    recorder = Recorder(folder, port, args.baud, args.header)
+    guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)
+    failed, problem, guided, interrupted = None, None, None, False
+    try:
+        with Keys() as keys, _view(args, f"{folder} · {port}") as view:
+            typed = keys if keys.there else None
+            configure = lambda info, waited_s: session_file.configure(info, waited_s, recorder.logs.physical)  # noqa: E731
+            guided = GuidedRecording(guide, recorder, configure, None if args.no_coach else _coach(), view, session_file, typed)
+            guided.lead(wanted)
+    except KeyboardInterrupt:
+        interrupted = True
+    except CalibrationError as error:
+        failed = error
+    finally:
+        problem = _closed(recorder, session_file)
+    if failed is not None and problem is None and guided is not None and guided.begin_again:
+        complain(str(failed))
+        return None
+    if recorder.raw.trouble is not None:
+        raise recorder.raw.trouble
+    if (wrong := failed or problem) is not None:
+        raise type(wrong)(f"{wrong}; kept in {folder}: {_so_far(guide, recorder)}") from None
+    return guide, recorder, session_file, interrupted
+
+
+def _closed(recorder: Recorder, session_file: SessionFile) -> CalibrationError | None:
+    """End it; what was wrong in doing so."""
+    from session.common.errors import StorageError
+
+    try:
+        recorder.close()
+    except StorageError as error:  # a full disk has more than one thing to say
+        return error
+    finally:
+        if recorder.raw.saved is not None:
+            with contextlib.suppress(OSError):
+                session_file.save_copy(recorder.raw.saved)
+    return recorder.raw.trouble
+
+
+def _nothing(args: argparse.Namespace, folder: Path) -> None:
+    """It has been said."""
+
+
 def _next_folder() -> Path:
     """The first ``data/sessionN`` that is not there yet."""
     return next(path for number in range(1, 1_000_000) if not (path := Path("data") / f"session{number}").exists())
@@ -127,9 +171,12 @@ def _require_place(folder: Path, resume: bool) -> None:
     """A recording is never overwritten; one is resumed only where there is one."""
     from session.common.errors import FormatError
     from session.log.folder import log_paths
-    from session.recording.rawfile import RAW
+    from session.recording.lock import is_locked
+    from session.recording.rawfile import IN_USE, RAW
 
     raw = folder / RAW
+    if is_locked(raw):
+        raise FormatError(f"{folder}: {IN_USE}")
     recorded = raw.exists() and raw.stat().st_size > 0
     if resume and not raw.exists():
         raise FormatError(f"{folder}: no recording to resume ({RAW} is not there); give its folder with --out, or leave --resume out")
@@ -182,7 +229,7 @@ def _coach() -> Callable[[Progress], Advice]:
 def _so_far(guide: Guide, recorder: Recorder) -> str:
     """What there is: segments and files."""
     logs = ", ".join(path.name for path in recorder.logs.paths) or "no log yet"
-    return f"{guide.accepted} of {guide.segments} segments, {recorder.decoder.samples} samples ({recorder.raw.path.name}, {logs})"
+    return f"{guide.accepted} of {guide.segments} segments, {recorder.samples} samples ({recorder.raw.path.name}, {logs})"
 
 
 def _left(recorder: Recorder) -> Iterator[str]:
@@ -216,7 +263,7 @@ def _table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
         "done": guide.stage.value == "done",
         "segments": {"wanted": guide.segments, "accepted": guide.accepted, "rejected": guide.rejected, "dropped": guide.dropped},
         "accelerometer": _accelerometer(guide),
-        "samples": recorder.decoder.samples,
+        "samples": recorder.samples,
         "lost": troubles["lost"],
         "crc_errors": troubles["crc"],
         "garbage_bytes": troubles["garbage"],

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tinygc.cli.arguments import stream_header
 from tinygc.cli.commands._log_options import add_log_options, answers_of
 from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.paths import folder_written, path_read
 
 if TYPE_CHECKING:
     from session.replay.convert import Converted
@@ -19,9 +19,9 @@ SUMMARY = "make a session folder of what a logger wrote to its card, or of a rec
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument(
-        "logs", type=Path, nargs="+", metavar="LOG", help="the log; or the gyroscope's and the accelerometer's; or raw.bin"
+        "logs", type=path_read, nargs="+", metavar="LOG", help="the log; or the gyroscope's and the accelerometer's; or raw.bin"
     )
-    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="session folder to make")
+    command.add_argument("--out", type=folder_written, required=True, metavar="DIR", help="session folder to make")
     command.add_argument("--add", choices=("log", "closure"), help="add to the session that is there, as a further log or a closure run")
     command.add_argument("--header", type=stream_header, metavar="LINE", help="of raw.bin in text that does not hold it: t_us,gx_dps,…")
     command.add_argument("--serial", default="", metavar="TEXT", help="which one it is")

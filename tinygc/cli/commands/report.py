@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from tinygc.cli.arguments import positive
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options
 from tinygc.cli.commands._results import complain, output, try_file, write_json
+from tinygc.cli.paths import file_written, path_read
 
 SUMMARY = "the calibration report: one HTML file that needs nothing else"
 USES_EFFECTS = True
@@ -16,8 +16,8 @@ USES_EFFECTS = True
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     limit = "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this; exit 1 if not"
-    command.add_argument("folder", type=Path, help="session folder")
-    command.add_argument("--out", type=Path, metavar="FILE", help="the report (report.html in the session folder)")
+    command.add_argument("folder", type=path_read, help="session folder")
+    command.add_argument("--out", type=file_written, metavar="FILE", help="the report (report.html in the session folder)")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
     command.add_argument("--no-explain", action="store_true", help="do not ask why recording and simulation differ")
     add_fit_arguments(command)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import Field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.paths import folder_written
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
@@ -18,7 +18,7 @@ SUMMARY = "write a simulated session"
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
+    command.add_argument("--out", type=folder_written, required=True, metavar="DIR", help="folder to write")
     command.add_argument("--force", action="store_true", help="replace an earlier simulation there")
     _add_simulation_options(command)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import pty
 import select
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from session.common.errors import CalibrationError
+from session.recording.lock import lock
 from session.recording.ports import VIRTUAL_STEM, lock_of
 
 #: what a board with some memory can hold back while its host is busy
@@ -35,7 +35,11 @@ class Terminal:
         self._waiting = b""
 
     def __enter__(self) -> Terminal:
-        self.plug()
+        try:
+            self.plug()
+        except CalibrationError:
+            self._let_go()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -45,6 +49,9 @@ class Terminal:
         if self.has_reader:
             time.sleep(DRAIN_S)  # a pseudo-terminal forgets what its reader has not fetched
         self.unplug()
+        self._let_go()
+
+    def _let_go(self) -> None:
         lock_of(self.name).unlink(missing_ok=True)
         self._lock.close()
 
@@ -54,7 +61,7 @@ class Terminal:
         tty.setraw(slave)  # no echo, no line discipline
         os.set_blocking(self._master, False)
         try:
-            if self.name.is_symlink():
+            if self.name.is_symlink() and os.readlink(self.name).startswith("/dev/"):
                 self.name.unlink()  # left by a board that was killed: we hold its lock
             self.name.symlink_to(os.ttyname(slave))
         except OSError as error:
@@ -102,11 +109,13 @@ def _claim(names: list[Path]) -> tuple[Path, IO]:
     """The first name that no running board has, and its lock, which the system takes away with the process."""
     for name in names:
         try:
-            lock = lock_of(name).open("w")
+            file = lock_of(name).open("a")
         except OSError as error:
             raise CalibrationError(f"{name}: {error.strerror or error}; give --link another path") from None
-        with contextlib.suppress(BlockingIOError):
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return name, lock
-        lock.close()
+        if os.fstat(file.fileno()).st_size:  # a board's is empty, and goes with it
+            file.close()
+            raise CalibrationError(f"{lock_of(name)}: is no lock of a virtual board; give --link another path")
+        if lock(file.fileno()):
+            return name, file
+        file.close()
     raise CalibrationError(f"{names[0]}: another virtual board runs there; give --link another path")

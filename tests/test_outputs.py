@@ -1,0 +1,317 @@
+"""No output takes the place of what is read or recorded: every option that writes, of every command, as the parser lists them."""
+
+import argparse
+import gzip
+import importlib
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import processes
+import pytest
+from commandline import refused
+from processes import PIPE
+
+from session.common.errors import StorageError
+from session.files.recorded import is_recorded
+from session.files.results import write_text_whole
+from tinygc.cli.arguments import parser
+from tinygc.cli.commands import COMMANDS
+from tinygc.cli.paths import Paths, file_written, folder_written, log_written, path_read
+
+ROOT = Path(__file__).resolve().parent.parent
+KINDS = (path_read, file_written, log_written, folder_written)
+#: what a help page calls a path
+METAVARS = {"FILE", "DIR", "PATH", "TOML", "CSV", "FOLDER"}
+#: a recording with one file of every name that docs/formats.md lists
+RECORDED = (
+    "session.toml",
+    "log0001.csv",
+    "log0002.csv.gz",
+    "closure0001.csv",
+    "rest0001.csv.gz",
+    "attitudes.csv",
+    "turns.csv",
+    "truth0001.csv",
+    "unclosed0001.csv",
+    "foreign0001.csv",
+    "raw.bin",
+    "raw.times",
+    "truth.json",
+    "log0001.csv.changed1",
+)
+
+
+def command_parsers() -> dict[str, argparse.ArgumentParser]:
+    """The parser of each command."""
+    (commands,) = (action for action in parser()._actions if isinstance(action, argparse._SubParsersAction))
+    return dict(commands.choices)
+
+
+def outputs(*kinds) -> list[tuple[str, str]]:
+    """(command, option) of every argument that writes so."""
+    return [
+        (name, action.option_strings[-1])
+        for name, command in command_parsers().items()
+        for action in command._actions
+        if action.type in kinds
+    ]
+
+
+def least(command: argparse.ArgumentParser, folder: Path, option: str, path: Path) -> list[str]:
+    """The shortest command line that has this output: whatever is read is the folder."""
+    words = []
+    for action in command._actions:
+        needed = action.required or not action.option_strings
+        if not needed or option in action.option_strings or action.nargs in ("?", 0):
+            continue
+        value = (
+            str(folder) if action.type is path_read else str(folder.parent / "new") if action.type in KINDS else next(iter(action.choices))
+        )
+        words += [*action.option_strings[-1:], value]
+    return [*words, option, str(path)]
+
+
+#: those that are tried through every link
+EVERY_WAY = ("session.toml", "log0001.csv", "raw.bin")
+
+
+@pytest.fixture
+def recording(tmp_path) -> Path:
+    folder = tmp_path / "D"
+    folder.mkdir()
+    for number, name in enumerate(RECORDED):
+        (folder / name).write_bytes(b"recorded %d" % number)
+    return folder
+
+
+@pytest.fixture
+def idle(monkeypatch):
+    """No command does anything: what is refused, is refused before."""
+
+    def worked(args):
+        raise AssertionError("the work began")
+
+    for name in COMMANDS:
+        monkeypatch.setattr(importlib.import_module(f"tinygc.cli.commands.{name}"), "run", worked)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def ways_to(path: Path, there: Path, every: bool) -> dict[str, Path]:
+    """The same file by other names, made in ``there``; or by its own alone."""
+    if not every:
+        return {"its name": path}
+    there.mkdir()
+    (there / "symbolic").symlink_to(path)
+    (there / "folder").symlink_to(path.parent)
+    ways = {
+        "its name": path,
+        "a symbolic link": there / "symbolic",
+        "a linked folder": there / "folder" / path.name,
+        "..": path.parent / ".." / path.parent.name / path.name,
+        "another case": path.with_name(path.name.upper()),
+        "from here": Path(os.path.relpath(path)),
+    }
+    os.link(path, there / "hard")
+    return ways | {"a hard link": there / "hard"}
+
+
+def test_every_path_of_every_command_says_whether_it_is_read_or_written():
+    """So that the output of a new command is held against the recordings, too."""
+    silent = [
+        f"{name} {action.dest}"
+        for name, command in command_parsers().items()
+        for action in command._actions
+        if action.type is Path or (str(action.metavar).strip("…") in METAVARS and action.type not in KINDS)
+        if not isinstance(action, argparse._SubParsersAction)
+    ]
+    assert silent == [], "give it type=path_read, file_written or folder_written (tinygc/cli/paths.py)"
+    assert {name for name, option in outputs(file_written) if option == "--json"} == set(COMMANDS)
+    assert set(outputs(file_written, log_written)) > {("report", "--out"), ("apply", "--out"), ("board", "--config"), ("board", "--link")}
+    assert {name for name, _ in outputs(folder_written)} == {
+        "record", "replay", "accelerometer", "fit", "explain", "export", "challenge", "simulate"
+    }  # fmt: skip
+    for command in command_parsers().values():
+        assert isinstance(command.get_default("paths"), Paths)
+
+
+@pytest.mark.parametrize(("command", "option"), outputs(file_written, log_written))
+def test_no_output_is_a_file_of_the_recording_that_is_read(run, idle, recording, tmp_path, command, option):
+    before = contents(recording)
+    for name in RECORDED:
+        for way, path in ways_to(recording / name, tmp_path / f"to {name}", name in EVERY_WAY).items():
+            words = least(command_parsers()[command], recording, option, path)
+            if command in ("ports", "sensors", "simulate", "challenge", "record", "board") and way == "a hard link":
+                continue  # they read no recording; what is written is put in the link's place, not into the file
+            if command == "apply" and option == "--out" and way == "another case" and not path.exists():
+                continue  # a new log beside others is a log
+            refused(run(command, *words), option)
+            assert contents(recording) == before, (name, way)
+
+
+@pytest.mark.parametrize(("command", "option"), outputs(file_written, log_written))
+def test_no_output_is_a_file_of_a_recording_that_nobody_named(run, idle, recording, tmp_path, command, option):
+    before = contents(recording)
+    other = tmp_path / "other"
+    other.mkdir()
+    for name in RECORDED:
+        for way, path in ways_to(recording / name, tmp_path / f"to {name}", name in EVERY_WAY).items():
+            if way in ("another case", "a hard link"):
+                continue
+            words = least(command_parsers()[command], other, option, path)
+            refused(run(command, *words), option, "recording")
+            assert contents(recording) == before, (name, way)
+
+
+@pytest.mark.parametrize(("command", "option"), outputs(file_written))
+def test_no_output_has_the_name_that_a_recording_will_have(run, idle, tmp_path, command, option):
+    """``record --out D --json D/log0001.csv``: the log comes first, and the JSON after it."""
+    folder = tmp_path / "D"
+    folder.mkdir()
+    for _, out in outputs(folder_written):
+        words = least(command_parsers()[command], folder, option, folder / "log0001.csv")
+        if (command, out) in outputs(folder_written):
+            words += [out, str(folder)]
+        elif not any(action.type is path_read and not action.option_strings for action in command_parsers()[command]._actions):
+            continue  # it has no folder
+        if command == "board":
+            words = [str(folder), *words]
+        refused(run(command, *words), option, "recording")
+
+
+@pytest.mark.parametrize(("command", "option"), outputs(file_written, log_written))
+def test_an_output_that_is_nobodys_is_written(run, idle, recording, tmp_path, command, option):
+    """The check lets through what it must: new files, old results, other files in a session folder."""
+    (recording / "result.json").write_text("old")
+    (tmp_path / "log0001.csv").write_text("in no session")
+    for path in (tmp_path / "new.json", recording / "result.json", recording / "report.html", tmp_path / "log0001.csv"):
+        words = least(command_parsers()[command], recording, option, path)
+        with pytest.raises(AssertionError, match="the work began"):
+            run(command, *words)
+
+
+@pytest.mark.parametrize("command", ["check", "report", "export", "compare", "plan", "fit", "explain"])
+def test_no_output_is_a_model_or_a_result_that_is_read(run, idle, recording, tmp_path, command):
+    for name in ("fit/model_least_squares.json", "fit/fitted.json", "fit/fit.json", "explain/explain.json"):
+        (recording / name).parent.mkdir(exist_ok=True)
+        (recording / name).write_text("read")
+        words = least(command_parsers()[command], recording, "--json", recording / name)
+        if f"{command}.json" == Path(name).name:
+            with pytest.raises(AssertionError, match="the work began"):  # in the words that it writes there itself
+                run(command, *words)
+        else:
+            refused(run(command, *words), "--json", name)
+            assert (recording / name).read_text() == "read"
+
+
+@pytest.mark.skipif(not Path("/dev/fd").exists(), reason="no /dev/fd on this system")
+def test_an_open_file_is_what_it_leads_to(run, idle, recording, tmp_path):
+    for source in (recording, tmp_path):
+        with (recording / "log0001.csv").open("r+b") as file:
+            refused(run("check", source, "--json", f"/dev/fd/{file.fileno()}"), "--json")
+            refused(run("check", source, "--json", f"/proc/self/fd/{file.fileno()}"), "--json")
+
+
+def test_standard_output_may_not_be_a_recording(recording):
+    before = contents(recording)
+    for stream in ("stdout", "stderr"):
+        with (recording / "log0001.csv").open("ab") as file:
+            done = processes.run([*processes.CALIBRATE, "check", recording], **{"stdout": PIPE, "stderr": PIPE, stream: file})
+        assert done.returncode == 2
+        if stream == "stdout":
+            assert b"standard output: is" in done.stderr
+            assert contents(recording) == before
+
+
+def test_two_outputs_are_not_one(run, idle, recording, tmp_path):
+    one = tmp_path / "one"
+    one.write_text("")
+    (tmp_path / "link").symlink_to(one)
+    refused(run("report", recording, "--out", one, "--json", one), "--out", "--json")
+    refused(run("report", recording, "--out", one, "--json", tmp_path / "link"), "--out", "--json")
+    refused(run("board", "--config", tmp_path / "new", "--json", tmp_path / "x" / ".." / "new"), "--config", "--json")
+
+
+def test_an_output_without_a_name_is_refused(run, recording):
+    for command, option in outputs(file_written, log_written, folder_written):
+        refused(run(command, *least(command_parsers()[command], recording, option, "")), option, "an empty name")
+
+
+def test_inputs_of_apply_stay(run, idle, tmp_path):
+    """Its model and log lie in no session folder here."""
+    for name in ("model.json", "walk.csv"):
+        (tmp_path / name).write_text("read")
+    os.link(tmp_path / "walk.csv", tmp_path / "hard.csv")
+    for out in ("model.json", "walk.csv", "hard.csv"):
+        for option, other in (("-o", "--json"), ("--json", "-o")):
+            words = ["apply", tmp_path / "model.json", tmp_path / "walk.csv", other, tmp_path / "new", option, tmp_path / out, "--force"]
+            refused(run(*words), "that is read")
+    (tmp_path / "session.toml").write_text("schema")
+    refused(run("apply", tmp_path / "model.json", tmp_path / "walk.csv", "-o", tmp_path / "session.toml", "--force"), "session.toml")
+
+
+def test_no_folder_output_puts_a_file_over_a_recordings(run, recording, folder, tmp_path, monkeypatch):
+    """An exporter's, or anybody's, file with such a name; a fit, whose names are others, may go into any folder."""
+    assert run("fit", folder, "--methods", "least_squares", "--quiet", "--out", recording)[0] == 0
+    assert run("fit", folder, "--methods", "least_squares", "--quiet")[0] == 0
+    assert {name: data for name, data in contents(recording).items() if name in RECORDED} == {
+        name: b"recorded %d" % number for number, name in enumerate(RECORDED)
+    }
+    before = contents(recording)
+
+    class Exporter:
+        @staticmethod
+        def export(model, context):
+            return {"Session.toml" if (recording / "SESSION.TOML").exists() else "session.toml": "mine"}
+
+    monkeypatch.setattr("tinygc.deploy.exports.exporter", lambda name: Exporter)
+    refused(run("export", folder, "--to", "json", "--out", recording), "session.toml", "recording")
+    assert contents(recording) == before
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_nothing_is_written_whole_over_a_recording(recording, tmp_path, name):
+    """Whoever writes: the last door."""
+    assert is_recorded(recording / name)
+    with pytest.raises(StorageError, match="is a file of the recording"):
+        write_text_whole(recording / name, "mine")
+    link = recording / "fit.json"
+    link.symlink_to(recording / name)  # a link's place is taken, not its file's
+    write_text_whole(link, "mine")
+    assert (recording / name).read_bytes().startswith(b"recorded")
+    assert not is_recorded(tmp_path / name)
+
+
+def test_a_simulation_replaces_only_a_simulation(run, simulated, tmp_path):
+    made = tmp_path / "made"
+    shutil.copytree(simulated(), made)
+    real = tmp_path / "real.csv.gz"
+    real.write_bytes(gzip.compress(b"recorded"))
+    (made / "log0001.csv.gz").unlink()
+    again = ("simulate", "--out", made, "--force", "--segments", 4, "--odr-hz", 104)
+    for link in (lambda: (made / "log0001.csv.gz").symlink_to(real), lambda: os.link(real, made / "log0001.csv.gz")):
+        link()
+        refused(run(*again), "log0001.csv.gz", "not replaced")
+        assert gzip.decompress(real.read_bytes()) == b"recorded"
+        (made / "log0001.csv.gz").unlink()
+    (made / "raw.bin").write_bytes(b"recorded")
+    refused(run(*again), "raw.bin", "not replaced")
+    (made / "raw.bin").unlink()
+    (made / "session.toml").write_text((made / "session.toml").read_text().partition("\n")[2])
+    refused(run(*again), "session.toml", "not replaced")
+
+
+def test_the_player_of_logs_replaces_none(recording, tmp_path):
+    """``firmware/play.py``, which is no command of ``calibrate.py``."""
+    before = contents(recording)
+    for out in (recording / "log0001.csv", recording / "raw.bin"):
+        words = [sys.executable, ROOT / "firmware" / "play.py", tmp_path / "port", recording / "log0001.csv", "-o", out]
+        done = processes.run(words, capture_output=True, text=True)
+        assert done.returncode == 2
+        assert done.stderr.startswith("play: --out ")
+        assert len(done.stderr.splitlines()) == 1
+        assert contents(recording) == before

@@ -204,7 +204,7 @@ def test_a_model_whose_effect_is_missing_says_so(tmp_path, run, simulated):
     code, _, err = run("apply", path, log, "-o", tmp_path / "out.csv")
     assert code == 2
     assert err.count("\n") == 1
-    assert err.startswith(f"calibrate: {path}: effect 'gyro.thermal_curvature' is not on this machine; ")
+    assert err.startswith(f"calibrate: {path}: effects[0]: effect 'gyro.thermal_curvature' is not on this machine; ")
     assert "--effects DIR" in err
     assert run("apply", path, log, "-o", tmp_path / "out.csv", "--effects", FOREIGN)[0] == 0
 

@@ -36,7 +36,7 @@ def effect_of(name: str) -> Effect:
     known = catalogue()
     if name not in known:
         raise EffectError(
-            f"effect {name!r} is not on this machine; name the folder that holds its file with --effects DIR "
+            f"effect {name[:60]!r} is not on this machine; name the folder that holds its file with --effects DIR "
             "(tinygc.effects.load_folder in Python), or install the package that has it"
         )
     return known[name]

@@ -1,7 +1,7 @@
 """Texts that leave the tool.  Names of files, serial numbers, notes and what a board says are another's words: wherever they are put they
 stay text, and on one line.  One function for each place: a terminal or a message, a comment in code, a file in UTF-8, a command to copy.
 
-Values go through the format's own writer: ``session.files.results.json_text``, ``session.log.toml_text``, ``tinygc.deploy.exports._yaml``.
+Values go through the format's own writer: ``session.files.results.json_text``, ``session.log.toml_text``, and PyYAML in the exports.
 """
 
 from __future__ import annotations

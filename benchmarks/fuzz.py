@@ -120,7 +120,7 @@ def fuzz(args: argparse.Namespace, work: Path, folder: Path) -> int:
         f"-artifact_prefix={work}/",
         "-report_slow_units=600",
         "-timeout=60",
-        "-rss_limit_mb=4000",
+        "-rss_limit_mb=6000",
         "-print_final_stats=1",
         "-verbosity=1",
     ]

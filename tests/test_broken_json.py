@@ -16,6 +16,7 @@ from tinygc import models
 from tinygc.models.calibration_net import CalibrationNet
 from tinygc.models.denoiser import DenoisedNet, Denoiser
 from tinygc.models.linear import LinearModel
+from tinygc.models.shapes import covariance
 
 LINEAR = models.to_dict(LinearModel(np.eye(3), np.zeros(3)))
 
@@ -102,3 +103,21 @@ def test_a_broken_fit_is_named_by_compare_and_does_not_stop_a_report_from_fittin
     assert "calibrate.py fit" in said
     assert "\n" not in said
     assert calibrate.main(["report", str(tmp_path / "two"), "--methods", "least_squares", "--no-explain", "--quiet"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("matrix", "says"),
+    [
+        (np.diag([1e-300, 5e-324, 1.0]), ""),
+        (np.diag([1e300, 1e-300, 0.0]), ""),
+        (np.array([[1e-300, 1.0], [1.0, 1.0]]), "is not positive"),
+        (np.array([[1.0, 1e308], [-1e308, 1.0]]), "is not symmetric"),
+        (np.array([[1.0, 0.99], [0.99, 0.9]]), "is not positive"),
+    ],
+)
+def test_a_covariance_of_any_size_is_judged_without_a_warning(matrix, says):
+    """Found by fuzzing: the product of two variances of 1e-300 is 0, and was divided by."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert covariance(matrix).startswith(says)
+    assert bool(covariance(matrix)) == bool(says)

@@ -32,10 +32,13 @@ def covariance(matrix: np.ndarray) -> str:
     variance = np.diag(matrix)
     if (variance < 0).any():
         return "is not positive: it has a variance below 0; expected a covariance"
-    correlation = matrix / np.sqrt(np.outer(*[np.where(variance > 0, variance, 1.0)] * 2))
-    if np.abs(correlation - correlation.T).max() > ROUNDING:
-        return "is not symmetric, expected a covariance"
-    return "" if np.linalg.eigvalsh(correlation).min() > -ROUNDING else "is not positive, expected a covariance"
+    sigma = np.sqrt(np.where(variance > 0, variance, 1.0))
+    limit = np.outer(sigma, sigma)  # of sigmas: variances of 1e-300 have no product
+    with np.errstate(over="ignore"):
+        if (np.abs(matrix - matrix.T) > ROUNDING * limit).any():
+            return "is not symmetric, expected a covariance"
+    sound = (np.abs(matrix) <= (1 + ROUNDING) * limit).all() and np.linalg.eigvalsh(matrix / limit).min() > -ROUNDING
+    return "" if sound else "is not positive, expected a covariance"
 
 
 def certain(matrix: np.ndarray) -> str:

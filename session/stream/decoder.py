@@ -8,6 +8,8 @@ bytes were cut on their way.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from session.stream import frames
@@ -33,14 +35,12 @@ class StreamDecoder:
 
     Counts so far: samples, lost (samples missing), crc_errors (frames), garbage (bytes), implausible (samples left out), resets.
     told: the header of a text stream that does not send it.  info: the last ``Info``, or None.
-    mode: "text" or "frames", or None while it is not known.  taken: bytes so far; examined: each as often as it
-    was looked at.
+    mode: "text" or "frames", or None while it is not known.  taken: bytes so far; examined: each as often as it was looked at.
     """
 
     def __init__(self, told: str | None = None) -> None:
         self._told = told
-        self.samples = self.lost = self.crc_errors = self.garbage = self.implausible = self.resets = 0
-        self.taken = self.examined = 0
+        self.samples = self.lost = self.crc_errors = self.garbage = self.implausible = self.resets = self.taken = self.examined = 0
         self.info: Info | None = None
         self._period_us: float | None = None
         self._begin()
@@ -68,8 +68,7 @@ class StreamDecoder:
 
     def feed(self, data: bytes) -> list[Event]:
         """Events of these bytes and of what was kept from before; never raises, whatever the bytes."""
-        out = Collector()
-        self.taken += len(data)
+        out, self.taken = Collector(), self.taken + len(data)
         data, at = self._buffer + data, 0
         while True:
             block = data[at : at + self._window]
@@ -142,8 +141,11 @@ class StreamDecoder:
         too_long = lengths > LONGEST
         change = np.flatnonzero(too_long & (starts + self._place >= self._changes.earliest))
         count = int(change[0]) if len(change) else len(ends)
-        if count:
-            self._blocks(codes, block, starts[:count], ends[:count], lengths[:count], out)
+        for before, row in pairwise([-1, *np.flatnonzero(too_long[:count]).tolist(), count]):
+            if row > before + 1:
+                part = slice(before + 1, row)
+                self._blocks(codes, block, starts[part], ends[part], lengths[part], out)
+            self._garbage(int(lengths[row]) if row < count else 0, out)  # as it is passed over where its end has not come yet
         if len(change):
             self.mode = None
             self._changes.change(self._place + int(starts[count]))
@@ -243,8 +245,7 @@ class StreamDecoder:
             elif isinstance(item, Form):
                 self._another_form(item, out)
             else:
-                if isinstance(item, Info):
-                    self.info = item
+                self.info = item if isinstance(item, Info) else self.info
                 out.add(item)
 
     def _stamped(self, rows: Rows, out: Collector) -> None:

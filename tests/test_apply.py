@@ -103,7 +103,7 @@ def test_apply_of_an_exported_file_needs_no_session(simulated, folder, tmp_path)
         (["linear.json", "session", "-o", "out.csv"], "session"),
         (["session/log0001.csv", "session/log0001.csv", "-o", "out.csv"], "broken JSON"),
         (["linear.json", "linear.json", "-o", "out.csv"], "no header"),
-        (["linear.json", "session/log0001.csv", "-o", "session/log0001.csv", "--force"], "that is read"),
+        (["linear.json", "session/log0001.csv", "-o", "session/log0001.csv", "--force"], "that this command reads"),
         (["linear.json", "session/log0001.csv", "-o", "net.json"], "exists"),
         (["linear.json", "session/log0001.csv", "-o", "."], "folder"),
         (["linear.json", "session/log0001.csv", "-o", "no/such/out.csv"], "out.csv"),

@@ -154,11 +154,21 @@ def test_any_value_in_any_place_of_a_model_is_read_or_refused_in_one_line(name, 
     assert refused > len(changed) / 2
 
 
-@pytest.mark.parametrize("E", [np.zeros((3, 3)), np.ones((3, 3)), np.diag([1.0, 1.0, 0.0]), np.diag([1e-9, 1.0, 1.0])])
+@pytest.mark.parametrize(
+    "E", [np.zeros((3, 3)), np.ones((3, 3)), np.diag([1.0, 1.0, 0.0]), np.diag([1e-9, 1.0, 1.0]), [[0, 0.006, 0.013], [0, 1, 0], [0, 0, 1]]]
+)
 def test_a_singular_matrix_is_no_calibration(E, tmp_path):
     path = tmp_path / "m.json"
-    path.write_text(json.dumps(models.to_dict(LINEAR) | {"weights": {"E": E.tolist(), "B": [0.0] * 3}}))
+    path.write_text(json.dumps(models.to_dict(LINEAR) | {"weights": {"E": np.asarray(E, dtype=float).tolist(), "B": [0.0] * 3}}))
     with pytest.raises(FormatError, match=r"m\.json: weights\.E is singular, expected a matrix that keeps all three axes apart; fit again"):
+        tinygc.load(path)
+
+
+@pytest.mark.parametrize("E", [np.diag([-1.0, 1.0, 1.0]), -np.eye(3), np.eye(3)[[1, 0, 2]]])
+def test_a_matrix_that_mirrors_the_axes_is_no_calibration(E, tmp_path):
+    path = tmp_path / "m.json"
+    path.write_text(json.dumps(models.to_dict(LINEAR) | {"weights": {"E": E.tolist(), "B": [0.0] * 3}}))
+    with pytest.raises(FormatError, match=r"m\.json: weights\.E mirrors the axes, expected .*; fit again"):
         tinygc.load(path)
 
 

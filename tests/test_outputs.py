@@ -3,6 +3,7 @@
 import argparse
 import gzip
 import importlib
+import json
 import os
 import shutil
 import sys
@@ -239,6 +240,16 @@ def test_two_outputs_are_not_one(run, idle, recording, tmp_path):
 def test_an_output_without_a_name_is_refused(run, recording):
     for command, option in outputs(file_written, log_written, folder_written):
         refused(run(command, *least(command_parsers()[command], recording, option, "")), option, "an empty name")
+    for command, option in outputs(file_written, log_written):
+        for folder in ("/", ".", "..", recording):
+            refused(run(command, *least(command_parsers()[command], recording, option, folder)), option, "that is a folder")
+
+
+@pytest.mark.parametrize("name", ["-", "/dev/stdout", "/dev/fd/1"])
+def test_standard_output_has_the_table_or_the_page_and_not_both(recording, name):
+    told = processes.calibrate("check", recording, "--json", name)
+    assert told.returncode == 2  # this recording has no samples
+    assert json.loads(told.stdout)["schema"] == "tinygc-check/1"
 
 
 def test_inputs_of_apply_stay(run, idle, tmp_path):
@@ -249,7 +260,7 @@ def test_inputs_of_apply_stay(run, idle, tmp_path):
     for out in ("model.json", "walk.csv", "hard.csv"):
         for option, other in (("-o", "--json"), ("--json", "-o")):
             words = ["apply", tmp_path / "model.json", tmp_path / "walk.csv", other, tmp_path / "new", option, tmp_path / out, "--force"]
-            refused(run(*words), "that is read")
+            refused(run(*words), "that this command reads")
     (tmp_path / "session.toml").write_text("schema")
     refused(run("apply", tmp_path / "model.json", tmp_path / "walk.csv", "-o", tmp_path / "session.toml", "--force"), "session.toml")
 

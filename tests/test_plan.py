@@ -129,7 +129,7 @@ def test_an_explanation_of_other_logs_asks_for_nothing(tmp_path):
     (tmp_path / "log0001.csv").write_text("the log\n")
     (tmp_path / "explain").mkdir()
     logs = {"log0001.csv": hashlib.sha256(b"the log\n").hexdigest()}
-    (tmp_path / "explain" / "explain.json").write_text(json.dumps({"next": WORDS, "logs": logs}))
+    (tmp_path / "explain" / "explain.json").write_text(json.dumps({"schema": "tinygc-explain/1", "next": WORDS, "logs": logs}))
     assert requested_by_explain(tmp_path) == WORDS
     (tmp_path / "log0002.csv").write_text("what was recorded since, and not explained\n")
     assert requested_by_explain(tmp_path) == WORDS
@@ -137,7 +137,9 @@ def test_an_explanation_of_other_logs_asks_for_nothing(tmp_path):
     assert requested_by_explain(tmp_path) is None
 
 
-@pytest.mark.parametrize("text", ['{"next": null}', '{"next": ""}', "{}"])
+@pytest.mark.parametrize(
+    "text", ['{"schema": "tinygc-explain/1", "next": null}', '{"schema": "tinygc-explain/1", "next": ""}', '{"schema": "tinygc-explain/1"}']
+)
 def test_an_explanation_may_ask_for_nothing(tmp_path, text):
     assert requested_by_explain(tmp_path) is None
     (tmp_path / "explain").mkdir()
@@ -151,10 +153,11 @@ def test_an_explanation_may_ask_for_nothing(tmp_path, text):
         ("", "broken JSON"),
         ("[]", "it is a list of 0, expected a table"),
         ("{", "broken JSON"),
-        ('{"next": 3}', "next is 3, expected text"),
+        ("{}", "schema is missing, expected "),
+        ('{"schema": "tinygc-explain/1", "next": 3}', "next is 3, expected text"),
         ('{"next": "turn", "next": "rest"}', 'the key "next" stands twice'),
-        ('{"next": "turn", "logs": []}', "logs is a list of 0, expected a table"),
-        ('{"next": "turn", "logs": {"log0001.csv": null}}', "logs.log0001.csv is null, expected text"),
+        ('{"schema": "tinygc-explain/1", "next": "turn", "logs": []}', "logs is a list of 0, expected a table"),
+        ('{"schema": "tinygc-explain/1", "next": "turn", "logs": {"log0001.csv": null}}', "logs.log0001.csv is null, expected text"),
         ('{"next": "turn", "schema": "tinygc-explain/2"}', 'schema is "tinygc-explain/2", expected one of tinygc-explain/1'),
     ],
 )
@@ -175,7 +178,7 @@ def test_a_damaged_explanation_is_said_in_one_line_by_plan_and_does_not_stop_a_r
 @pytest.mark.parametrize("name", ["../session.toml", "/etc/hostname", "a\u0000b", ""])
 def test_an_explanation_names_only_logs_of_its_own_folder(tmp_path, name):
     (tmp_path / "explain").mkdir()
-    (tmp_path / "explain" / "explain.json").write_text(json.dumps({"next": "turn", "logs": {name: "0" * 64}}))
+    (tmp_path / "explain" / "explain.json").write_text(json.dumps({"schema": "tinygc-explain/1", "next": "turn", "logs": {name: "0" * 64}}))
     assert requested_by_explain(tmp_path) is None
 
 

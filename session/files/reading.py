@@ -18,8 +18,6 @@ from session.common.errors import FormatError
 KB, MB = 1 << 10, 1 << 20
 #: session.toml: it holds some hundred bytes, and a line for every note and every turn that does not count
 MOST_TOML = MB
-#: a table that a person fills in, of at most 100 000 lines: dial readings, known turns
-MOST_TABLE = 16 * MB
 #: a result as JSON.  The longest of ours has some hundred bytes for each segment; what Python makes of JSON takes up to 30 times its length
 MOST_JSON = 16 * MB
 #: a file of a public recording, all of which is held at once, as text in cells; the longest known has 10 MB

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from session.common.texts import printable
 from tinygc.cli.commands import COMMANDS
@@ -24,11 +23,7 @@ EFFECTS_HELP = "folder with further effects, a Python file each, which is run; m
 
 
 class _Parser(argparse.ArgumentParser):
-    """Bad usage is said in one line, like every other error; no path is empty (``path``)."""
-
-    def __init__(self, **settings: Any):
-        super().__init__(**settings)
-        self.register("type", Path, path)
+    """Bad usage is said in one line, like every other error."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"calibrate: {printable(message)}; see --help\n")
@@ -52,13 +47,6 @@ def parser() -> argparse.ArgumentParser:
         module.add_arguments(command)
         command.set_defaults(paths=Paths.of(command))
     return whole
-
-
-def path(text: str) -> Path:
-    """A file or folder.  An empty one would be the folder that one happens to stand in: a variable of the shell that was never set."""
-    if not text.strip():
-        raise argparse.ArgumentTypeError("an empty name; give a file or folder (. for this one)")
-    return Path(text)
 
 
 def filled(text: str) -> str:

@@ -19,6 +19,8 @@ from session.files.recorded import has_recorded_name, is_session
 
 #: stands for standard input or output
 STANDARD = "-"
+#: names that the system has for standard output
+STANDARD_OUTPUT = (STANDARD, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
 #: in a folder that is read: what is not recorded, and what other commands read all the same
 DERIVED = ("fit/*.json", "explain/explain.json", "*.py")
 #: of a command: the one of these that it writes itself, in the same words as its JSON
@@ -45,7 +47,13 @@ def folder_written(text: str) -> Path:
     return _path(text)
 
 
+def is_standard_output(path: Path | None) -> bool:
+    """Whether that is where the page for people goes, too."""
+    return str(path) in STANDARD_OUTPUT
+
+
 def _path(text: str) -> Path:
+    """A file or folder.  An empty one would be the folder that one happens to stand in: a variable of the shell that was never set."""
     if not text.strip():
         raise argparse.ArgumentTypeError("an empty name; give a file or folder (. for this one)")
     return Path(text)
@@ -86,6 +94,8 @@ def refuse_overwriting(args: argparse.Namespace) -> None:
     known = _files_of([*read, *folders], OWN.get(paths.command, ""))
     homes = {Path(os.path.realpath(folder)) for folder in folders} | {Path(os.path.realpath(path)) for path in read if path.is_dir()}
     for option, path in written:
+        if path.is_dir():
+            raise CalibrationError(f"{option} {path}: cannot be written (that is a folder); give {option} a file")
         _refuse_known(f"{option} {path}", _status(path), known)
         for place in (_entry(path), Path(os.path.realpath(path))):
             there = os.path.lexists(place)
@@ -133,8 +143,8 @@ def _files_of(paths: Iterable[Path], but: str) -> dict[tuple[int, int], Path]:
 def _refuse_known(said: str, status: os.stat_result | None, known: dict[tuple[int, int], Path]) -> None:
     if (source := known.get(_identity(status) or (0, 0))) is not None:
         also = "" if said.endswith(f" {source}") else f" {source}"
-        what = f"is{also or ' a file'} that is read, or recorded"
-        raise CalibrationError(f"{said}: {what}, and nothing is written over it; give another path")
+        what = f"is{also or ' a file'} that this command reads, or that was recorded"
+        raise CalibrationError(f"{said}: {what}; give another path")
 
 
 def _status(path: Path | int) -> os.stat_result | None:

@@ -13,8 +13,8 @@ FACTOR = Number(-1e4, 1e4)
 RATE, FORCE = Number(-1e5 * DEG, 1e5 * DEG), Number(-1e4 * G, 1e4 * G)
 CELSIUS = Number(-1e4, 1e4)
 SECONDS = Number(-1e9, 1e9)
-#: of a matrix's smallest response to its largest: below, it has lost an axis
-SINGULAR = 1e-6
+#: of a matrix's smallest response to its largest: below, one of its axes lies within half a degree of the plane of the others
+SINGULAR = 1e-2
 #: of correlations
 ROUNDING = 1e-6
 
@@ -22,7 +22,9 @@ ROUNDING = 1e-6
 def invertible(matrix: np.ndarray) -> str:
     """What is wrong with a matrix (3, 3) that must be undone; empty for none."""
     responses = np.linalg.svd(matrix, compute_uv=False)
-    return "" if responses[-1] > SINGULAR * responses[0] else "is singular, expected a matrix that keeps all three axes apart"
+    if responses[-1] <= SINGULAR * responses[0]:
+        return "is singular, expected a matrix that keeps all three axes apart"
+    return "mirrors the axes, expected a matrix that turns a right-handed triad into one" if np.linalg.det(matrix) < 0 else ""
 
 
 def covariance(matrix: np.ndarray) -> str:

@@ -8,7 +8,7 @@ from session.common.errors import FormatError, printable
 from session.files.shapes import Keys, MapOf, Maybe, Text, read_required
 from session.log.hashes import sha256_of
 
-SHAPE = Keys(may={"schema": Text(("tinygc-explain/1",)), "next": Maybe(Text()), "logs": MapOf(Text())})
+SHAPE = Keys({"schema": Text(("tinygc-explain/1",))}, {"next": Maybe(Text()), "logs": MapOf(Text())})
 
 
 def requested_by_explain(folder: Path) -> str | None:

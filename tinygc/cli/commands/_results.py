@@ -16,6 +16,7 @@ from session.common.errors import CalibrationError
 from session.common.texts import printable
 from session.files.recorded import refuse_recorded
 from session.files.results import is_stream, json_text, whole
+from tinygc.cli.paths import is_standard_output
 
 if TYPE_CHECKING:
     from session.common.console import PlainConsole
@@ -25,7 +26,7 @@ def output(args: argparse.Namespace) -> PlainConsole:
     """Standard output for people; silent when quiet, and where the JSON has standard output to itself."""
     from tinygc.cli import console
 
-    return console.output(args.quiet or str(args.json) == "-")
+    return console.output(args.quiet or is_standard_output(args.json))
 
 
 def complain(line: str) -> None:
@@ -55,7 +56,7 @@ def _try_folder(folder: Path, args: argparse.Namespace, instead: str) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
-        if args.json is not None and str(args.json) != "-":
+        if args.json is not None and not is_standard_output(args.json):
             _try_json(args.json)
     except OSError as error:
         raise CalibrationError(f"{error.filename or folder}: {error.strerror or error}; give --out {instead}") from None
@@ -69,7 +70,7 @@ def write_json(path: Path | None, table: dict) -> None:
     """Where ``--json`` says: nowhere, standard output (-), or a file."""
     if path is None:
         return
-    if str(path) == "-":
+    if is_standard_output(path):
         every = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
         with standard_output():
             sys.stdout.write(json_text(table, ascii_only=not every) + "\n")
@@ -100,7 +101,8 @@ def _place(path: Path) -> Path:
 
 def _is_the_systems(path: Path) -> bool:
     """Whether the name is one that the system shows, such as /dev/stdout: nothing can be put in its place."""
-    return path.is_relative_to("/dev") or path.is_relative_to("/proc")
+    name = Path(os.path.normpath(path))
+    return name.is_relative_to("/dev/fd") or name.is_relative_to("/proc") or name == Path("/dev/stderr")
 
 
 def _no_json(path: Path, error: OSError) -> CalibrationError:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from session.common.texts import printable
 from tinygc.cli.commands._log_options import add_log_options, answers_of
 from tinygc.cli.commands._results import output, write_json
-from tinygc.cli.paths import log_written, path_read
+from tinygc.cli.paths import STANDARD, is_standard_output, log_written, path_read
 
 SUMMARY = "calibrate the rates and the specific force of a log"
 USES_EFFECTS = True
@@ -35,17 +36,17 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """A log with calibrated rates and specific force."""
     from session.common.errors import CalibrationError
-    from session.dialects.lines import STANDARD
     from tinygc.cli.console import progress_bar
     from tinygc.deploy.apply import apply_model
 
-    to_stdout = str(args.out) == STANDARD
-    if to_stdout and str(args.json) == STANDARD:
+    to_stdout = is_standard_output(args.out)
+    if to_stdout and is_standard_output(args.json):
         raise CalibrationError("-o - and --json - both want standard output; give one of them a file")
-    if args.out.is_file() and not args.force:
+    out = Path(STANDARD) if to_stdout else args.out
+    if not to_stdout and out.is_file() and not args.force:
         raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
     with progress_bar(args.quiet) as progress:
-        done = apply_model(args.model, args.log, args.out, answers_of(args), args.session, args.unit, progress)
+        done = apply_model(args.model, args.log, out, answers_of(args), args.session, args.unit, progress)
     late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""
     said = [f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late})", *(f"  {note}" for note in done.notes)]
     for line in said:

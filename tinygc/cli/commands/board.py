@@ -11,7 +11,7 @@ from session.common.texts import printable
 from tinygc.cli.arguments import accel_full_scale, count, data_rate, gyro_full_scale, positive, seconds
 from tinygc.cli.commands._interruption import ended_by_signals
 from tinygc.cli.commands._results import write_json
-from tinygc.cli.paths import file_written, path_read
+from tinygc.cli.paths import file_written, is_standard_output, path_read
 
 SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 
@@ -107,7 +107,7 @@ def _board(args: argparse.Namespace) -> int:
             say=say,
         )
         try:
-            if not args.quiet and str(args.json) != "-":
+            if not args.quiet and not is_standard_output(args.json):
                 print(terminal.name, flush=True)
             say(f"{source.info.text}: open it with another program; Ctrl-C ends")
             board.run()

@@ -135,9 +135,13 @@ def error_angles(r: np.ndarray) -> np.ndarray:
 
 def attitudes(batch: Batch, rate: np.ndarray) -> np.ndarray:
     """q_tb (S, T, 4) at every sample, from the start and calibrated rates."""
+    q_tb = np.moveaxis(np.empty((4, *rate.shape[:-1])), 0, -1)  # each component contiguous, as ``rotation.join`` has them
+    if len(rate) > TOGETHER:
+        for some in parts(len(rate)):
+            q_tb[some] = attitudes(batch.pick(some), rate[some])
+        return q_tb
     running = rotation.accumulate(steps(rate - batch.earth, batch.dt))
     start = batch.start[:, None]
-    q_tb = np.moveaxis(np.empty((4, *rate.shape[:-1])), 0, -1)  # each component contiguous, as ``rotation.join`` has them
     q_tb[:, :1], q_tb[:, 1:] = start, rotation.multiply(start, running)
     return q_tb
 

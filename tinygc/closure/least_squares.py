@@ -12,6 +12,7 @@ import numpy as np
 
 from session.common.errors import FitError
 from tinygc import closure
+from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
 from tinygc.models import linear
@@ -40,6 +41,34 @@ class Rows:
     def pick(self, which: np.ndarray) -> Rows:
         """Of some of the segments, by index or mask."""
         return Rows(self.vector, self.angles[which], self.columns[which])
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """What a linear model with this vector (12,) makes of the segments of a batch: end (S, 4) q_tb, and how each parameter turns it,
+    columns (S, 3, 12) rad about the table's axes."""
+
+    vector: np.ndarray
+    end: np.ndarray
+    columns: np.ndarray
+    batch: Batch
+
+    @classmethod
+    def of(cls, model: LinearModel, batch: Batch) -> Ends:
+        """Of a model, by the exact integrator."""
+        batch = replace(batch, turns=None)
+        end, columns = np.empty((len(batch), 4)), np.empty((len(batch), 3, linear.PARAMETERS))
+        for some in closure.parts(len(batch)):
+            part = batch.pick(some)
+            end[some], sensitivity = closure.end_and_sensitivity(part, model(part.rate))
+            columns[some] = linear.columns(sensitivity, part.rate)
+        return cls(model.vector, end, columns, batch)
+
+    def rows(self, batch: Batch, which: np.ndarray) -> Rows:
+        """Of the segments which (S,) bool, between the references of another batch of them: the same rates turn the body as much."""
+        turn = rotation.multiply(batch.start, rotation.conjugate(self.batch.start[which]))
+        angles = 2 * closure.batch_residual(batch, rotation.multiply(turn, self.end[which]))
+        return Rows(self.vector, angles, (rotation.matrix(turn) @ self.columns[which])[:, : batch.angles])
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ factor wrong by 1 % over a turn of 270 degrees and more) errs by 1e-5 rad, one o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,8 @@ from tinygc.models.linear import PARAMETERS, LinearModel
 FIRST, SECOND = np.triu_indices(PARAMETERS)
 #: segments whose columns along the way are held at once: some megabytes
 TOGETHER = 4
+#: rad: a further turn by which derivatives are told; rounding and what is left out are both below 1e-8 of them
+STEP_RAD = 2e-4
 #: segments that a swarm is looked at with at once: what is multiplied stays in the processor's cache
 AT_ONCE = 100
 
@@ -55,6 +58,49 @@ class Nearby:
         """Some of the segments, by mask (S,)."""
         rows = np.repeat(which, 3)
         return Nearby(self.vector, self.end[which], self.phi[:, rows], self.half_x[:, rows], self.batch.pick(which))
+
+    def gathered(self, weight: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """(P, 12) to (P,): the weighted sum of squares of ``residuals``, weight (S, 2 or 3); they are taken to second order as well.
+
+        So it is one quadratic form of 91 numbers, whatever the number of segments.
+        """
+        value, slope, bend = self._of_turns()
+        phi, half_x = self.phi.T.reshape(-1, 3, PARAMETERS), self.half_x.T.reshape(-1, 3, len(FIRST))
+        linear = slope @ phi
+        bent = phi.transpose(0, 2, 1)[:, None] @ bend @ phi[:, None]
+        bent[..., range(PARAMETERS), range(PARAMETERS)] /= 2
+        whole = np.concatenate([value[..., None], linear, slope @ half_x + bent[..., FIRST, SECOND]], axis=-1)
+        rows = (whole * np.sqrt(weight)[..., None]).reshape(-1, whole.shape[-1])
+        form = rows.T @ rows
+
+        def cost(vectors: np.ndarray) -> np.ndarray:
+            delta = vectors - self.vector
+            f = np.concatenate([np.ones((len(delta), 1)), delta, delta[:, FIRST] * delta[:, SECOND]], axis=1)
+            return np.sum(f @ form * f, axis=1)
+
+        return cost
+
+    def _of_turns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The residual (S, d) that the ends leave, and how it follows a small further turn of them: (S, d, 3) and (S, d, 3, 3)."""
+        step = np.eye(3) * STEP_RAD
+
+        def at(turn: np.ndarray) -> np.ndarray:
+            return closure.batch_residual(self.batch, rotation.multiply(rotation.exp(turn), self.end))
+
+        value = at(np.zeros(3))
+        up, down = (np.stack([at(sign * one) for one in step], axis=-1) for sign in (1, -1))
+        bend = np.empty((*value.shape, 3, 3))
+        for i, j in zip(*np.triu_indices(3), strict=True):
+            both = at(step[i] + step[j]) - at(step[i] - step[j]) - at(step[j] - step[i]) + at(-step[i] - step[j])
+            bend[..., i, j] = bend[..., j, i] = both / (4 * STEP_RAD**2)
+        return value, (up - down) / (2 * STEP_RAD), bend
+
+    def with_references(self, batch: Batch) -> Nearby:
+        """Of the same rates between the references of another batch: what a rate turns in the body, it turns there as well."""
+        turn = rotation.multiply(batch.start, rotation.conjugate(self.batch.start))
+        matrix = rotation.matrix(turn)
+        phi, half_x = ((matrix @ of.T.reshape(-1, 3, len(of))).reshape(-1, len(of)).T.copy() for of in (self.phi, self.half_x))
+        return Nearby(self.vector, rotation.multiply(turn, self.end), phi, half_x, batch)
 
     def residuals(self, vectors: np.ndarray) -> np.ndarray:
         """Closure residuals (P, S, 2 or 3) of models (P, 12)."""

@@ -19,6 +19,9 @@ from tinygc.models.model import Model
 from tinygc.problem.problem import Problem
 from tinygc.problem.sequences import consecutive
 
+#: segments from which on a search may begin where another one of them ended, and see them gathered (benchmarks/long_sessions.py)
+MANY = 400
+
 
 @dataclass(frozen=True, eq=False)
 class Seen:
@@ -26,8 +29,8 @@ class Seen:
 
     batch of S segments; sigma (S, d) rad; start: the first still's bias off; still_rates where they are data, too; order (S,): numbers
     that count on where a segment begins with the still that the one before ended with, None where each stands alone; whole: the
-    model that was fitted to all segments, where this is a fold; among (S all,) bool: which of all segments a fold sees, where their
-    references are those that all had; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s that the stills show, where it is
+    model that was fitted to all segments, where this is a fold; among (S all,) bool: which of all segments a fold sees; same: whether
+    their references are those that all had; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s that the stills show, where it is
     not to be fitted.
     """
 
@@ -40,15 +43,16 @@ class Seen:
     progress: Progress
     whole: Model | None = None
     among: np.ndarray | None = None
+    same: bool = True
     label: str = "whole"
     rest_rps: np.ndarray | None = None
 
     def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
         """The segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
         order = None if self.order is None else self.order[seen]
-        among = seen if batch is self.batch else None
+        same = batch is self.batch
         batch, sigma, label = batch.pick(seen), self.sigma[seen], f"fold{number}"
-        return replace(self, batch=batch, sigma=sigma, order=order, whole=whole, among=among, progress=progress, label=label)
+        return replace(self, batch=batch, sigma=sigma, order=order, whole=whole, among=seen, same=same, progress=progress, label=label)
 
 
 #: a model, and notes on how it was found

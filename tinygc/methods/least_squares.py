@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import cast
 
-from tinygc.closure.least_squares import Rows, fit_least_squares
+import numpy as np
+
+from tinygc.closure.least_squares import Ends, Rows, fit_least_squares
+from tinygc.closure.residual import Batch
 from tinygc.methods.held_out import Seen, held_out
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
@@ -27,16 +31,26 @@ class _Fits:
     def __init__(self, near: LinearModel | None):
         self.near = near
         self.rows: Rows | None = None
+        self.all: Batch | None = None
+        self.ends: Ends | None = None
 
     def __call__(self, seen: Seen) -> tuple[LinearModel, dict]:
         options, rest = seen.options, seen.rest_rps
         rates = seen.still_rates if rest is None else None  # the stills are in the readings already
         begin: LinearModel | Rows | None = self.near if seen.whole is None else cast(LinearModel, seen.whole)
-        if self.rows is not None and seen.among is not None:
+        if self.rows is not None and seen.among is not None and seen.same:
             begin = self.rows.pick(seen.among)
+        elif self.all is not None and seen.among is not None and seen.batch.turns is None and options.integrator == "exact":
+            # Other references, but the same rates: what those turn is known.
+            if self.ends is None:
+                model, batch = cast(LinearModel, seen.whole), self.all
+                if rest is not None:
+                    model, batch = replace(model, B=np.zeros(3)), replace(batch, rate=batch.rate - rest)
+                self.ends = Ends.of(model, batch)
+            begin = self.ends.rows(seen.batch, seen.among)
         fit = fit_least_squares(
             seen.batch, seen.sigma, seen.start, still_rates=rates, integrator=options.integrator, rest_rps=rest, begin=begin
         )
         if seen.whole is None:
-            self.rows = fit.rows
+            self.rows, self.all = fit.rows, seen.batch
         return fit.model, {"steps": fit.steps, "unobserved": list(fit.unobserved)}

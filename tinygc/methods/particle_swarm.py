@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
 from tinygc.closure.nearby import Nearby
@@ -31,10 +29,12 @@ class _Fits:
         options, rates = seen.options, seen.still_rates
         # A few turns of known angle may be all there is; a swarm would wander along what they do not show.
         prior = None if seen.batch.turns is None else seen.start
-        if self.nearby is None or seen.whole is None:
+        if self.nearby is None or seen.whole is None or seen.among is None:
             model = fit_pso(seen.batch, seen.sigma, seen.start, seed=options.seed, still_rates=rates, prior=prior, progress=seen.progress)
             self.nearby = Nearby.about(model, seen.batch)
             return model, {}
-        rng, whole = np.random.default_rng(options.seed), cast(LinearModel, seen.whole)
-        nearby = Nearby.about(whole, seen.batch) if seen.among is None else self.nearby.pick(seen.among)
+        rng = np.random.default_rng(options.seed)
+        nearby = self.nearby.pick(seen.among)
+        if not seen.same:
+            nearby = nearby.with_references(seen.batch)
         return near_best(nearby, seen.sigma, rng, still_rates=rates, prior=prior, progress=seen.progress), {}

@@ -37,6 +37,8 @@ class SwarmOptions:
 
 #: swarms one after the other, at most; the box of each, as a share of the one before
 LEGS, NEARER = 6, 0.05
+#: segments beyond which a swarm sees all of them as one quadratic form (benchmarks/long_sessions.py)
+GATHERED = 400
 #: half angles in sigmas: what a swarm saw of the closure is the closure
 AS_SEEN = 1e-4
 #: half-width of the box the swarm starts in: 5 % for each element of E, 2 dps for the bias
@@ -116,9 +118,10 @@ def near_best(
 ) -> LinearModel:
     """The best of one swarm, which sees the closure through ``nearby``, from a box around its model."""
     weight = (2 / sigma.reshape(len(nearby.batch), -1)) ** 2
+    gathered = nearby.gathered(weight) if len(nearby.batch) > GATHERED else None
 
     def cost(vectors: np.ndarray) -> np.ndarray:
-        total = np.einsum("psd,sd->p", nearby.residuals(vectors) ** 2, weight)
+        total = gathered(vectors) if gathered is not None else np.einsum("psd,sd->p", nearby.residuals(vectors) ** 2, weight)
         if still_rates is not None:
             total = total + [np.sum(still_rates.residuals(LinearModel.from_vector(vector)) ** 2) for vector in vectors]
         if prior is not None:

@@ -77,8 +77,9 @@ def train_second_order(
 ) -> Training:
     """Levenberg-Marquardt from ``start``, the identity of the kind of net that is wanted (the paper's); sigma (S,) rad per angle.
 
-    begin: a net of that kind to go on from, while the ties still lead to the identity; steps: at most so many with each tie;
-    before (S,): the part that each goes on from (``sequences.previous``); None where each segment stands by itself.
+    begin: a net of that kind to go on from, so near the answer that its Jacobian stays, while the ties still lead to the identity;
+    steps: at most so many with each tie; before (S,): the part that each goes on from (``sequences.previous``); None where each segment
+    stands by itself.
     Raises FitError where the residuals are not finite.
     """
     problem = _Problem(batch, sigma, still_rates, integrator, start or CalibrationNet.identity(), before)
@@ -87,17 +88,18 @@ def train_second_order(
     lowest = unbent = np.empty(0)
     rungs = problem.start.rungs(problem.typical_rps, ties)
     linear: _Linear | None = None
+    near = None if begin is None else problem.jacobian(vector, problem.sensitivity(vector))
     for number, (tie, prior) in enumerate(rungs):
         progress(number + 1, len(rungs))
         if linear is not None and not _less(linear.left_out(prior), unbent, PROMISE):
             continue
-        vector, left_out, trace = problem.settle(vector, prior, steps)
+        vector, left_out, trace = problem.settle(vector, prior, steps, near if number == 0 else None)
         losses += trace
         # The first is the linear solution; each looser tie must earn its freedom.
         if chosen is None or _less(left_out, lowest, BELIEF):
             chosen, lowest = (vector, tie), left_out
         if linear is None:
-            linear, unbent = problem.linear(vector), left_out
+            linear, unbent = problem.linear(vector, near), left_out
     assert chosen is not None  # there is a rung at least: the linear one
     return Training(problem.net(chosen[0]), chosen[1], tuple(losses))
 
@@ -159,18 +161,23 @@ class _Problem:
             found[some] = closure.sensitivity(part, net(part.rate))[:, :, :d].transpose(0, 2, 3, 1)
         return found.transpose(0, 3, 1, 2)
 
-    def settle(self, vector: np.ndarray, prior: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, list[float]]:
-        """Minimise with one prior sigma (P,); returns the weights, the left-out squared errors (S,), and the loss after each step."""
+    def settle(
+        self, vector: np.ndarray, prior: np.ndarray, steps: int, near: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, list[float]]:
+        """Minimise with one prior sigma (P,); returns the weights, the left-out squared errors (S,), and the loss after each step.
+
+        near: the Jacobian there, where that is so near the answer that it stays.
+        """
         damping, losses = 1e-6, []
         r = self.residuals(vector)
         pull = (vector - self.identity) / prior
         cost = r @ r + pull @ pull
-        turn = self.sensitivity(vector)
+        turn = self.sensitivity(vector) if near is None else np.empty(0)
         for step in range(steps):
-            if step == 1:
+            if step == 1 and near is None:
                 # The first step from the identity moves attitudes by degrees; what follows, by hundredths.
                 turn = self.sensitivity(vector)
-            scaled = self.jacobian(vector, turn) * prior
+            scaled = (self.jacobian(vector, turn) if near is None else near) * prior
             normal = scaled.T @ scaled + np.eye(len(vector))
             gradient = scaled.T @ r + pull
             while True:
@@ -189,9 +196,10 @@ class _Problem:
                 break
         return vector, self.left_out(r, scaled, normal), losses
 
-    def linear(self, vector: np.ndarray) -> _Linear:
-        """About these weights."""
-        return _Linear(self, vector, self.residuals(vector), self.jacobian(vector, self.sensitivity(vector)))
+    def linear(self, vector: np.ndarray, near: np.ndarray | None) -> _Linear:
+        """About these weights; near: the Jacobian, where it is known."""
+        J = self.jacobian(vector, self.sensitivity(vector)) if near is None else near
+        return _Linear(self, vector, self.residuals(vector), J)
 
     def left_out(self, r: np.ndarray, scaled: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """(S,) squared residual of each segment when it is left out of the fit (PRESS; Allen 1974), in the linear approximation."""

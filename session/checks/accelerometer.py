@@ -11,7 +11,7 @@ from session.accelerometer.lengths import LengthFit, fit_lengths
 from session.accelerometer.parameters import SCALES
 from session.checks.findings import Finding
 from session.common.units import MG
-from session.detect.stills import find_stills
+from session.detect.session_stills import SessionStills
 from session.log.folder import Session
 
 WHERE, WHAT = "session.toml", "accelerometer"
@@ -19,10 +19,13 @@ WHERE, WHAT = "session.toml", "accelerometer"
 UNITS_RIGHT = 0.2
 
 
-def own_fit(session: Session) -> LengthFit | None:
-    """What the stills of a session give, as a correction of what its session.toml does; None where its readings are not gravity's."""
-    samples = [session.calibrated(log) for log in session.logs]
-    stills = [still for log in samples for still in find_stills(log, session.config.protocol.still_s)[0]]
+def own_fit(session: Session, known: SessionStills | None = None) -> LengthFit | None:
+    """What the stills of a session give, as a correction of what its session.toml does; None where its readings are not gravity's.
+
+    known: the session's stills, where somebody has asked for them before.
+    """
+    known = known or SessionStills(session)
+    stills = [still for log in session.logs for still in known.of(log).stills]
     force, site = force_of([still for still in stills if still.problem is None]), session.config.site
     if not len(force):
         return None
@@ -32,17 +35,17 @@ def own_fit(session: Session) -> LengthFit | None:
     return found if abs(length - 1) < UNITS_RIGHT else None
 
 
-def with_own_accelerometer(session: Session, anew: bool = False) -> tuple[Session, list[Finding]]:
+def with_own_accelerometer(session: Session, anew: bool = False, known: SessionStills | None = None) -> tuple[Session, list[Finding]]:
     """A session whose ``session.toml`` has no ``[accelerometer]``, with the one that its stills give, and what to say of it.
 
     anew: also where it has one, which then only defines the body frame.  Otherwise such a session is returned as it is; so is one whose
-    reference is a truth file, and one whose stills fix no number.
+    reference is a truth file, and one whose stills fix no number.  known: its stills, where somebody has asked for them before.
     """
     config = session.config
     none = config.accelerometer.source == "none"
     if not (none or anew) or session.truths is not None:
         return session, []
-    own = own_fit(session)
+    own = own_fit(session, known)
     if own is None:
         return session, []  # the first look says what is wrong
     given, known = "none is given", "give [accelerometer] where it is known better"

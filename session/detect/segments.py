@@ -7,6 +7,7 @@ passed over: the two turns around it become one longer segment.
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -72,9 +73,10 @@ def cut_segments(
     """All segments of one log, accepted or with the reason why not, in order; ``number`` is given to the first; put_in (N,) bool: samples
     that are no readings, but what was put in their place."""
     references = [still for still in stills if still.problem is None]
+    starts = [still.start for still in stills]
     segments: list[Segment] = []
     for first, last in pairwise(references):
-        passed = [still for still in stills if first.start < still.start < last.start]
+        passed = stills[bisect_right(starts, first.start) : bisect_left(starts, last.start)]
         segments.append(_cut(samples, first, last, passed, sensor, protocol, log, number + len(segments), put_in))
     return segments
 

@@ -80,7 +80,8 @@ def build_problem(
         if not use_earth:
             earths = dict.fromkeys(earths, no_earth())
         at = attitudes(chain, fit.model(chain.rate))
-        groups = [int(logs[segment.log].group[logs[segment.log].stills.index(segment.stills[0])]) for segment in segments]
+        group_of = {id(still): int(group) for log in logs for still, group in zip(log.stills, log.group, strict=True)}
+        groups = [group_of[id(segment.stills[0])] for segment in segments]
         chain = replace(chain, earth=np.stack([earths[g].in_body(q) for g, q in zip(groups, at, strict=True)]))
     batch = chain.pick(used).trimmed()
     accepted = [segment for segment in segments if segment.accepted]
@@ -200,7 +201,7 @@ def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> B
     longest = max(segment.stop - segment.start for segment in segments)
     rate = np.zeros((len(segments), longest, 3))
     dt = np.zeros((len(segments), longest - 1))
-    ends = np.zeros((2, len(segments), 4))
+    ends = np.stack([rotation.from_gravity(np.array([segment.stills[end].accel_mean for segment in segments])) for end in (0, 1)])
     for i, segment in enumerate(segments):
         samples = logs[segment.log].samples
         count = segment.stop - segment.start
@@ -208,7 +209,6 @@ def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> B
         rate[i, count:] = rate[i, count - 1]
         dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * NS
         for end, still in zip(ends, segment.stills, strict=True):
-            end[i] = rotation.from_gravity(still.accel_mean)
             if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
                 # A dial is read to a twentieth of a degree, gravity to a hundredth: the tilt is gravity's, the yaw the dial's.
                 end[i] = nearest_yaw(rotation.from_euler(*reading), end[i])

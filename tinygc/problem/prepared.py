@@ -64,10 +64,12 @@ def prepare(
     exclude: tuple[int, ...] = (),
     accelerometer: str = AUTO,
     progress: Callable[[str], None] = lambda what: None,
+    known: SessionStills | None = None,
 ) -> Prepared:
     """From a session, or a session folder, to its problem.
 
     accelerometer: ``given``, ``fit``, ``prior`` or ``auto``, see ``ACCELEROMETERS``; where session.toml gives none, it is fitted.
+    known: the stills of this very session, where somebody has asked for them before.
     Raises DataError for the first error of the first look, CalibrationError where a given calibration is asked for and there is none, and
     the errors of ``read_session`` and ``build_problem``.
     """
@@ -80,10 +82,10 @@ def prepare(
         raise CalibrationError(
             f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out"
         )
-    session, own = with_own_accelerometer(session, anew=accelerometer == "fit")
+    session, own = with_own_accelerometer(session, anew=accelerometer == "fit", known=known)
     session, aligned = with_aligned_truth(session)
     progress("first look")
-    found = SessionStills(session)
+    found = looked_at = SessionStills(session)
     findings = own + aligned + check_session(session, found)
     stop_at_errors(findings)
     whole = with_bridges(session)
@@ -104,7 +106,7 @@ def prepare(
     said = [_refuted(joint, fit_joint(problem, "prior", WIDE_MG))]
     if accelerometer == "prior":
         return Prepared(said + findings, recalibrated(problem, joint), problem)
-    free = prepare(session, use_earth=use_earth, exclude=exclude, accelerometer="fit", progress=progress)
+    free = prepare(session, use_earth=use_earth, exclude=exclude, accelerometer="fit", progress=progress, known=looked_at)
     return Prepared(said + free.findings, free.problem, problem)
 
 

@@ -55,9 +55,10 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
         # Where a turn's angle is known, it is that, not the gyro's, which carries the yaw.
         step = rotation.multiply(rotation.conjugate(chain.start), chain.turns.turned(chain.start, rotation.multiply(chain.start, step)))
     groups, begun = 0, -1
+    place = {id(still): number for log in logs for number, still in enumerate(log.stills)}
     for i, segment in enumerate(segments):
         stills = logs[segment.log].stills
-        first, last = (stills.index(still) for still in segment.stills)
+        first, last = (place[id(still)] for still in segment.stills)
         if segment.log != begun:
             previous = _end_of(logs, q_tb, group, segment.log - 1)
             begins = stills[first]

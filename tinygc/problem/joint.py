@@ -51,9 +51,10 @@ BAR_SIGMAS = 2.0
 SETTLED_MPS2 = 1e-3 * MG
 
 
-def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG) -> JointFit | None:
+def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, judged: bool = True) -> JointFit | None:
     """Of a problem whose reference is gravity; mode ``fit``: nothing is known of the accelerometer but its make; ``prior``: the calibration
-    that the problem was built with, with sigma_mg of each number at one g.  None where there is no still to a turn."""
+    that the problem was built with, with sigma_mg of each number at one g; judged: whether its probability is asked for, which takes
+    another fit.  None where there is no still to a turn."""
     stills = [still for log in problem.logs for still in log.stills if still.problem is None]
     number = {id(still): q for q, still in enumerate(stills)}
     if problem.session.truths is not None or not stills or not problem.used:
@@ -88,7 +89,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG) -> 
         x=found,
         model=LinearModel.from_vector((centre + x)[GYROSCOPE]),
         unobserved=() if mode == "prior" else tuple(name for name, ok in zip(NAMES, sure, strict=True) if not ok),
-        p_value=None if mode == "fit" else _improbable(problem, prior),
+        p_value=None if mode == "fit" or not judged else _improbable(problem, prior),
         system=replace(system, x=x, values=system.values + system.design @ moved),
         first=first,
         last=last,

@@ -72,7 +72,7 @@ class System:
 @dataclass(frozen=True, eq=False)
 class JointFit:
     """mode: ``fit`` or ``prior``; accelerometer: what was found; x (9,): its correction of the one before; unobserved: names of the numbers
-    that neither lengths nor turns tell; p_value: of a given calibration's lengths and closures by chance, None where none was given;
+    that neither lengths nor turns tell; p_value: of a given calibration's lengths and closures by chance, None where it was not asked for;
     system; first, last (S,): the stills of each used segment; force (Q, 3) m/s^2 under the new calibration; before, after (Q,) m/s^2 by
     which lengths miss gravity's."""
 

@@ -103,7 +103,7 @@ def prepare(
         return Prepared(findings, problem)
     if joint.p_value > REFUTED_P:
         return Prepared(findings, recalibrated(problem, joint), problem)
-    said = [_refuted(joint, fit_joint(problem, "prior", WIDE_MG))]
+    said = [_refuted(joint, fit_joint(problem, "prior", WIDE_MG, judged=False))]
     if accelerometer == "prior":
         return Prepared(said + findings, recalibrated(problem, joint), problem)
     free = prepare(session, use_earth=use_earth, exclude=exclude, accelerometer="fit", progress=progress, known=looked_at)

@@ -57,10 +57,10 @@ def _all_ties(batch, sigma, kind) -> tuple[float, float, float]:
     """Gains in standard errors, and the tie that is chosen where each is settled."""
     rows = training._Problem(batch, sigma, None, "exact", kind.identity(), None)
     (_, prior), *rungs = rows.start.rungs(rows.typical_rps, training.TIES)
-    vector, unbent, _ = rows.settle(rows.identity, prior, training.MAX_STEPS)
-    linear, lowest, chosen, promised, given = rows.linear(vector), unbent, 0.0, [], []
+    vector, r, unbent, _ = rows.settle(rows.identity, prior, training.MAX_STEPS)
+    linear, lowest, chosen, promised, given = rows.linear(vector, r), unbent, 0.0, [], []
     for tie, prior in rungs:
-        vector, left_out, _ = rows.settle(vector, prior, training.MAX_STEPS)
+        vector, _, left_out, _ = rows.settle(vector, prior, training.MAX_STEPS)
         promised.append(_gain(linear.left_out(prior), unbent))
         given.append(_gain(left_out, unbent))
         if training._less(left_out, lowest, training.BELIEF):

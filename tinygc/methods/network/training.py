@@ -93,13 +93,13 @@ def train_second_order(
         progress(number + 1, len(rungs))
         if linear is not None and not _less(linear.left_out(prior), unbent, PROMISE):
             continue
-        vector, left_out, trace = problem.settle(vector, prior, steps, near if number == 0 else None)
+        vector, r, left_out, trace = problem.settle(vector, prior, steps, near if number == 0 else None)
         losses += trace
         # The first is the linear solution; each looser tie must earn its freedom.
         if chosen is None or _less(left_out, lowest, BELIEF):
             chosen, lowest = (vector, tie), left_out
         if linear is None:
-            linear, unbent = problem.linear(vector, near), left_out
+            linear, unbent = problem.linear(vector, r, near), left_out
     assert chosen is not None  # there is a rung at least: the linear one
     return Training(problem.net(chosen[0]), chosen[1], tuple(losses))
 
@@ -162,9 +162,10 @@ class _Problem:
         return found.transpose(0, 3, 1, 2)
 
     def settle(
-        self, vector: np.ndarray, prior: np.ndarray, steps: int, near: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, list[float]]:
-        """Minimise with one prior sigma (P,); returns the weights, the left-out squared errors (S,), and the loss after each step.
+        self, vector: np.ndarray, prior: np.ndarray, steps: int, near: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
+        """Minimise with one prior sigma (P,); returns the weights, their rows (n,), the left-out squared errors (S,), and the
+        loss after each step.
 
         near: the Jacobian there, where that is so near the answer that it stays.
         """
@@ -194,12 +195,12 @@ class _Problem:
             losses.append(float(r @ r / len(r)))
             if gain < ENOUGH:
                 break
-        return vector, self.left_out(r, scaled, normal), losses
+        return vector, r, self.left_out(r, scaled, normal), losses
 
-    def linear(self, vector: np.ndarray, near: np.ndarray | None) -> _Linear:
-        """About these weights; near: the Jacobian, where it is known."""
+    def linear(self, vector: np.ndarray, r: np.ndarray, near: np.ndarray | None = None) -> _Linear:
+        """About these weights, whose rows are r (n,); near: the Jacobian, where it is known."""
         J = self.jacobian(vector, self.sensitivity(vector)) if near is None else near
-        return _Linear(self, vector, self.residuals(vector), J)
+        return _Linear(self, vector, r, J)
 
     def left_out(self, r: np.ndarray, scaled: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """(S,) squared residual of each segment when it is left out of the fit (PRESS; Allen 1974), in the linear approximation."""

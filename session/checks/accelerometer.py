@@ -35,17 +35,17 @@ def own_fit(session: Session, known: SessionStills | None = None) -> LengthFit |
     return found if abs(length - 1) < UNITS_RIGHT else None
 
 
-def with_own_accelerometer(session: Session, anew: bool = False, known: SessionStills | None = None) -> tuple[Session, list[Finding]]:
+def with_own_accelerometer(session: Session, anew: bool = False, looked_at: SessionStills | None = None) -> tuple[Session, list[Finding]]:
     """A session whose ``session.toml`` has no ``[accelerometer]``, with the one that its stills give, and what to say of it.
 
     anew: also where it has one, which then only defines the body frame.  Otherwise such a session is returned as it is; so is one whose
-    reference is a truth file, and one whose stills fix no number.  known: its stills, where somebody has asked for them before.
+    reference is a truth file, and one whose stills fix no number.  looked_at: its stills, where somebody has asked for them before.
     """
     config = session.config
     none = config.accelerometer.source == "none"
     if not (none or anew) or session.truths is not None:
         return session, []
-    own = own_fit(session, known)
+    own = own_fit(session, looked_at)
     if own is None:
         return session, []  # the first look says what is wrong
     given, known = "none is given", "give [accelerometer] where it is known better"

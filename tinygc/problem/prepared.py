@@ -82,7 +82,7 @@ def prepare(
         raise CalibrationError(
             f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out"
         )
-    session, own = with_own_accelerometer(session, anew=accelerometer == "fit", known=known)
+    session, own = with_own_accelerometer(session, anew=accelerometer == "fit", looked_at=known)
     session, aligned = with_aligned_truth(session)
     progress("first look")
     found = looked_at = SessionStills(session)

@@ -158,6 +158,17 @@ def test_a_terminal_that_goes_ends_a_recording_and_it_is_kept(wire, tmp_path):
 
 def test_the_signals_are_what_they_were_afterwards():
     numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+    found = [signal.getsignal(number) for number in numbers]
+    for number, usual in zip(numbers, [signal.default_int_handler, signal.SIG_DFL, signal.SIG_DFL], strict=True):
+        signal.signal(number, usual)  # one that is ignored, as behind nohup, stays so
+    try:
+        _ask_three_times(numbers)
+    finally:
+        for number, handler in zip(numbers, found, strict=True):
+            signal.signal(number, handler)
+
+
+def _ask_three_times(numbers):
     before = [signal.getsignal(number) for number in numbers]
     with ended_by_signals(ignored_interrupt=True), Interruption() as wanted:
         assert not wanted()

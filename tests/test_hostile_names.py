@@ -7,7 +7,6 @@ import re
 import shutil
 import sys
 import tomllib
-from pathlib import Path
 
 import processes
 import pytest
@@ -17,6 +16,7 @@ from html_pages import parsed
 from session.log.config import read_config
 from session.log.logfile import read_log
 from tinygc.cli.arguments import parser
+from tinygc.cli.paths import file_written, folder_written, log_written, path_read
 from tinygc.deploy.exports import FORMATS
 
 #: bytes that are no UTF-8, line ends, a title for the terminal, rich's markup, HTML, a formula
@@ -166,7 +166,7 @@ def _commands():
 def test_no_path_of_any_command_is_empty(name, capsys):
     """``--out ""``, a variable of the shell that was never set, wrote into the folder that one stood in."""
     command = _commands()[name]
-    paths = [action for action in command._actions if action.type is Path]
+    paths = [action for action in command._actions if action.type in (path_read, file_written, log_written, folder_written)]
     assert paths
     for action in paths:
         for text in ("", " "):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from session.common.units import DEG
 from tinygc.effect_checks.sessions import explanation_of, fitted, inject
-from tinygc.effects import Effect, Parameter, catalogue, diagonal, load_folder
+from tinygc.effects import Effect, Parameter, catalogue, diagonal, using
 from tinygc.effects.picture import DATA_RATE, ENERGY_LAW, LAG_LAW, PAIRS, SCALE_LAW, STILLS, TURNS
 from tinygc.explanation.pictures import panels
 from tinygc.explanation.pictures.channel_values import variable_for
@@ -127,7 +127,8 @@ def test_any_effect_in_turns_is_on_the_line_of_slope_one(known):
 
 
 def test_a_foreign_effect_without_a_picture_has_one(known):
-    (effect,) = [effect for effect in load_folder(FOREIGN) if effect.id == "gyro.rate_memory"]
+    with using([FOREIGN]):
+        effect = catalogue()["gyro.rate_memory"]
     assert effect.picture is None
     assert effect.pair == TURNS  # a still has no rate to remember
     e, claim, _ = known(effect, effect.parameter.plausible / 4)

@@ -78,12 +78,19 @@ def test_whatever_pyserial_raises_is_a_pulled_cable(error, says, wire, monkeypat
     port.close()
 
 
-def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch):
+def _now_in_ticks(folder) -> int:
+    """ns, as the system stamps what it makes: in steps of some milliseconds."""
+    (folder / "now").write_text("now")
+    return (folder / "now").stat().st_ctime_ns
+
+
+def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch, tmp_path):
     """Once a virtual board has gone, its number goes to whoever opens a terminal next: a recorder that waits must not read that."""
     monkeypatch.setattr("session.recording.port.RETRY_S", 0.01)
     tries = []
     masters = [os.openpty() for _ in range(2)]
     name = os.ttyname(masters[0][1])
+    made = os.stat(name).st_ctime_ns
     port = Port(name)
     assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
     wait = port._stop.wait
@@ -91,6 +98,7 @@ def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch):
     for file in masters[0]:
         os.close(file)
     assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
+    until(lambda: _now_in_ticks(tmp_path) > made, what="the next tick of the system's clock, which stamps terminals")
     others = []
     while name not in [os.ttyname(slave) for _, slave in others]:  # as soon as it is free
         others.append(os.openpty())

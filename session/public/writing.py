@@ -11,7 +11,7 @@ from session.accelerometer.calibrated_copy import REMARK
 from session.accelerometer.from_stills import from_stills
 from session.accelerometer.section import with_section
 from session.common.errors import CalibrationError, FormatError, SegmentError
-from session.files.reading import MOST_TOML, read_text
+from session.files.reading import MOST_ARCHIVE, MOST_TOML, read_bytes, read_text
 from session.files.writing import result_folder
 from session.log.folder import log_paths, read_session
 
@@ -50,7 +50,7 @@ def placed(folder: Path, write: Callable[[Path], None], given: bool, read: Calla
                 raise type(error)(str(error).replace(part, str(folder))) from None
         made = sorted(Path(part).iterdir())
         for path in made:
-            refuse_to_replace(folder / path.name, path.read_bytes())
+            refuse_to_replace(folder / path.name, read_bytes(path, MOST_ARCHIVE))
         for path in made:
             path.replace(folder / path.name)
     return folder
@@ -58,7 +58,7 @@ def placed(folder: Path, write: Callable[[Path], None], given: bool, read: Calla
 
 def refuse_to_replace(path: Path, data: bytes) -> None:
     """FormatError where a file is there that says something else: another recording's, or what a person has written into it."""
-    if path.exists() and path.read_bytes() != data:
+    if path.exists() and read_bytes(path, MOST_ARCHIVE) != data:
         raise FormatError(f"{path.parent}: holds another {path.name}; choose another folder with --out, or remove that one")
 
 

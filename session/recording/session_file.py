@@ -12,6 +12,7 @@ from datetime import datetime
 from pathlib import Path
 
 from session.common.errors import CalibrationError, FormatError, OtherSensor, StorageError
+from session.files.reading import MOST_TOML, read_bytes
 from session.log.additions import add_exclude, add_notes, exclude_text, notes_text
 from session.log.config import OWN_UNITS, SCHEMA, Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
 from session.log.toml_text import Value, line, setting
@@ -139,8 +140,8 @@ class SessionFile:
 
     def _read(self) -> bytes | None:
         try:
-            return self.path.read_bytes()
-        except OSError:
+            return read_bytes(self.path, MOST_TOML)
+        except FormatError:
             return None
 
     def _sensor(self, info: Info | None, waited_s: float, physical: bool) -> Sensor | None:

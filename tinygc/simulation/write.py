@@ -13,6 +13,7 @@ import numpy as np
 from session.common.errors import FormatError
 from session.common.texts import comment
 from session.common.units import DEG, MG
+from session.files.reading import MOST_TOML, read_bytes
 from session.files.recorded import has_recorded_name
 from session.files.writing import naming, result_folder
 from session.log.config import SCHEMA
@@ -98,7 +99,7 @@ def check_folder(folder: Path, force: bool) -> None:
 def _is_a_simulations(path: Path) -> bool:
     """Whether a file may be one that a simulation wrote: a link leads to somebody's else, and a session.toml says so itself."""
     if path.name == CONFIG and not path.is_symlink():
-        return path.read_bytes().startswith(SIMULATED.encode())
+        return read_bytes(path, MOST_TOML).startswith(SIMULATED.encode())
     return not (has_recorded_name(path) and (path.is_symlink() or path.stat().st_nlink > 1))
 
 

@@ -57,6 +57,11 @@ def truth_path(log: Path) -> Path:
     )
 
 
+def of_length_1(q: np.ndarray) -> np.ndarray:
+    """Which rows (K,) of q (K, 4) are quaternions of length 1, finite or not; the square of a large number may be no number."""
+    return np.asarray(abs(np.linalg.norm(np.clip(q, -2, 2), axis=1) - 1) < UNIT_WITHIN)
+
+
 #: columns of a quaternion, as the header may order them
 SCALAR_FIRST, SCALAR_LAST = ["qw", "qx", "qy", "qz"], ["qx", "qy", "qz", "qw"]
 

@@ -15,7 +15,7 @@ import numpy as np
 from session.common.errors import FormatError
 from session.common.units import NS_PER_S
 from session.files.archives import read_npz
-from session.log.truth import UNIT_WITHIN, Truth
+from session.log.truth import Truth, of_length_1
 from session.public.sources import arrays_of
 
 #: of the ADIS16448's data sheet: full scales, and the data rate that these recordings have
@@ -57,7 +57,7 @@ def read_sequence(euroc: Path, name: str) -> tuple[np.ndarray, np.ndarray, np.nd
     shapes = {"gyro": (gyro, (len(t_ns), 3)), "acc": (measured, (len(t_ns), 3)), "gt_q_wxyz": (q_wxyz, (len(truth_ns), 4))}
     if t_ns.ndim != 1 or truth_ns.ndim != 1 or any(array.shape != shape for array, shape in shapes.values()):
         raise FormatError(f"{path}: t_ns, gyro, acc, gt_t_ns and gt_q_wxyz have not the shapes (N,), (N, 3), (N, 3), (M,) and (M, 4)")
-    if not len(t_ns) or not (abs(np.linalg.norm(q_wxyz, axis=1) - 1) < UNIT_WITHIN).all():
+    if not len(t_ns) or not of_length_1(q_wxyz).all():
         raise FormatError(f"{path}: no samples, or quaternions in gt_q_wxyz that are not of length 1; download it again")
     accel = np.where(np.isnan(measured).any(axis=1, keepdims=True), 0.0, measured)
     return t_ns, gyro, accel, Truth(Path(f"truth_{name}.csv"), truth_ns, to_down(q_wxyz))

@@ -5,6 +5,7 @@ Both are comma-separated, times in ns on one clock; the truth is of the IMU's ow
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import FormatError
-from session.log.truth import Truth
+from session.log.truth import Truth, of_length_1
 from session.public.euroc import read_sequence, to_down, write_config, write_sequence
 from session.public.sources import found, rows_of_numbers
 from session.public.writing import placed
@@ -61,10 +62,9 @@ def read_folder(imu: Path) -> Sequence:
     truth = imu.parents[1] / TRUTH
     truth_ns, state = _table(truth, TRUTH_COLUMNS)
     q_wxyz = state[:, 3:7]
-    lengths = np.linalg.norm(q_wxyz, axis=1)
-    if (abs(lengths - 1) > 0.01).any():
-        row = int(np.argmax(abs(lengths - 1) > 0.01))
-        raise FormatError(f"{truth}: the quaternion at {truth_ns[row]} ns has length {lengths[row]:.3g}, expected 1")
+    if not (unit := of_length_1(q_wxyz)).all():
+        row = int(np.argmin(unit))
+        raise FormatError(f"{truth}: the quaternion at {truth_ns[row]} ns has length {math.hypot(*q_wxyz[row]):.3g}, expected 1")
     return t_ns, values[:, :3], values[:, 3:], Truth(truth, truth_ns, to_down(q_wxyz))
 
 

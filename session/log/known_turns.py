@@ -83,6 +83,7 @@ def _row(where: str, header: list[str], line: str, logs: list[str]) -> KnownTurn
     if len(cells) != len(header):
         raise FormatError(f"{where}: {line[:60]!r}, expected {len(header)} cells: {','.join(header)}")
     cell = dict(zip(header, cells, strict=True))
+    says = ";".join(part.strip() for part in cell["axis"].split(";"))  # a number may stand between characters that nobody sees
     turn = _number(where, "turn", cell["turn"], "a whole number, the first turn is 0")
     if turn != int(turn) or not 0 <= turn < MOST_TURNS:
         raise FormatError(f"{where}: turn is {cell['turn']!r}, expected a whole number, the first turn is 0")
@@ -94,7 +95,7 @@ def _row(where: str, header: list[str], line: str, logs: list[str]) -> KnownTurn
         raise FormatError(
             f"{where}: sigma_deg is {cell['sigma_deg']!r}, expected one sigma of the stop, above 0 and up to {MOST_SIGMA_DEG:g}"
         )
-    return KnownTurn(int(turn), _log(where, cell.get(LOG), logs), _axis(where, cell["axis"]), cell["axis"], angle * DEG, sigma * DEG)
+    return KnownTurn(int(turn), _log(where, cell.get(LOG), logs), _axis(where, says), says, angle * DEG, sigma * DEG)
 
 
 def _number(where: str, name: str, text: str, expected: str) -> float:

@@ -94,6 +94,8 @@ def test_the_pre_calibration_undoes_offset_and_matrix():
         (SESSION_TOML + "[accelerometer]\nmatrix = [[1,0],[0,1]]\n", "accelerometer.matrix"),
         (SESSION_TOML + "[accelerometer]\nmatrix = [[1,0,0],[0,1,0],[0,1,0]]\n", "singular"),
         (SESSION_TOML + '[accelerometer]\nbias_mps2 = "none"\n', "accelerometer.bias_mps2"),
+        (SESSION_TOML + "[accelerometer]\nsigma_mg = 0.3\n", "accelerometer.sigma_mg is of a calibration that is not there"),
+        (SESSION_TOML + "[accelerometer]\nown_stills = true\n", "accelerometer.own_stills is of a calibration that is not there"),
         (SESSION_TOML.replace("208.0", "1" + "0" * 400), "sensor.odr_hz is 1000"),
         (SESSION_TOML.replace("208.0", "1" + "0" * 5000), "broken TOML"),
         (SESSION_TOML.replace("208.0", "0x" + "f" * 5000), "sensor.odr_hz is a number of thousands of digits"),

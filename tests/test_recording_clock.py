@@ -7,7 +7,7 @@ import pytest
 from recording_wires import make_wire, record
 from streams import INFO, frame_list, sent
 
-from session.recording.clock import ComparisonOfClocks
+from session.recording.clock import MOST, ComparisonOfClocks
 from session.recording.recorder import Recorder
 from session.stream import frames
 from session.stream.events import Info
@@ -24,6 +24,20 @@ def test_the_devices_clock_is_compared_with_the_hosts():
         if k == 100:
             assert clock.device_seconds_per_second is None
     assert clock.device_seconds_per_second == pytest.approx(1.003, abs=1e-4)
+
+
+def test_a_day_of_arrivals_is_compared_in_bounded_memory():
+    """30 ppm slow, arrivals late by 20 ms as the exponential has it; each of all that is kept is the least late of its stretch."""
+    rng, clock = np.random.default_rng(1), ComparisonOfClocks()
+    host_s = np.arange(0, 86400, 0.4)
+    late_s = rng.exponential(0.02, len(host_s))
+    for at_s, delay_s in zip(host_s, late_s, strict=True):
+        clock.add(round((at_s + delay_s) * 1e9), round(0.99997 * at_s * 1e6))
+    assert len(clock._earliest) <= MOST
+    assert clock.compared_s == pytest.approx(86400, abs=300)
+    assert clock.device_seconds_per_second == pytest.approx(0.99997, abs=1e-8)
+    kept = np.array(clock._earliest, np.int64)
+    assert np.max(kept[:, 0] - kept[:, 1] * 1000 / 0.99997) < 5e6  # ns: one of a hundred has hardly waited
 
 
 def test_info_is_an_event_of_its_own(wire, tmp_path):

@@ -178,10 +178,13 @@ def read_config(path: Path) -> Config:
         temp_lsb_per_c=reader.number("sensor", "temp_lsb_per_c", None, low=1e-3, high=1e5),
         temp_at_zero_c=reader.number("sensor", "temp_at_zero_c", None, low=-300, high=300),
     )
+    calibrated = {"matrix", "bias_mps2"} & set(_table(table, "accelerometer"))
+    if not calibrated and (of_it := sorted({"sigma_mg", "own_stills"} & set(_table(table, "accelerometer")))):
+        raise FormatError(f"{path}: accelerometer.{of_it[0]} is of a calibration that is not there; give matrix and bias_mps2, or remove it")
     accelerometer = Accelerometer(
         reader.array("accelerometer", "matrix", (3, 3), np.eye(3), most=100.0),
         reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3), most=BEYOND["accel"]),
-        "given" if {"matrix", "bias_mps2"} & set(_table(table, "accelerometer")) else "none",
+        "given" if calibrated else "none",
         reader.number("accelerometer", "sigma_mg", None, low=1e-3, high=1000),
         reader.flag("accelerometer", "own_stills"),
     )

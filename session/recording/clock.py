@@ -10,8 +10,9 @@ import numpy as np
 
 from session.common.units import NS
 
-STRETCH_NS = 500_000_000
+STRETCH_NS = 500_000_000  #: at first
 FEWEST = 6  #: stretches, 3 s, before anything is said
+MOST = 1024  #: stretches; beyond them they become twice as long: a day is held in no more memory than an hour
 
 
 class ComparisonOfClocks:
@@ -22,14 +23,20 @@ class ComparisonOfClocks:
 
     def restart(self) -> None:
         """Forget what was before."""
-        self._stretch = -1
+        self._stretch_ns = STRETCH_NS
         self._earliest: list[tuple[int, int]] = []  # host_ns, t_us of the least delay in each stretch
 
     def add(self, host_ns: int, t_us: int) -> None:
         """At host_ns the sample of device time t_us was there."""
-        stretch = host_ns // STRETCH_NS
-        if stretch != self._stretch:
-            self._stretch = stretch
+        self._take(host_ns, t_us)
+        if len(self._earliest) > MOST:
+            before, self._earliest = self._earliest, []
+            self._stretch_ns *= 2
+            for arrival in before:
+                self._take(*arrival)
+
+    def _take(self, host_ns: int, t_us: int) -> None:
+        if not self._earliest or host_ns // self._stretch_ns != self._earliest[-1][0] // self._stretch_ns:
             self._earliest.append((host_ns, t_us))
         elif host_ns - 1000 * t_us < self._earliest[-1][0] - 1000 * self._earliest[-1][1]:
             self._earliest[-1] = host_ns, t_us

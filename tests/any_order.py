@@ -40,7 +40,7 @@ def pytest_collection_modifyitems(config, items):
 
 def _length(tests: list) -> tuple[int, int]:
     """Of a file, by its number of slow test functions, however many parameters each has, and of all tests."""
-    return len({test.function for test in tests if test.get_closest_marker("slow")}), len(tests)
+    return len({test.nodeid.split("[")[0] for test in tests if test.get_closest_marker("slow")}), len(tests)
 
 
 def pytest_collection_finish():

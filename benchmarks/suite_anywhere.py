@@ -42,7 +42,7 @@ def main() -> None:
     args = parser.parse_args()
     print(f"| condition | passed | failed | errors | skipped | processes left | minutes |\n| --- {'| ---: ' * 6}|", flush=True)
     for condition in args.only:
-        words = args.pytest + (["--shuffle", str(args.seed), "--no-loadscope-reorder"] if condition == "shuffled" else [])
+        words = args.pytest + (["--shuffle", str(args.seed)] if condition == "shuffled" else [])
         with busy_loops(LOOPS if condition == "busy" else 0):
             counts, minutes = run(condition, words, args.log)
         print(f"| {CONDITIONS[condition]} | {' | '.join(map(str, counts))} | {minutes:.1f} |", flush=True)

@@ -1,4 +1,7 @@
-"""Whatever ran before, and however slow the machine is: the same examples, the same draws, no reader that is left; ``--shuffle SEED``."""
+"""Whatever ran before, and however slow the machine is: the same examples, the same draws, no reader that is left; ``--shuffle SEED``.
+
+Files with the most ``slow`` tests begin, so that no worker is left with a long one at the end while the others have nothing to do.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,20 @@ def pytest_addoption(parser):
 
 def pytest_collection_modifyitems(config, items):
     seed = config.getoption("--shuffle")
+    files: dict[Path, list] = {}
+    for item in items:
+        files.setdefault(item.path, []).append(item)
     if seed is not None:
-        files: dict[Path, list] = {}
-        for item in items:
-            files.setdefault(item.path, []).append(item)
         draw = random.Random(seed)
         order = draw.sample(list(files), len(files))
         items[:] = [item for path in order for item in draw.sample(files[path], len(files[path]))]
+    elif config.getoption("numprocesses", None) != 0:
+        items[:] = [item for path in sorted(files, key=lambda path: _length(files[path]), reverse=True) for item in files[path]]
+
+
+def _length(tests: list) -> tuple[int, int]:
+    """Of a file, by its number of slow test functions, however many parameters each has, and of all tests."""
+    return len({test.nodeid.split("[")[0] for test in tests if test.get_closest_marker("slow")}), len(tests)
 
 
 def pytest_collection_finish():

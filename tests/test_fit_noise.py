@@ -176,12 +176,12 @@ def test_the_command_says_which_and_what_noise(drifting, run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("instability_dph", [0.0, 20.0])
 @pytest.mark.parametrize("bias", ["ends", "stills"])
-def test_sigmas_hold_though_nobody_tells_how_far_the_bias_wanders(tmp_path, instability_dph, bias):
+def test_sigmas_hold_though_nobody_tells_how_far_the_bias_wanders(simulated, instability_dph, bias):
     """68 % of 108 errors within one sigma; those of a session hang together, so that the share is known to about 5 %."""
     z = []
     for seed in range(12):
-        options = SimulationOptions(segments=20, closure_s=0.0, seed=seed, odr_hz=104.0, bias_instability_dph=instability_dph)
-        error, sigma, _ = errors(write_session(options, tmp_path / f"s{seed}"), seed, bias)
+        folder = simulated(segments=20, closure_s=0.0, seed=seed, bias_instability_dph=instability_dph)
+        error, sigma, _ = errors(folder, seed, bias)
         z.append(error / sigma)
     assert 0.53 < np.mean(np.abs(z) < 1) < 0.85
     assert np.mean(np.abs(z) < 2) > 0.87

@@ -40,9 +40,9 @@ def rough_offset(gyro: Sequence[Carried], truth: Sequence[tuple[Spans, np.ndarra
 
 
 def _summed(log: Carried) -> np.ndarray:
-    """(N, 3) rad: the rate, summed in the body's own axes."""
+    """(3, N) rad: the rate, summed in the body's own axes; each axis lies together, as it is read at hundreds of offsets."""
     steps = (log.rate[1:] + log.rate[:-1]) / 2 * np.diff(log.t_s)[:, None]
-    return np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    return np.ascontiguousarray(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]).T)
 
 
 def _likeness(
@@ -53,8 +53,8 @@ def _likeness(
     for log, summed, (spans, _), speed in zip(gyro, sums, truth, speeds, strict=True):
         begin, end = spans.begin_s + offset_s, spans.end_s + offset_s
         kept = log.whole(begin, end)
-        at = [np.stack([np.interp(t[kept], log.t_s, summed[:, axis]) for axis in range(3)], axis=-1) for t in (begin, end)]
-        ours.append(np.linalg.norm(at[1] - at[0], axis=1) / (end - begin)[kept])
+        turned = [np.interp(end[kept], log.t_s, axis) - np.interp(begin[kept], log.t_s, axis) for axis in summed]
+        ours.append(np.sqrt(sum(np.square(each) for each in turned)) / (end - begin)[kept])
         theirs.append(speed[kept])
     x, y = np.concatenate(ours), np.concatenate(theirs)
     if len(x) < sum(map(len, speeds)) / 2 or len(x) < 3 or not x.std() > 0 or not y.std() > 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -56,11 +57,14 @@ class Carried:
         known = (self.gaps[other] == self.gaps[row]) & (step != 0)
         return np.where(known[:, None], self.rate[other] - self.rate[row], 0.0) / np.where(known, step, 1.0)[:, None]
 
+    @cached_property
+    def _period_s(self) -> float:
+        return float(np.median(np.diff(self.t_s)))
+
     def whole(self, begin_s: np.ndarray, end_s: np.ndarray) -> np.ndarray:
         """(K,) bool: whether the log has all samples from each begin to its end, within a period."""
         (first, early), (last, late) = self._nearest(begin_s), self._nearest(end_s)
-        period_s = float(np.median(np.diff(self.t_s)))
-        return (np.maximum(np.abs(early), np.abs(late)) < period_s) & (self.gaps[first] == self.gaps[last]) & (last > first)
+        return (np.maximum(np.abs(early), np.abs(late)) < self._period_s) & (self.gaps[first] == self.gaps[last]) & (last > first)
 
 
 def carried(samples: Samples, rate: np.ndarray) -> Carried:

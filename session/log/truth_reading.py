@@ -75,9 +75,16 @@ class TruthReading:
 
 def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Hamilton product (..., 4) of quaternions, scalar first."""
-    pw, pv, qw, qv = p[..., :1], p[..., 1:], q[..., :1], q[..., 1:]
-    scalar = pw * qw - np.sum(pv * qv, axis=-1, keepdims=True)
-    return np.concatenate([scalar, pw * qv + qw * pv + np.cross(pv, qv)], axis=-1)
+    (pw, px, py, pz), (qw, qx, qy, qz) = np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)
+    return np.stack(
+        [
+            pw * qw - px * qx - py * qy - pz * qz,
+            pw * qx + qw * px + py * qz - pz * qy,
+            pw * qy + qw * py + pz * qx - px * qz,
+            pw * qz + qw * pz + px * qy - py * qx,
+        ],
+        axis=-1,
+    )
 
 
 def inverse(q: np.ndarray) -> np.ndarray:

@@ -147,10 +147,10 @@ def test_a_file_that_contradicts_all_that_was_recorded_sets_nothing_apart():
 
     def contradicted(info, waited_s):
         if info:
-            raise OtherSensor("session.toml: sensor.gyro_fs_dps is 1000, the board says 500; correct the one that is wrong")
+            raise OtherSensor("session.toml: sensor.gyro_fs_dps is 1000, the board says 500; correct the wrong one")
 
     port = Port([], resumed=[INFO, *chunks(SESSION)[:40], INFO, *chunks(SESSION)])
-    with pytest.raises(OtherSensor, match=r"correct the one that is wrong$"):
+    with pytest.raises(OtherSensor, match=r"correct the wrong one$"):
         led(port, configure=contradicted)
     assert port.apart == []
 

@@ -16,7 +16,8 @@ from session.common.errors import CalibrationError, StorageError
 from session.log.config import read_config
 from session.log.folder import read_session
 from session.recording.logwriter import LogWriter
-from session.recording.session_file import SessionFile, toml_text
+from session.recording.session_file import SessionFile
+from session.recording.session_text import toml_text
 from session.stream import frames
 from session.stream.events import Info
 

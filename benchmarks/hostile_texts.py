@@ -27,7 +27,7 @@ from session.common.console import PlainConsole
 from session.common.errors import CalibrationError
 from session.common.texts import comment, printable, unicode_text
 from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site
-from session.recording.session_file import toml_text
+from session.recording.session_text import toml_text
 from tinygc.deploy.exports import exporter
 from tinygc.deploy.exports._context import Context
 from tinygc.models.linear import LinearModel

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from common import in_parallel
-from real_recordings import SHARED, Job, jobs_of
+from real_recordings import Job, add_choice, chosen_jobs
 
 from session.common.units import DEG
 from session.detect import bridges
@@ -44,15 +44,10 @@ COLUMNS = (
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sets", nargs="*", metavar="SET", default=[], help=f"of {', '.join(SETS)} (all)")
-    parser.add_argument("--shared", type=Path, default=SHARED, help="folder of the recordings (../shared)")
-    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="only recordings of these names, such as e1u0")
+    add_choice(parser, f"of {', '.join(SETS)} (all)")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="tinygc-") as made:
-        jobs = [job for name in args.sets or SETS for job in jobs_of(name, args.shared, Path(made))]
-        jobs = [job for job in jobs if not args.only or job.folder.name in args.only]
-        if not jobs:
-            parser.exit(2, f"no recordings in {args.shared}\n")
+        jobs = chosen_jobs(parser, args, SETS, Path(made))
         results = in_parallel(one_recording, jobs, "recording")
     print("| set | samples missing | gaps | error, ° rms | stated, ° rms | within 1 sigma | within 2 |")
     print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")

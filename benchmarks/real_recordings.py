@@ -14,7 +14,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,20 +38,14 @@ class Job:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sets", nargs="*", metavar="SET", help=f"of {', '.join(SETS)} (all but euroc)")
-    parser.add_argument("--shared", type=Path, default=SHARED, help="folder of the recordings (../shared)")
-    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="only recordings of these names, such as e1u0")
+    add_choice(parser, f"of {', '.join(SETS)} (all but euroc)")
     parser.add_argument("--out", type=Path, help="JSON with all results")
     args = parser.parse_args()
     if wrong := set(args.sets) - set(SETS):
         parser.error(f"no set {', '.join(sorted(wrong))}; expected {', '.join(SETS)}")
     began = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="tinygc-") as made:
-        jobs = [job for name in args.sets or USUAL for job in jobs_of(name, args.shared, Path(made))]
-        jobs = [job for job in jobs if not args.only or job.folder.name in args.only]
-        if not jobs:
-            parser.exit(2, f"no recordings in {args.shared}\n")
-        results = in_parallel(one_recording, jobs, "recording")
+        results = in_parallel(one_recording, chosen_jobs(parser, args, USUAL, Path(made)), "recording")
     path = args.shared / "injected" / "truth.json"
     truth = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     for result in results:
@@ -60,6 +54,22 @@ def main() -> None:
         args.out.write_text(json.dumps({"recordings": results}, indent=1) + "\n", encoding="utf-8")
     print(page(results, truth))
     print(f"{len(results)} recordings in {time.perf_counter() - began:.0f} s", file=sys.stderr)
+
+
+def add_choice(parser: argparse.ArgumentParser, sets: str) -> None:
+    """Which recordings; sets: which there are."""
+    parser.add_argument("sets", nargs="*", metavar="SET", default=[], help=sets)
+    parser.add_argument("--shared", type=Path, default=SHARED, help="folder of the recordings (../shared)")
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="only recordings of these names, such as e1u0")
+
+
+def chosen_jobs(parser: argparse.ArgumentParser, args: argparse.Namespace, usual: Sequence[str], made: Path) -> list[Job]:
+    """Those that ``add_choice`` asked for; the program ends where there is none."""
+    jobs = [job for name in args.sets or usual for job in jobs_of(name, args.shared, made)]
+    jobs = [job for job in jobs if not args.only or job.folder.name in args.only]
+    if not jobs:
+        parser.exit(2, f"no recordings in {args.shared}\n")
+    return jobs
 
 
 def jobs_of(name: str, shared: Path, made: Path) -> Iterator[Job]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import errno
 import multiprocessing
 import os
 import pty
@@ -26,6 +25,7 @@ from pathlib import Path
 import numpy as np
 from adversarial_streams import sample_frames, sample_lines
 from common import markdown, progress
+from full_disk import FullDisk
 from soak_day import day
 
 from session.common.errors import DeviceError, StorageError
@@ -209,24 +209,6 @@ def record(folder: Path, name: str, others: tuple[int, int], room: int) -> None:
     except DeviceError:  # a reader of another program was waiting for a terminal of this name
         os._exit(TAKEN)
     os._exit(0)
-
-
-class FullDisk:
-    """``os``, with a disk on which the raw file may grow by ``room`` bytes."""
-
-    def __init__(self, room: int):
-        self.room = room
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(os, name)
-
-    def write(self, file: int, data: bytes) -> int:
-        """As ``os.write``, while there is room."""
-        if not self.room:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        written = os.write(file, data[: self.room])
-        self.room -= written
-        return written
 
 
 def logs_again(folder: Path, soak: Soak) -> None:

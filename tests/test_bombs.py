@@ -203,6 +203,16 @@ def test_every_command_that_reads_files_meets_the_bombs():
     assert reading_ones == {line.split()[0] for lines in READERS.values() for line in lines}
 
 
+@pytest.mark.parametrize("name", ["log0002.csv", "closure0002.csv", "attitudes.csv", "turns.csv"])
+def test_nothing_is_read_before_a_named_pipe_is_refused(name, folder, run, impatient):
+    """The error is the only line, though the first log is sound: no progress of a work that cannot be done."""
+    os.mkfifo(folder / name)
+    for command in ("fit", "explain"):
+        code, out, err = run(command, folder)
+        expected = f"calibrate: {folder / name}: cannot be read (it is a named pipe, expected a file)\n"
+        assert (code, out, err) == (2, "", expected)
+
+
 @pytest.mark.parametrize("kind", ["fifo", "device"])
 def test_a_path_that_becomes_another_between_two_looks_is_noticed(kind, tmp_path, monkeypatch, impatient):
     """What ``stat`` saw need not be what ``open`` opens."""

@@ -9,6 +9,7 @@ import pytest
 from conftest import DEG, Table
 from rich.console import Console
 from scipy.spatial.transform import Rotation
+from truth_sessions import TOML
 
 import calibrate
 from session.log.folder import read_session
@@ -22,17 +23,6 @@ from tinygc.fitting.days import level_days
 from tinygc.methods.network.distance_loss import fit_distance
 from tinygc.problem.build import build_problem
 from tinygc.problem.truth_orientation import absolute_orientation_error
-
-TOML = """schema = "tinygc-session/1"
-[sensor]
-odr_hz = 208.0
-gyro_fs_dps = 500
-accel_fs_g = 4
-[protocol]
-segment_s = 2.0
-reference = "truth"
-truth_sigma_deg = 0.02
-"""
 
 
 def write(
@@ -54,7 +44,7 @@ def write(
         row = int(np.argmin(np.abs(moments - at)))
         attitude[row] = attitude[row] * Rotation.from_rotvec([3 * DEG, 0, -2 * DEG])
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "session.toml").write_text(TOML)
+    (folder / "session.toml").write_text(TOML.format(sigma_deg=0.02))
     rows = np.column_stack([samples.t_ns * 1e-9, gyro, samples.accel])
     header = "t_s,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"
     np.savetxt(folder / f"log{name}.csv", rows, fmt="%.10f", delimiter=",", header=header, comments="")

@@ -1,14 +1,18 @@
 """An accelerometer with all axes negated: turns are blind to it, the Earth's rotation, dials and a truth file are not."""
 
+import gzip
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomlkit
 from conftest import DEG
 from looks import of
 from test_problem import with_dials
 from truth_sessions import Wrong, made
 
+import tinygc
 from session.checks.alignment import with_aligned_truth
 from session.checks.first_look import check_session
 from session.detect.stills import find_stills
@@ -33,6 +37,23 @@ def upside_down(session):
     return replace(session, logs=logs, config=replace(session.config, accelerometer=replace(triad, bias_mps2=-triad.bias_mps2)))
 
 
+def in_a_folder(folder, new, sign):
+    """The session as files, its specific forces by the sign; no calibration of the accelerometer is given."""
+    new.mkdir()
+    settings = tomlkit.parse((folder / "session.toml").read_text())
+    settings.remove("accelerometer")
+    (new / "session.toml").write_text(tomlkit.dumps(settings))
+    header, *rows = gzip.decompress((folder / "log0001.csv.gz").read_bytes()).decode().splitlines()
+    comments = [row for row in (header, *rows) if row.startswith("#")]
+    names, *rows = [row for row in (header, *rows) if not row.startswith("#")]
+    of_force = [names.split(",").index(name) for name in ("ax", "ay", "az")]
+    values = np.array([row.split(",") for row in rows], dtype=np.int64)
+    values[:, of_force] *= sign
+    table = [",".join(map(str, row)) for row in values.tolist()]
+    (new / "log0001.csv").write_text("\n".join([*comments, names, *table, ""]))
+    return new
+
+
 def said(session):
     return [finding for finding in prepare(session).warnings if finding.what == WHAT]
 
@@ -50,9 +71,30 @@ def test_the_earth_tells_an_accelerometer_that_is_upside_down(folder):
     assert said(session) == []
     (finding,) = said(upside_down(session))
     assert finding.level == "warning"
-    assert "if all axes of the accelerometer are negated" in finding.says
-    assert "the axis that points up must read +1 g" in finding.do
-    assert "\n" not in f"{finding.says}{finding.do}"
+    assert "gravity is upside down" in finding.says
+    assert "negate all axes of the accelerometer if the one that points up reads -1 g" in finding.do
+    assert "\n" not in finding.line
+    assert max(len(finding.says), len(finding.do)) < 140
+
+
+def test_check_says_it_too_before_anything_is_fitted(folder, tmp_path, run):
+    session = read_session(folder)
+    assert [finding for finding in tinygc.check(session) if finding.what == WHAT] == []
+    assert [finding for finding in tinygc.check(upside_down(session)) if finding.what == WHAT] == said(upside_down(session))
+    right, wrong = (in_a_folder(folder, tmp_path / name, sign) for name, sign in (("right", 1), ("wrong", -1)))
+    code, out, _ = run("check", right, "--json", "-", "--strict")
+    assert (code, [each for each in json.loads(out)["findings"] if each["what"] == WHAT]) == (0, [])
+    code, out, _ = run("check", wrong, "--json", "-", "--strict")
+    (finding,) = (each for each in json.loads(out)["findings"] if each["what"] == WHAT)
+    assert (code, finding["level"], finding["where"]) == (1, "warning", "log0001.csv")
+    assert "negate all axes of the accelerometer" in finding["do"]
+    shown = " ".join(run("check", wrong)[1].split())
+    assert "gravity's sign" in shown
+
+
+def test_check_says_nothing_of_it_where_there_is_too_little_to_tell(simulated, tmp_path):
+    few = in_a_folder(simulated(segments=4, closure_s=0.0, odr_hz=208.0), tmp_path / "few", -1)
+    assert [finding for finding in tinygc.check(few) if finding.what == WHAT] == []
 
 
 def test_a_latitude_with_the_wrong_sign_looks_the_same_and_is_named_beside_it(folder):
@@ -60,7 +102,7 @@ def test_a_latitude_with_the_wrong_sign_looks_the_same_and_is_named_beside_it(fo
     site = session.config.site
     south = replace(session, config=replace(session.config, site=replace(site, latitude_deg=-site.latitude_deg)))
     (finding,) = said(south)
-    assert "is the latitude north?" in finding.do
+    assert "is site.latitude_deg north?" in finding.do
     assert said(upside_down(south)) == []
 
 

@@ -108,10 +108,24 @@ def test_the_report_shows_such_texts_and_obeys_none(evil, simulated, tmp_path, r
     assert r"</dd>\u2029[link=x]" in words
 
 
-def test_pictures_are_drawn_under_such_a_name(evil, run):
+def test_pictures_are_drawn_under_such_a_name(evil, run, monkeypatch):
+    """A lone ``$`` begins a formula, and ``\\frac{`` is a broken one: matplotlib would end in an error of its own, or draw no name."""
     pytest.importorskip("matplotlib")
-    shutil.copytree(evil, evil.with_name("$\\frac{ 😀"))
-    clean(run("explain", evil.with_name("$\\frac{ 😀"), "--json", "-"))
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    drawn, draw = [], Figure.savefig
+
+    def savefig(figure, *args, **settings):
+        drawn.extend(text.get_text() for text in figure.findobj(Text))
+        return draw(figure, *args, **settings)
+
+    monkeypatch.setattr(Figure, "savefig", savefig)
+    folder = shutil.copytree(evil, evil.with_name("$\\frac{ 😀"))
+    out = clean(run("explain", folder, "--json", "-"))
+    assert json.loads(out[out.index("{") :])["session"] == "$\\frac{ 😀"
+    assert (folder / "explain" / "explain.png").read_bytes().startswith(b"\x89PNG")
+    assert any("frac{" in text for text in drawn)
 
 
 @pytest.mark.parametrize(

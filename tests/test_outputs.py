@@ -1,47 +1,26 @@
 """No output takes the place of what is read or recorded: every option that writes, of every command, as the parser lists them."""
 
 import argparse
-import gzip
 import importlib
 import json
 import os
-import shutil
-import sys
 from pathlib import Path
 
 import processes
 import pytest
 from commandline import refused
 from processes import PIPE
+from recorded_files import RECORDED, contents, make_recording
 
-from session.common.errors import StorageError
-from session.files.recorded import is_recorded
-from session.files.results import write_text_whole
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import COMMANDS
 from tinygc.cli.paths import Paths, file_written, folder_written, log_written, path_read
 
 ROOT = Path(__file__).resolve().parent.parent
+recording = pytest.fixture(make_recording, name="recording")
 KINDS = (path_read, file_written, log_written, folder_written)
 #: what a help page calls a path
 METAVARS = {"FILE", "DIR", "PATH", "TOML", "CSV", "FOLDER"}
-#: a recording with one file of every name that docs/formats.md lists
-RECORDED = (
-    "session.toml",
-    "log0001.csv",
-    "log0002.csv.gz",
-    "closure0001.csv",
-    "rest0001.csv.gz",
-    "attitudes.csv",
-    "turns.csv",
-    "truth0001.csv",
-    "unclosed0001.csv",
-    "foreign0001.csv",
-    "raw.bin",
-    "raw.times",
-    "truth.json",
-    "log0001.csv.changed1",
-)
 
 
 def command_parsers() -> dict[str, argparse.ArgumentParser]:
@@ -79,15 +58,6 @@ EVERY_WAY = ("session.toml", "log0001.csv", "raw.bin")
 
 
 @pytest.fixture
-def recording(tmp_path) -> Path:
-    folder = tmp_path / "D"
-    folder.mkdir()
-    for number, name in enumerate(RECORDED):
-        (folder / name).write_bytes(b"recorded %d" % number)
-    return folder
-
-
-@pytest.fixture
 def idle(monkeypatch):
     """No command does anything: what is refused, is refused before."""
 
@@ -96,10 +66,6 @@ def idle(monkeypatch):
 
     for name in COMMANDS:
         monkeypatch.setattr(importlib.import_module(f"tinygc.cli.commands.{name}"), "run", worked)
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def ways_to(path: Path, there: Path, every: bool) -> dict[str, Path]:
@@ -282,47 +248,3 @@ def test_no_folder_output_puts_a_file_over_a_recordings(run, recording, folder, 
     monkeypatch.setattr("tinygc.deploy.exports.exporter", lambda name: Exporter)
     refused(run("export", folder, "--to", "json", "--out", recording), "session.toml", "recording")
     assert contents(recording) == before
-
-
-@pytest.mark.parametrize("name", RECORDED)
-def test_nothing_is_written_whole_over_a_recording(recording, tmp_path, name):
-    """Whoever writes: the last door."""
-    assert is_recorded(recording / name)
-    with pytest.raises(StorageError, match="is a file of the recording"):
-        write_text_whole(recording / name, "mine")
-    link = recording / "fit.json"
-    link.symlink_to(recording / name)  # a link's place is taken, not its file's
-    write_text_whole(link, "mine")
-    assert (recording / name).read_bytes().startswith(b"recorded")
-    assert not is_recorded(tmp_path / name)
-
-
-def test_a_simulation_replaces_only_a_simulation(run, simulated, tmp_path):
-    made = tmp_path / "made"
-    shutil.copytree(simulated(), made)
-    real = tmp_path / "real.csv.gz"
-    real.write_bytes(gzip.compress(b"recorded"))
-    (made / "log0001.csv.gz").unlink()
-    again = ("simulate", "--out", made, "--force", "--segments", 4, "--odr-hz", 104)
-    for link in (lambda: (made / "log0001.csv.gz").symlink_to(real), lambda: os.link(real, made / "log0001.csv.gz")):
-        link()
-        refused(run(*again), "log0001.csv.gz", "not replaced")
-        assert gzip.decompress(real.read_bytes()) == b"recorded"
-        (made / "log0001.csv.gz").unlink()
-    (made / "raw.bin").write_bytes(b"recorded")
-    refused(run(*again), "raw.bin", "not replaced")
-    (made / "raw.bin").unlink()
-    (made / "session.toml").write_text((made / "session.toml").read_text().partition("\n")[2])
-    refused(run(*again), "session.toml", "not replaced")
-
-
-def test_the_player_of_logs_replaces_none(recording, tmp_path):
-    """``firmware/play.py``, which is no command of ``calibrate.py``."""
-    before = contents(recording)
-    for out in (recording / "log0001.csv", recording / "raw.bin"):
-        words = [sys.executable, ROOT / "firmware" / "play.py", tmp_path / "port", recording / "log0001.csv", "-o", out]
-        done = processes.run(words, capture_output=True, text=True)
-        assert done.returncode == 2
-        assert done.stderr.startswith("play: --out ")
-        assert len(done.stderr.splitlines()) == 1
-        assert contents(recording) == before

@@ -189,7 +189,10 @@ def test_the_command_goes_on_with_resume(other, noticed, port, tmp_path):
             pour(port, folder, b"".join(said_by(other, 3, 1)), 2, process)
             code, _, said = ended(process)
             assert code == 2
-            assert "its bytes are kept apart (raw.bin and foreign0001.csv)" in said.splitlines()[-1]
+            last = said.splitlines()[-1]
+            assert "its bytes stay apart (raw.bin, foreign0001.csv); --resume goes on with the own board" in last
+            assert len(last.replace(str(folder), "")) < 230
+            assert last.count("foreign0001.csv") == 1
             assert "kept in" in said
             assert list(logs_of(folder)) == ["foreign0001.csv", "log0001.csv"]
         else:  # what a killed one would have left

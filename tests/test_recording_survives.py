@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import multiprocessing
 import os
 import select
 import signal
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,9 @@ from session.recording.logwriter import LogWriter
 from session.recording.rawfile import RawFile, read_marks
 from session.recording.recorder import Recorder
 from session.stream.events import Chunk
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "benchmarks"))
+from full_disk import FullDisk
 
 wire = pytest.fixture(make_wire, name="wire")
 other_wire = pytest.fixture(make_wire, name="other_wire")
@@ -103,28 +106,11 @@ def test_resumed_after_a_kill(wire, tmp_path):
     assert recorder.decoder.samples == 999
 
 
-class _FullDisk:
-    """``os``, with a disk that holds ``room`` bytes of raw file."""
-
-    def __init__(self, room: int):
-        self.room = room
-
-    def __getattr__(self, name):
-        return getattr(os, name)
-
-    def write(self, file: int, data: bytes) -> int:
-        if not self.room:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        written = os.write(file, data[: self.room])
-        self.room -= written
-        return written
-
-
 def test_a_full_disk_keeps_what_was_received_and_says_so(wire, other_wire, tmp_path, monkeypatch):
     master, name = wire
     t_us, registers = sent(3000)
     data = b"".join(frame_list(t_us, registers))
-    monkeypatch.setattr(rawfile, "os", _FullDisk(40_000))
+    monkeypatch.setattr(rawfile, "os", FullDisk(40_000))
     recorder = Recorder(tmp_path / "s", name)
     with pytest.raises(StorageError, match=r"No space left on device; [0-9]+ bytes received before are safe in .*--resume") as said:
         record(recorder, master, data)

@@ -16,7 +16,8 @@ from session.common.errors import CalibrationError, StorageError
 from session.log.config import read_config
 from session.log.folder import read_session
 from session.recording.logwriter import LogWriter
-from session.recording.session_file import SessionFile, toml_text
+from session.recording.session_file import SessionFile
+from session.recording.session_text import toml_text
 from session.stream import frames
 from session.stream.events import Info
 
@@ -95,7 +96,7 @@ def test_whatever_a_comment_says_is_read_again_or_refused(info):
         (Info(500.0, 5e4, 416.0, "7"), "sensor.accel_fs_g is 50000, expected"),
         (Info(1.0, 4.0, 416.0, "7"), "gyro_fs_dps = 1 is no ASM330LHH full scale"),
         (Info(500.0, 1.0, 416.0, "7"), "accel_fs_g = 1 is no ASM330LHH full scale"),
-        (Info(500.0, 4.0, 416.0, "7", "nobody's"), "what its registers mean is not known"),
+        (Info(500.0, 4.0, 416.0, "7", "nobody's"), "its registers are not known"),
     ],
 )
 def test_what_no_sensor_has_is_refused_before_it_is_written(info, says, tmp_path):

@@ -15,7 +15,8 @@ from session.detect.clipping import accel_reach_g, gyro_reach_dps
 from session.log.config import Sensor, read_config
 from session.log.folder import read_session
 from session.log.logfile import read_log
-from session.recording.session_file import nominal_hz, toml_text
+from session.recording.session_file import nominal_hz
+from session.recording.session_text import toml_text
 from session.sensor.known import GENERIC, PROFILES, nearest_name, profile_of
 from session.sensor.registers import RegisterUnits
 from tinygc.deploy.embedded.register_input import Registers

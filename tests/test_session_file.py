@@ -6,7 +6,8 @@ import pytest
 from session.checks.rate import ODR_WRONG
 from session.common.errors import CalibrationError, FormatError
 from session.log.config import read_config
-from session.recording.session_file import NEAREST_WITHIN, SessionFile, nominal_hz, toml_text
+from session.recording.session_file import NEAREST_WITHIN, SessionFile, nominal_hz
+from session.recording.session_text import toml_text
 from session.stream.events import Info
 
 INFO = Info(500.0, 4.0, 425.98, 'S/N "7"\\')

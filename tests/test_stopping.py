@@ -78,13 +78,19 @@ def test_a_recording_that_is_resumed_is_caught_up_in_slices(name, wire, tmp_path
     assert [path.read_bytes() for path in again.logs.paths] == replayed(folder / "raw.bin", tmp_path / "again")
 
 
-def test_what_waits_is_taken_in_slices(wire, tmp_path):
-    recorder = Recorder(tmp_path / "s", wire[1])
+def with_much_waiting(folder, port):
+    """A recorder of which 20 000 samples wait to be decoded, and their bytes."""
+    recorder = Recorder(folder, port)
     until(lambda: recorder.connected, lambda: recorder.poll(0.01))
     data = frames_of(20_000)
     for start in range(0, len(data), READ):
         recorder._keep(item := Received(1, data[start : start + READ]))
         recorder.port.items.put(item)
+    return recorder, data
+
+
+def test_what_waits_is_taken_in_slices(wire, tmp_path):
+    recorder, data = with_much_waiting(tmp_path / "s", wire[1])
     before = recorder.decoder.taken
     while recorder.decoder.taken < len(data):
         recorder.poll(0)
@@ -97,12 +103,7 @@ def test_what_waits_is_taken_in_slices(wire, tmp_path):
 def test_what_waits_when_somebody_stops_is_in_the_raw_bytes_and_said(wire, tmp_path, monkeypatch):
     """However much it is: nothing is decoded for longer than that, and resumed it is all there."""
     monkeypatch.setattr(recorder_module, "LAST_S", 0.0)
-    recorder = Recorder(tmp_path / "s", wire[1])
-    until(lambda: recorder.connected, lambda: recorder.poll(0.01))
-    data = frames_of(20_000)
-    for start in range(0, len(data), READ):
-        recorder._keep(item := Received(1, data[start : start + READ]))
-        recorder.port.items.put(item)
+    recorder, data = with_much_waiting(tmp_path / "s", wire[1])
     recorder.poll(0)
     recorder.close()
     assert recorder.undecoded > len(data) - 2 * BLOCK

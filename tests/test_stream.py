@@ -9,6 +9,7 @@ from streams import BOTH, INFO, PERIOD_US, decode, frame_list, line_list, rng, s
 from session.stream import frames
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Comment, Info
+from session.stream.text import parse_comment, parse_info
 from tinygc.simulation.board.faults import Faults, spoil
 
 
@@ -99,3 +100,20 @@ def test_stamps_of_25_us_ticks_at_6667_hz(encode):
     _, events = decode(b"".join(encode(t_us, sent(5000)[1])))
     assert same(events, t_us, sent(5000)[1])
     assert troubles(events) == {}
+
+
+@pytest.mark.parametrize(
+    ("written", "kept"),
+    [
+        ("serial=👨\u200d👩\u200d👧-7", r"serial=👨\u200d👩\u200d👧-7"),
+        ("\ufeffserial=7\u200b", r"\ufeffserial=7\u200b"),
+        ("serial=\u202e7", r"serial=\u202e7"),
+    ],
+)
+def test_signs_that_only_shape_others_cost_no_comment(written, kept):
+    """A joiner within an emoji cost the whole line, and with it the ranges that the board said."""
+    text = parse_comment(f"# gyro_fs_dps=500 accel_fs_g=4 odr_hz=208 {written}".encode())
+    assert text == f"gyro_fs_dps=500 accel_fs_g=4 odr_hz=208 {kept}"
+    assert parse_info(text).gyro_fs_dps == 500
+    assert parse_comment(f"# {written}\x1b[31m".encode()) is None
+    assert parse_comment(f"# {text}".encode()) == text  # as the log has it

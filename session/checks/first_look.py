@@ -6,7 +6,7 @@ datasheet, not from recordings.  Order: the log by itself, then its stills, then
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -104,8 +104,11 @@ def _axes_below(ceiling: Ceiling | None, log: Log, samples: Samples, stills: lis
     return [ceiling_finding(log, config.sensor, ceiling, stills)] if spoilt and ceiling is not None else findings
 
 
-def check_folder(folder: Path) -> list[Finding]:
-    """The first look at every log and closure run of a folder; a log that cannot be read becomes an error among the findings."""
+def check_folder(folder: Path, further: Callable[[Session, SessionStills], list[Finding]] | None = None) -> list[Finding]:
+    """The first look at every log and closure run of a folder; a log that cannot be read becomes an error among the findings.
+
+    further: a look at the whole session, as it is read, and its stills, that is taken where nothing is an error.
+    """
     findings: list[Finding] = []
     if (rests := _rests_alone(folder)) is not None:
         return rests
@@ -117,7 +120,11 @@ def check_folder(folder: Path) -> list[Finding]:
         return findings
     session, own = with_own_accelerometer(session)
     session, aligned = with_aligned_truth(session)
-    return findings + own + aligned + check_session(session) + check_rests(session.rests, session.config.sensor)
+    found = SessionStills(session)
+    findings += own + aligned + check_session(session, found)
+    if further is not None and worst(findings) != "error":
+        findings += further(session, found)
+    return findings + check_rests(session.rests, session.config.sensor)
 
 
 def _rests_alone(folder: Path) -> list[Finding] | None:

@@ -22,13 +22,19 @@ WARM_C = 55.0
 SCATTER_C, LEAST_READINGS = 2.0, 100
 #: of a register's step in another unit
 STEP_WITHIN = 0.02
+#: LSB, rms of the changes: a register of FINE_LSB_PER_C scatters by more, a number that somebody has converted moves in single steps
+SINGLE_STEPS, FINE_LSB_PER_C = 2.0, 100.0
 #: unit -> degC of a value of it
 OTHERS = {
+    "degC": lambda value: value,
     "kelvin": lambda value: value - 273.15,
     "Fahrenheit": lambda value: (value - 32) / 1.8,
+    "tenths of a degree": lambda value: value / 10,
     "hundredths of a degree": lambda value: value / 100,
     "thousandths of a degree": lambda value: value / 1000,
 }
+#: those in which a logger writes whole numbers that a register may have as well, and its scatter tells apart
+WRITTEN = ("degC", "tenths of a degree", "Fahrenheit", "kelvin")
 
 
 def check_temperature(log: Log, stills: list[Still], sensor: Sensor) -> list[Finding]:
@@ -43,6 +49,8 @@ def check_temperature(log: Log, stills: list[Still], sensor: Sensor) -> list[Fin
     if (other := _scatters(temp_c, sensor.profile) or other_unit(low, high, sensor.profile, _step(temp_c))) is not None:
         level, says, do = other
         return [Finding(level, where, WHAT, says, do)]
+    if log.raw and (converted := _converted(temp_c, sensor)) is not None:
+        return [Finding("note", where, WHAT, *converted)]
     if np.ptp(temp_c) == 0:
         return [Finding("note", where, WHAT, f"stands at {temp_c[0]:.2f} degC: is the register read?")]
     means = np.array([still.temp_c for still in stills]) if len(stills) > 1 else np.array([low, high])
@@ -85,9 +93,31 @@ def _scatters(temp_c: np.ndarray, profile: Profile | None) -> tuple[str, str, st
     return "warning", says, f"is it the raw register? then the column is called temp{units_of_people(low, high, profile)}"
 
 
+def _converted(temp_c: np.ndarray, sensor: Sensor) -> tuple[str, str] | None:
+    """Words and advice where what is read as a fine register moves in single steps, and is a temperature as it stands: degC, read as
+    LSB, hide 255 of 256 parts of every change.  None where it scatters as a register does, or the register is coarse itself."""
+    register = sensor.register_units.thermometer
+    if register is None or abs(register.lsb_per_c) < FINE_LSB_PER_C or len(temp_c) < LEAST_READINGS:
+        return None
+    values = (temp_c - register.at_zero_c) * register.lsb_per_c
+    changes = np.diff(values)[np.abs(np.diff(values)) > 0.5]
+    if not len(changes) or np.sqrt(np.mean(np.square(changes))) > SINGLE_STEPS:
+        return None
+    low, high = map(float, np.percentile(values, [1, 99]))
+    read = [f"as {unit} {_words(unit, low, high)}" for unit in WRITTEN if _handled(unit, low, high)]
+    if not read:
+        return None
+    per_c, zero_c = register.lsb_per_c, register.at_zero_c
+    says = (
+        f"{temp_c.min():.2f} to {temp_c.max():.2f} degC in single steps of the register, {abs(per_c):.4g} per degC: no such thermometer "
+        f"is so quiet ({', '.join(read)})"
+    )
+    return says, f"does temp hold the register, as its name says? T degC stand there as (T - {zero_c:g}) * {per_c:.6g}"
+
+
 def units_of_people(low: float, high: float, profile: Profile | None) -> str:
     """The units in which the values would be where people are: `` (in kelvin 24.9 to 25.3 degC)``."""
-    said = [f"in {unit} {_words(unit, low, high)}" for unit in OTHERS if _handled(unit, low, high)]
+    said = [f"in {unit} {_words(unit, low, high)}" for unit in OTHERS if unit != "degC" and _handled(unit, low, high)]
     if profile is not None and profile.thermometer is not None:
         register = profile.thermometer
         ends = [register.at_zero_c + value / register.lsb_per_c for value in (low, high)]

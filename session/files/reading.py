@@ -52,6 +52,14 @@ def open_file(path: Path) -> BufferedReader:
         raise unreadable(path, error) from None
 
 
+def require_file(path: Path) -> None:
+    """What ``open_file`` would refuse is refused now, before others are opened that take time."""
+    try:
+        _require_file(path, os.stat(path))
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from None
+
+
 def open_stream(path: Path) -> BufferedReader | None:
     """What somebody has opened for us already, ``-`` or a shell's ``/dev/fd/63``, where it is no regular file; else None.
 

@@ -209,16 +209,16 @@ class GuidedRecording:
             return ""
         self.begin_again = not (self._live or self._resuming)
         logs = self.recorder.set_apart(self._sound)
-        kept = f"{self.recorder.raw.path.name} and {', '.join(logs)}" if logs else self.recorder.raw.path.name
-        return f"; its bytes are kept apart ({kept}), and the recording goes on with its own board and --resume"
+        more = f" and {len(logs) - 1} more" if len(logs) > 1 else ""
+        kept = f"{self.recorder.raw.path.name}, {logs[0]}{more}" if logs else self.recorder.raw.path.name
+        return f"; its bytes stay apart ({kept}); --resume goes on with the own board"
 
     def _require_same_sensor(self, serial: str) -> None:
         """In all of a recording, resumed or not: two sensors have two calibrations."""
         if serial in NO_SERIAL:
             return
         if self._serial not in (None, serial):
-            known = f"this recording is of serial={self._serial}"
-            raise OtherSensor(f"the board says serial={serial}, {known}: another sensor needs another --out")
+            raise OtherSensor(f"the board says serial={serial}, this recording is of {self._serial}; give another sensor another --out")
         self._serial = serial
 
     def _know(self, info: Info | None, waited_s: float = 0.0) -> bool:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from session.common.errors import CalibrationError, DataError, FormatError
 from session.common.texts import printable, shell_word
 from session.common.units import DEG
+from session.files.reading import require_file
 from session.log.arrays import samples_from_arrays, usual_ranges
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.log.known_turns import NAME as KNOWN_TURNS
@@ -26,6 +27,7 @@ from session.log.samples import Samples, joined
 from session.log.truth import Truth, read_truth, truth_path
 from session.log.truth_reading import TruthAlignment, TruthReading
 
+ATTITUDES = "attitudes.csv"
 #: far beyond any recording, and small enough for a table with a row each
 MOST_STILLS = 100_000
 
@@ -146,11 +148,14 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
     if not paths:
         raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz beside session.toml")
 
+    for path in (*paths, *closures, *_beside(folder, config, paths)):
+        require_file(path)
+
     def read(path: Path) -> Log:
         progress(path.name)
         return read_log(path, config.sensor)
 
-    attitudes = folder / "attitudes.csv"
+    attitudes = folder / ATTITUDES
     logs, runs = tuple(map(read, paths)), tuple(map(read, closures))
     config, logs, runs = _calibrated_once(config, logs, runs)
     return Session(
@@ -163,6 +168,12 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
         turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
         rests=tuple(rests),
     )
+
+
+def _beside(folder: Path, config: Config, paths: list[Path]) -> list[Path]:
+    """What is read after the logs, where it is there."""
+    truths = list(map(truth_path, paths)) if config.protocol.reference == "truth" else []
+    return [path for path in (folder / ATTITUDES, folder / KNOWN_TURNS, *truths) if path.exists()]
 
 
 def _read_turns(path: Path, config: Config, logs: list[str]) -> tuple[KnownTurn, ...]:

@@ -13,10 +13,10 @@ from pathlib import Path
 
 from session.common.errors import CalibrationError, FormatError, OtherSensor, StorageError
 from session.files.reading import MOST_TOML, read_bytes
-from session.log.additions import add_exclude, add_notes, exclude_text, notes_text
-from session.log.config import OWN_UNITS, SCHEMA, Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
-from session.log.toml_text import Value, line, setting
+from session.log.additions import add_exclude, add_notes
+from session.log.config import Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
 from session.log.truth_reading import TruthGiven
+from session.recording.session_text import toml_text
 from session.sensor.known import DEFAULT, profile_of
 from session.stream.events import Info
 
@@ -32,8 +32,6 @@ FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-f
 BOARD = "the board"
 MOST_A_SECOND = 9  #: notes
 SAME_MOMENT_S = 1e-3
-OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", *OWN_UNITS)
-NO_SITE = "# latitude_deg = …  # without it the Earth's rotation stays in the rates\n"
 LONGEST_WORDS = 200  #: of serial and model
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
@@ -164,14 +162,14 @@ class SessionFile:
     def _require_model(self, mine: str, said: str | None, who: str) -> None:
         if said and not _same_model(mine, said):
             error = OtherSensor if who == BOARD else CalibrationError
-            raise error(f'{self.path}: sensor.model is "{mine}", {who} says {said}; correct the one that is wrong')
+            raise error(f'{self.path}: sensor.model is "{mine}", {who} says {said}; correct the wrong one')
 
     def _require_agreement(self, sensor: Sensor, said: Mapping[str, float | None], who: str) -> None:
         for name, value in said.items():
             mine = getattr(sensor, name)
             if value is not None and (abs(value / mine - 1) > NOMINAL_WITHIN if name == "odr_hz" else value != mine):
                 error = OtherSensor if who == BOARD else CalibrationError
-                raise error(f"{self.path}: sensor.{name} is {mine:g}, {who} says {value:g}; correct the one that is wrong")
+                raise error(f"{self.path}: sensor.{name} is {mine:g}, {who} says {value:g}; correct the wrong one")
 
     def _write(self, config: Config, physical: bool) -> None:
         """Whole or not at all, and only what can be read again: it is read before it gets its name."""
@@ -224,47 +222,6 @@ def nominal_hz(odr_hz: float, model: str = DEFAULT) -> float:
 def _same_model(one: str, other: str) -> bool:
     first, second = profile_of(one), profile_of(other)
     return one == other or (first is not None and first is second)
-
-
-def toml_text(config: Config) -> str:
-    """``session.toml`` of a configuration (docs/formats.md)."""
-    sensor, site, protocol = config.sensor, config.site, config.protocol
-    here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
-    chip: dict[str, Value | None] = {"model": sensor.model, "serial": sensor.serial, "odr_hz": sensor.odr_hz}
-    chip |= {name: setting(getattr(sensor, name)) for name in ("gyro_fs_dps", "accel_fs_g")}
-    chip |= {name: getattr(sensor, name) for name in OPTIONAL}
-    table: dict[str, Value | None] = {"still_s": protocol.still_s, "segment_s": protocol.segment_s, "reference": protocol.reference}
-    stated = protocol.reference == "truth" or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
-    table |= {"truth_sigma_deg": protocol.truth_sigma_deg} if stated else {}
-    notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
-    return f"""\
-{line("schema", SCHEMA)}
-[sensor]
-{_lines(chip)}
-{_accelerometer_text(config.accelerometer)}
-[site]
-{_lines(here) or NO_SITE}
-[protocol]
-{_lines(table)}{_truth_text(config.truth)}{notes}{exclude_text(config.exclude)}"""
-
-
-def _lines(table: Mapping[str, Value | None]) -> str:
-    return "".join(line(name, value) for name, value in table.items() if value is not None)
-
-
-def _accelerometer_text(accelerometer: Accelerometer) -> str:
-    """Its section; a comment where nobody has calibrated it, for a section that is there counts as a calibration."""
-    if accelerometer.source == "none":
-        return "# [accelerometer]  # nobody has calibrated it: the session's own stills do\n"
-    table: dict[str, Value | None] = {"matrix": accelerometer.matrix.tolist(), "bias_mps2": accelerometer.bias_mps2.tolist()}
-    return "[accelerometer]\n" + _lines(table | {"sigma_mg": accelerometer.sigma_mg, "own_stills": accelerometer.own_stills})
-
-
-def _truth_text(truth: TruthGiven) -> str:
-    """Its section; nothing where the recording is to tell how the file is to be read."""
-    mounting = truth.mounting.tolist() if truth.mounting is not None else None
-    given = _lines({"offset_s": truth.offset_s, "frame": truth.frame, "sense": truth.sense, "order": truth.order, "mounting": mounting})
-    return f"\n[truth]\n{given}" if given else ""
 
 
 def _for_another(like: Config) -> Config:

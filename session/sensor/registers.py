@@ -84,8 +84,8 @@ def require_profile(model: str) -> Profile:
         near = nearest_name(model)
         meant = f" (is {near} meant?)" if near else ""
         raise FormatError(
-            f'sensor.model is "{model[:60]}"{meant}: what its registers mean is not known; name one of `calibrate.py sensors`, '
-            "or give sensor.gyro_mdps_per_lsb and sensor.accel_mg_per_lsb, or log physical units (gx_dps, ax_g, …)"
+            f'sensor.model is "{model[:60]}"{meant}: its registers are not known; name one of `calibrate.py sensors`, '
+            "or give sensor.gyro_mdps_per_lsb and accel_mg_per_lsb, or log gx_dps, ax_g, …"
         )
     return profile
 

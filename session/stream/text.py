@@ -7,13 +7,16 @@ written as a program writes them (no sign without a digit, no leading zero), reg
 from __future__ import annotations
 
 import re
+from unicodedata import category
 
 import numpy as np
 
+from session.common.texts import printable
 from session.stream.events import Info
 from session.stream.form import COLUMNS, Form
 
 LONGEST_LINE = 512
+SHAPING = "Cf"  #: of Unicode's categories: signs that shape, join or turn others round, and show nothing
 _NUMBER = re.compile(rb"-?[1-9][0-9]{0,17}|0")
 #: as a program writes them: at most 18 digits before the point, no leading zero
 _DECIMAL_TEXT = rb"[-+]?(?:(?:0|[1-9][0-9]{0,17})(?:\.[0-9]{0,17})?|\.[0-9]{1,17})(?:[eE][-+]?[0-9]{1,2})?"
@@ -117,11 +120,19 @@ def parse_decimals(line: bytes, order: tuple[int, ...], form: Form) -> tuple[int
 
 
 def parse_comment(line: bytes) -> str | None:
-    """What stands behind the ``#`` of a comment; None where the line is none, or holds what no person wrote."""
+    r"""What stands behind the ``#`` of a comment; None where the line is none, or holds what no person wrote.
+
+    Characters that only shape others, as the joiner within an emoji, are a person's: they stand there as ``\u200d``.
+    """
     if not line.startswith(b"#"):
         return None
     comment = line[1:].decode("utf-8", errors="replace").strip()
-    return comment if "\ufffd" not in comment and comment.replace("\t", " ").isprintable() else None
+    if "\ufffd" in comment:
+        return None
+    if comment.replace("\t", " ").isprintable():
+        return comment
+    shown = "".join(printable(c) if category(c) == SHAPING else c for c in comment)
+    return shown if shown.replace("\t", " ").isprintable() else None
 
 
 def parse_info(comment: str) -> Info | None:

@@ -13,7 +13,8 @@ from session.accelerometer.section import with_section
 from session.common.errors import CalibrationError, FormatError
 from session.log.additions import add_exclude, add_notes
 from session.log.config import Accelerometer, Config, LeftOut, read_config
-from session.recording.session_file import SessionFile, toml_text
+from session.recording.session_file import SessionFile
+from session.recording.session_text import toml_text
 
 WHOLE = """schema = "tinygc-session/1"
 

@@ -109,13 +109,13 @@ def positive(text: str) -> float:
 positive.__name__ = "number"  # argparse says "invalid number value"
 
 
-def within(low: float, high: float) -> Callable[[str], float]:
-    """A parser of numbers of that range."""
+def within(low: float, high: float, what: str = "number", unit: str = "") -> Callable[[str], float]:
+    """A parser of numbers of that range; what they are, and their unit, for the complaint."""
 
     def parse(text: str) -> float:
         value = float(text)
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is no number from {low:g} to {high:g}")
+            raise argparse.ArgumentTypeError(f"{text} is no {what} from {low:g} to {high:g}{unit}")
         return value
 
     parse.__name__ = "number"
@@ -124,28 +124,8 @@ def within(low: float, high: float) -> Callable[[str], float]:
 
 #: what session.toml may say of a sensor (docs/formats.md)
 data_rate, gyro_full_scale, accel_full_scale = within(0.1, 50_000), within(1, FASTEST_DPS), within(0.1, 1000)
-
-
-def seconds(text: str) -> float:
-    """A time of 0 s or more, that a program can wait for and a counter can hold: up to 30 years."""
-    value = float(text)
-    if not 0 <= value <= LONGEST_S:
-        raise argparse.ArgumentTypeError(f"{text} is no time from 0 to {LONGEST_S:g} s")
-    return value
-
-
-seconds.__name__ = "number"
-
-
-def closure_seconds(text: str) -> float:
-    """How long a closure run turns, s."""
-    value = float(text)
-    if not SHORTEST_CLOSURE_S <= value <= LONGEST_CLOSURE_S:
-        raise argparse.ArgumentTypeError(f"{text} is no time from {SHORTEST_CLOSURE_S:g} to {LONGEST_CLOSURE_S:g} s")
-    return value
-
-
-closure_seconds.__name__ = "number"
+#: a time that a program can wait for and a counter can hold: up to 30 years; how long a closure run turns
+seconds, closure_seconds = within(0, LONGEST_S, "time", " s"), within(SHORTEST_CLOSURE_S, LONGEST_CLOSURE_S, "time", " s")
 
 
 def note(text: str) -> tuple[str, str]:

@@ -23,6 +23,6 @@ def began_in_session(model: Model, table: dict, model_path: Path, log: Path) -> 
                 return float(moment)
     bygone = ", ".join(Needs(model).of_one_session)
     raise CalibrationError(
-        f"{model_path.name} undoes {bygone}, which follows the time of its own session ({model.session_s:.0f} s), and {log} is no log "
-        "of that session; apply the model of the same name with _at_end, which fit saves beside it, or fit without it"
+        f"{log}: no log of the session whose time {model_path.name} follows ({bygone}); apply {model_path.stem}_at_end.json beside it, "
+        "or fit without physics"
     )

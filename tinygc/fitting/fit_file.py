@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from session.files.shapes import Array, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required
+from session.files.shapes import Array, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require
 from tinygc.fitting.fit_json import SCHEMA
 
 #: dps and g per root Hz: a thousandth of what any sensor's range is
@@ -28,6 +28,23 @@ SHAPE = Keys(
         "against_raw": Maybe(Keys(may={"tilt_rms_deg": _TILT_DEG})),
     },
 )
+
+#: what a model may only leave the tool with: whether it was judged, by how many turns, and how noisy its sensor is
+_JUDGED: dict[str, Shape] = {
+    "session": Text(),
+    "segments": Keys({"used": Number(0, whole=True)}),
+    "noise": Keys({"gyro_dps_rthz": _DENSITY, "accel_g_rthz": _DENSITY}),
+    "methods": MapOf(Keys({"holdout": Keys({"tilt_rms_deg": _TILT_DEG})})),
+}
+#: ``rebiased.json`` has the stored calibration among its methods, and no raw rates
+JUDGED, REBIASED = Keys(_JUDGED | {"against_raw": Keys({"tilt_rms_deg": _TILT_DEG})}), Keys(_JUDGED)
+
+
+def read_judged(path: Path, do: str, *, rebiased: bool = False) -> dict:
+    """The figures of a fit whose model is exported: all that says whether it may be.  FormatError as ``read_fit``."""
+    fit = read_fit(path, do)
+    require(fit, REBIASED if rebiased else JUDGED, str(path), do)
+    return fit
 
 
 def read_fit(path: Path, do: str = "fit again") -> dict:

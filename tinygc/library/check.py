@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from session.checks.findings import Finding
+from session.checks.findings import Finding, worst
 from session.checks.first_look import check_folder, check_session
+from session.detect.session_stills import SessionStills
 from session.log.folder import Session
+from tinygc.problem.gravity_sign import first_look_at_gravity_sign
 
 
 def check(session: Session | Path | str) -> list[Finding]:
@@ -14,4 +16,8 @@ def check(session: Session | Path | str) -> list[Finding]:
 
     Of a folder, a log that cannot be read is an error among the findings.
     """
-    return check_session(session) if isinstance(session, Session) else check_folder(Path(session))
+    if not isinstance(session, Session):
+        return check_folder(Path(session), first_look_at_gravity_sign)
+    found = SessionStills(session)
+    findings = check_session(session, found)
+    return findings if worst(findings) == "error" else findings + first_look_at_gravity_sign(session, found)

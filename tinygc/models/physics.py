@@ -87,8 +87,8 @@ class PhysicsModel(BaseModel):
         if not (began_s >= -past and ended_s <= self.session_s + past):
             names = ", ".join(claim.effect.id for claim in self.claims if claim.effect.of_one_session)
             raise CalibrationError(
-                f"{names} is known from 0 to {self.session_s:.1f} s of its session, and the samples lie from {began_s:.1f} to "
-                f"{ended_s:.1f} s: beyond it nothing is known of it; take the model as of the session's end (_at_end)"
+                f"{names} is known from 0 to {self.session_s:.1f} s of its session, the samples lie from {began_s:.1f} to {ended_s:.1f} s; "
+                "take the model for any time (_at_end)"
             )
 
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:

@@ -11,10 +11,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.checks.bridges import with_bridges
 from session.checks.findings import Finding
-from session.common.units import DEG_PER_HOUR, MDPS
+from session.common.errors import CalibrationError
+from session.common.units import DEG_PER_HOUR
+from session.detect.session_stills import SessionStills
+from session.log.folder import Session
 from tinygc.attitude.earth import vertical_only, vertical_rate
 from tinygc.models.linear import LinearModel
+from tinygc.problem.build import build_problem
 from tinygc.problem.problem import Problem
 from tinygc.problem.still_set import StillSet
 
@@ -36,18 +41,27 @@ def check_gravity_sign(problem: Problem) -> list[Finding]:
     expected = float(vertical_only(latitude_deg).rate_t[2])
     if not (abs(rate - expected) > REFUTED * sigma and abs(rate + expected) < BORNE_OUT * sigma):
         return []
-    dph = DEG_PER_HOUR
     says = (
-        f"the stills turn about down by {rate / dph:+.1f} ± {sigma / dph:.1f}°/h; the Earth does by {expected / dph:+.1f}°/h "
-        f"at latitude {latitude_deg:g}°, and by {-expected / dph:+.1f} if all axes of the accelerometer are negated"
+        f"the stills turn about down by {rate / DEG_PER_HOUR:+.1f} ± {sigma / DEG_PER_HOUR:.1f}°/h, the Earth by "
+        f"{expected / DEG_PER_HOUR:+.1f}°/h at latitude {latitude_deg:g}°: gravity is upside down"
     )
-    do = (
-        "at rest the axis that points up must read +1 g: if it reads -1 g, negate all three where the log is written; is the latitude "
-        f"north? else the gyroscope is sensitive to acceleration ({(expected - rate) / MDPS:+.1f} mdps/g on all axes): "
-        "leave site.latitude_deg out"
-    )
+    do = "negate all axes of the accelerometer if the one that points up reads -1 g; if not, is site.latitude_deg north? else leave it out"
     where = session.logs[0].path.name if len(session.logs) == 1 else session.name
     return [Finding("warning", where, WHAT, says, do)]
+
+
+def first_look_at_gravity_sign(session: Session, found: SessionStills) -> list[Finding]:
+    """The same before anything is fitted: of a session that the first look finds no error in; nothing where it makes no problem.
+
+    found: the session's stills, as the first look has found them.
+    """
+    if session.config.site.latitude_deg is None or session.truths is not None:
+        return []
+    whole = with_bridges(session)
+    try:
+        return check_gravity_sign(build_problem(whole, found=SessionStills(whole, found)))
+    except CalibrationError:
+        return []  # too few turns: ``fit`` says so
 
 
 def _vertical(logs: list[StillSet], model: LinearModel) -> tuple[float, float] | None:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 SUMMARY = "record a guided session from a serial port"
 USUAL_CLOSURE_S = 60.0
+MOST_NAMED = 3  #: logs
 EPILOG = """keys, where standard input is a terminal: p pauses (what comes is kept, and not judged) and goes on; d drops the last turn
 (its segment is left out, its data stay); n begins a note, Enter keeps it in session.toml; in the closure run d begins the run again,
 and Enter says that the table stands on its index mark.  Where standard input is no terminal there are no keys."""
@@ -109,7 +110,7 @@ def _led(
 ) -> tuple[Guide, Recorder, SessionFile, bool] | None:
     """One recording to its end; whether it was interrupted.  None: it has to begin again, since it held another board's bytes, which
     are apart now."""
-    from session.common.errors import CalibrationError
+    from session.common.errors import CalibrationError, OtherSensor
     from session.guide.guide import Guide
     from session.guide.guided_session import GuidedRecording
     from session.guide.keys import Keys
@@ -139,7 +140,8 @@ def _led(
     if recorder.raw.trouble is not None:
         raise recorder.raw.trouble
     if (wrong := failed or problem) is not None:
-        raise type(wrong)(f"{wrong}; kept in {folder}: {_so_far(guide, recorder)}") from None
+        counts = _counted(guide, recorder) if isinstance(wrong, OtherSensor) else _so_far(guide, recorder)  # which names its files itself
+        raise type(wrong)(f"{wrong}; kept in {folder}: {counts}") from None
     return guide, recorder, session_file, interrupted
 
 
@@ -228,8 +230,13 @@ def _coach() -> Callable[[Progress], Advice]:
 
 def _so_far(guide: Guide, recorder: Recorder) -> str:
     """What there is: segments and files."""
-    logs = ", ".join(path.name for path in recorder.logs.paths) or "no log yet"
-    return f"{guide.accepted} of {guide.segments} segments, {recorder.samples} samples ({recorder.raw.path.name}, {logs})"
+    names = [path.name for path in recorder.logs.paths] or ["no log yet"]
+    logs = ", ".join(names) if len(names) <= MOST_NAMED else f"{names[0]} and {len(names) - 1} more"
+    return f"{_counted(guide, recorder)} ({recorder.raw.path.name}, {logs})"
+
+
+def _counted(guide: Guide, recorder: Recorder) -> str:
+    return f"{guide.accepted} of {guide.segments} segments, {recorder.samples} samples"
 
 
 def _left(recorder: Recorder) -> Iterator[str]:

@@ -20,7 +20,7 @@ from tinygc.deploy.errors import ExportError
 from tinygc.deploy.needs import Needs
 from tinygc.fitting import bias
 from tinygc.fitting.against_raw import worse_in_table
-from tinygc.fitting.fit_file import read_fit
+from tinygc.fitting.fit_file import read_judged
 from tinygc.fitting.save import AT_END
 from tinygc.models.accelerometer import accelerometer_of
 from tinygc.models.model import Model
@@ -130,7 +130,7 @@ def read_context(
             f"{path.name} undoes {', '.join(bygone)}, which follows the time of its own session and holds nowhere else; "
             f"give --model {path.stem.removeprefix('model_')}_at_end, which fit saves beside it"
         )
-    fit = _fit_beside(path)
+    fit = _fit_beside(path, f"run `calibrate.py fit {shell_word(folder)}` again")
     sources = [path, folder / "session.toml", *log_paths(folder, "log"), *log_paths(folder, "closure")]
     hashes = {file_key(source): sha256_of(source) for source in sources}
     name: str = table.get("session") or printable(folder.resolve().name)
@@ -155,8 +155,8 @@ def _model_path(folder: Path, method: str | None) -> Path:
     return there[wanted]
 
 
-def _fit_beside(path: Path) -> dict:
+def _fit_beside(path: Path, again: str) -> dict:
     """What was found with a model: ``rebiased.json`` for one whose bias was taken anew, ``fit.json`` for the others; empty without."""
     names = (bias.FIGURES, "fit.json") if path.name == bias.MODEL else ("fit.json",)
     beside = next((path.parent / name for name in names if (path.parent / name).exists()), None)
-    return {} if beside is None else read_fit(beside)
+    return {} if beside is None else read_judged(beside, again, rebiased=beside.name == bias.FIGURES)

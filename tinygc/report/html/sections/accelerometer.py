@@ -13,8 +13,9 @@ from tinygc.models.field_parameters import COVERAGE_FACTOR, Quantity
 from tinygc.problem.joint import REFUTED_P
 from tinygc.report.html.chart import Axis, Chart, log_axis
 from tinygc.report.html.evidence import Evidence
+from tinygc.report.html.gravity_spread import misses_of, spread_text
 from tinygc.report.html.markup import Section, escape, facts, figure, key, paragraph, table
-from tinygc.report.html.numbers import decimals_for, fixed, probability, significant
+from tinygc.report.html.numbers import decimals_for, fixed, probability
 
 #: key of the JSON -> the word, and what it means, in one line
 WORDS = {
@@ -32,7 +33,7 @@ def section(evidence: Evidence) -> Section | None:
         return None
     found = evidence.fit.accelerometer
     html = paragraph(f"{_origin(found)} The attitude of every still comes from it, so its errors would become the gyroscope’s.")
-    misses = _misses(evidence)
+    misses = misses_of(evidence)
     html += _facts(evidence, found, misses)
     if evidence.adopted.accelerometer.source != found.calibration.source:
         html += paragraph("The calibration with physics, which this report states, rests on what session.toml gives, as it is.")
@@ -56,20 +57,6 @@ def section(evidence: Evidence) -> Section | None:
     return Section("accelerometer", "Accelerometer", html)
 
 
-def card(evidence: Evidence) -> tuple[str, str, str] | None:
-    """Name, figure and words for the answer's box: gravity's spread; None where the session has no stills that say it."""
-    before, after = _misses(evidence)
-    if evidence.problem.session.truths is not None or not after.size:
-        return None
-    found = evidence.fit.accelerometer
-    arrow = "" if before is None else f"<small>{_mg(before)} →</small> "
-    left = len(found.unobserved)
-    words = {"fit": "from these very stills and turns", "prior": "the given one, sharpened", "given": "as given"}[found.mode]
-    words = "nobody has calibrated it" if found.calibration.source == "none" else words
-    tail = f"; <strong>{left} of its 9 numbers not observed</strong>" if left else ""
-    return "Accelerometer", f"{arrow}{_mg(after)}", f"spread of gravity’s length over {after.size} stills; {words}{tail}"
-
-
 def _origin(found: AccelerometerFit) -> str:
     if found.calibration.source == "none":
         return "Nobody has calibrated the accelerometer, and these stills do not suffice for it: it is taken as measured."
@@ -91,26 +78,13 @@ def _facts(evidence: Evidence, found: AccelerometerFit, misses: tuple[np.ndarray
     before, after = misses
     pairs = [("Stills", f"{len(force)} in {attitudes_of(force)} attitudes"), ("Numbers", {"given": "given"}.get(found.mode, "estimated"))]
     if after.size:
-        pairs += [] if before is None else [(f"Gravity’s spread, {_before(found)}", _mg(before))]
-        pairs.append(("Gravity’s spread, calibrated", _mg(after)))
+        pairs += [] if before is None else [(f"Gravity’s spread, {_before(found)}", spread_text(before))]
+        pairs.append(("Gravity’s spread, calibrated", spread_text(after)))
     return facts((escape(name), escape(value)) for name, value in pairs)
 
 
 def _before(found: AccelerometerFit) -> str:
     return "as measured" if found.mode == "fit" else "as given"
-
-
-def _mg(misses: np.ndarray) -> str:
-    return f"{significant(float(np.std(misses)) / MG, 2)} mg"
-
-
-def _misses(evidence: Evidence) -> tuple[np.ndarray | None, np.ndarray]:
-    """m/s^2 before, None where there is no other, and after, of the stills that are references."""
-    found = evidence.fit.accelerometer
-    if found.misses_mps2 is not None:
-        return found.misses_mps2
-    gravity = evidence.problem.session.config.site.expected_gravity_mps2
-    return None, np.array([np.linalg.norm(s.accel_mean) - gravity for s in evidence.problem.stills if s.problem is None])
 
 
 def quantities(found: AccelerometerFit) -> list[Quantity]:

@@ -9,9 +9,9 @@ from tinygc.report.html.adopted import agrees
 from tinygc.report.html.chart import drawing, log_axis
 from tinygc.report.html.decision import NEAR_FLOOR, rmse
 from tinygc.report.html.evidence import Evidence
+from tinygc.report.html.gravity_spread import card
 from tinygc.report.html.markup import Section, escape, figure
 from tinygc.report.html.numbers import degrees, probability, significant, tilt_rms
-from tinygc.report.html.sections import accelerometer
 
 TICK = (
     '<svg viewBox="0 0 16 16" aria-hidden="true"><path d="M2.5 8.5l3.6 3.6L13.5 4" fill="none" stroke="currentColor" '
@@ -73,8 +73,8 @@ def _heads(evidence: Evidence) -> list[str]:
             )
         )
     heads.append(_head("Above the noise floor", f"{significant(after / floor, 3)} <small>×</small>", _why(evidence)))
-    if (card := accelerometer.card(evidence)) is not None:
-        heads.append(_head(*card))
+    if (spread := card(evidence)) is not None:
+        heads.append(_head(*spread))
     return heads
 
 

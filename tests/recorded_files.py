@@ -1,0 +1,33 @@
+"""A recording with one file of every name that a recording has, for tests that would spoil it."""
+
+from pathlib import Path
+
+#: a recording with one file of every name that docs/formats.md lists
+RECORDED = (
+    "session.toml",
+    "log0001.csv",
+    "log0002.csv.gz",
+    "closure0001.csv",
+    "rest0001.csv.gz",
+    "attitudes.csv",
+    "turns.csv",
+    "truth0001.csv",
+    "unclosed0001.csv",
+    "foreign0001.csv",
+    "raw.bin",
+    "raw.times",
+    "truth.json",
+    "log0001.csv.changed1",
+)
+
+
+def make_recording(tmp_path) -> Path:
+    folder = tmp_path / "D"
+    folder.mkdir()
+    for number, name in enumerate(RECORDED):
+        (folder / name).write_bytes(b"recorded %d" % number)
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}

@@ -50,13 +50,14 @@ def build_problem(
     moving: tuple[int, ...] = (),
     clipped: tuple[int, ...] = (),
     found: SessionStills | None = None,
+    near: LinearModel | None = None,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
     """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
 
     exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none; clipped: numbers of
     segments whose rates are not the true ones, so that no attitude can be carried through them either; found: the session's stills,
-    where somebody has asked for them before.
+    where somebody has asked for them before; near: a model near the gyroscope's, where the first search then begins.
     Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
     found = found or SessionStills(session)
@@ -71,7 +72,6 @@ def build_problem(
     start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
     at_rest = rates_at_rest(logs) if chain.turns is not None else None
     # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
-    near: LinearModel | None = None
     for _ in range(2):
         fit = fit_least_squares(chain.pick(used).trimmed(), sigma, start, still_rates=at_rest, begin=near)
         near = fit.model

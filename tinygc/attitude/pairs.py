@@ -62,7 +62,7 @@ def _polynomial(coefficients: tuple[float, ...], of: np.ndarray, into: np.ndarra
 
 
 def multiply(p: Pairs, q: Pairs) -> Pairs:
-    """Hamilton product: first q, then p."""
+    """Hamilton product of as many p as q: first q, then p."""
     (a, b), (c, d) = p, q
     first, term = a * c, np.conjugate(d)
     term *= b

@@ -168,6 +168,22 @@ def test_one_that_no_longer_holds_is_said_and_not_believed(session1):
     assert tilt_rms(kept.linear.held_out) / DEG > 0.03
 
 
+def test_what_is_prepared_beside_one_that_is_refuted_is_what_would_be_prepared_without_it(session1):
+    """Stills and model that were found with the stale one only show where to look."""
+    wrong = session1.config.accelerometer
+    stale = with_accelerometer(session1, dataclasses.replace(wrong, matrix=np.diag([1.002, 1.0, 0.999]) @ wrong.matrix))
+    beside, alone = prepare(stale), prepare(stale, accelerometer="fit")
+    assert beside.given is not None
+    assert [finding.what for finding in beside.findings[1:]] == [finding.what for finding in alone.findings]
+    found, expected = beside.problem, alone.problem
+    np.testing.assert_allclose(found.first.vector, expected.first.vector, atol=1e-9)
+    np.testing.assert_allclose(found.batch.end, expected.batch.end, atol=1e-9)
+    # The accelerometer's noise is told in the stale one's unit, 0.2 % off; a floor is its own noise to a hundredth.
+    np.testing.assert_allclose(found.floor.sigma, expected.floor.sigma, rtol=1e-4)
+    sigma = np.sqrt(np.diag(expected.joint.covariance))
+    assert np.abs((found.joint.x - expected.joint.x) / sigma).max() < 1e-3
+
+
 def test_without_local_gravity_the_common_scale_is_as_uncertain_and_no_number_is_called_unobserved(session1):
     bare = with_accelerometer(session1, Accelerometer(source="none"))
     known = fit_session(bare, LEAST_SQUARES).accelerometer

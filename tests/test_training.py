@@ -9,7 +9,8 @@ from conftest import Turns
 from session.common.errors import FitError
 from session.common.units import DEG
 from tinygc import closure
-from tinygc.closure.least_squares import fit_least_squares
+from tinygc.attitude import rotation
+from tinygc.closure.least_squares import Ends, fit_least_squares
 from tinygc.closure.still_rates import StillRates
 from tinygc.methods.network.adamw_net import train_adamw
 from tinygc.methods.network.distance_loss import fit_distance, mean_distance, train_distance
@@ -48,6 +49,20 @@ def test_where_the_sensor_is_linear_it_finds_least_squares():
     assert trained.tie == 0
     np.testing.assert_allclose(trained.net(batch.rate), expected, atol=2e-5 * np.abs(expected).max())
     assert rms(batch, trained.net) == pytest.approx(rms(batch, linear), rel=1e-3)
+
+
+def test_what_is_known_of_where_it_begins_need_not_be_found_again():
+    """From the linear solution, whose residuals and columns between other references follow from those between the first ones."""
+    batch, sigma = recording(3)
+    net = CalibrationNet.from_linear(fit_least_squares(batch, sigma, bias_only()).model)
+    ends, some = Ends.of(net, batch, net.columns), np.arange(len(batch)) % 3 > 0
+    turned = rotation.exp(np.random.default_rng(5).normal(size=(2, int(some.sum()), 3)) * 0.01 * DEG)
+    other = batch.pick(some)
+    other = replace(other, start=rotation.multiply(turned[0], other.start), end=rotation.multiply(turned[1], other.end))
+    known, found = (train_second_order(other, sigma[some], begin=net, **more) for more in ({"begins": ends.rows(other, some)}, {}))
+    assert known.tie == found.tie
+    np.testing.assert_allclose(known.net.vector, found.net.vector, atol=1e-9)
+    np.testing.assert_allclose(known.loss, found.loss, rtol=1e-9)
 
 
 @pytest.mark.slow

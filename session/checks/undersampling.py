@@ -124,7 +124,12 @@ def _together(rows: np.ndarray, count: int) -> Iterator[tuple[slice, np.ndarray]
     behind = np.cumsum(rows[1] - rows[0] + 1) // AT_ONCE
     edges = [0, *(np.flatnonzero(np.diff(behind)) + 1).tolist(), rows.shape[1]]
     for first, last in pairwise(edges):
-        yield slice(first, last), np.unique(np.concatenate([np.arange(a, b + 1) for a, b in rows[:, first:last].T.tolist()]))
+        mine = rows[:, first:last]
+        begin = int(mine.min())
+        looked_at = np.zeros(int(mine.max()) + 1 - begin, dtype=bool)
+        for a, b in (mine - begin).T.tolist():
+            looked_at[a : b + 1] = True
+        yield slice(first, last), np.flatnonzero(looked_at) + begin
 
 
 def _sums(rate: np.ndarray, t_s: np.ndarray, rows: np.ndarray, looked_at: np.ndarray, step: int, offset: int) -> np.ndarray:

@@ -42,7 +42,10 @@ class SessionStills:
         before, after = self._session.config.accelerometer, session.config.accelerometer
         for log, found in self._found:
             stills = [replace(still, accel_mean=after.correct(before.measured(still.accel_mean))) for still in found.stills]
-            other._found.append((log, LogStills(session.calibrated(log), stills, found.noise, found.still_s)))
+            again = LogStills(session.calibrated(log), stills, found.noise, found.still_s)
+            if "unused" in found.__dict__:
+                again.__dict__["unused"] = found.unused
+            other._found.append((log, again))
         return other
 
     def samples(self) -> list[Samples]:

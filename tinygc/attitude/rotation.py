@@ -94,6 +94,14 @@ def conjugate(q: Array) -> Array:
     return join([w, -x, -y, -z])
 
 
+def mapped(matrix: Array, vectors: Array) -> Array:
+    """matrix (n, m) times each of the vectors (..., m): (..., n), each component contiguous in memory where they are arrays."""
+    if not isinstance(vectors, np.ndarray):
+        return vectors @ matrix.T
+    components = np.moveaxis(vectors, -1, 0)
+    return np.moveaxis((matrix @ components.reshape(len(components), -1)).reshape(-1, *components.shape[1:]), 0, -1)
+
+
 def exp(vector: Array) -> Array:
     """Quaternion (..., 4) of a rotation vector (..., 3) rad, exact at any angle."""
     xp = namespace(vector)

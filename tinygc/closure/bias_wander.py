@@ -7,6 +7,7 @@ B^2 ln 2 / pi, and the Allan deviation's floor is 0.664 B (IEEE 952, C.1).  One 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -66,6 +67,13 @@ class BiasWander:
 
     def covariance(self, *more_s: np.ndarray) -> np.ndarray:
         """(N, N) (rad/s)^2 of one axis' bias at the segments' moments, and at further ones (Q,) s after them."""
+        return self._of_segments if not more_s else self._at(*more_s)
+
+    @cached_property
+    def _of_segments(self) -> np.ndarray:
+        return self._at()
+
+    def _at(self, *more_s: np.ndarray) -> np.ndarray:
         return wander_covariance(np.concatenate([self.middle_s, *more_s]), instability_rps=self.instability_rps)
 
 

@@ -6,7 +6,9 @@ wander along a direction that no segment observes.  (r is half an angle, hence t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +34,7 @@ COLUMNS_STAY = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Error angles (S, d) rad that a linear model with this vector (12,) leaves on each segment, and their columns (S, d, 12)."""
+    """Error angles (S, d) rad that a model with this vector (P,) leaves on each segment, and their columns (S, d, P)."""
 
     vector: np.ndarray
     angles: np.ndarray
@@ -45,8 +47,8 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """What a linear model with this vector (12,) makes of the segments of a batch: end (S, 4) q_tb, and how each parameter turns it,
-    columns (S, 3, 12) rad about the table's axes."""
+    """What a model with this vector (P,), the 12 of a linear one or a net's, makes of the segments of a batch: end (S, 4) q_tb, and how
+    each parameter turns it, columns (S, 3, P) rad about the table's axes."""
 
     vector: np.ndarray
     end: np.ndarray
@@ -54,14 +56,14 @@ class Ends:
     batch: Batch
 
     @classmethod
-    def of(cls, model: LinearModel, batch: Batch) -> Ends:
-        """Of a model, by the exact integrator."""
+    def of(cls, model: Any, batch: Batch, columns_of: Callable[[np.ndarray, np.ndarray], np.ndarray] = linear.columns) -> Ends:
+        """Of a model, by the exact integrator; columns_of sensitivity (S, T, 3, 3) and measured rates (S, T, 3): its columns (S, 3, P)."""
         batch = replace(batch, turns=None)
-        end, columns = np.empty((len(batch), 4)), np.empty((len(batch), 3, linear.PARAMETERS))
+        end, columns = np.empty((len(batch), 4)), np.empty((len(batch), 3, len(model.vector)))
         for some in closure.parts(len(batch)):
             part = batch.pick(some)
             end[some], sensitivity = closure.end_and_sensitivity(part, model(part.rate))
-            columns[some] = linear.columns(sensitivity, part.rate)
+            columns[some] = columns_of(sensitivity, part.rate)
         return cls(model.vector, end, columns, batch)
 
     def rows(self, batch: Batch, which: np.ndarray) -> Rows:

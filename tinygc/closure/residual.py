@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from tinygc.attitude import rotation
-from tinygc.attitude.integrate import sample_weights, steps
+from tinygc.attitude import pairs, rotation
+from tinygc.attitude.integrate import sample_weights, step_vectors, steps
 from tinygc.attitude.rotation import Array
 from tinygc.closure.known_turns import KnownTurns
 
@@ -70,7 +70,9 @@ class Batch:
 
     def pick(self, which: np.ndarray | slice) -> Batch:
         """Some of the segments, by index or mask."""
-        arrays = {name: getattr(self, name)[which] for name in ("rate", "dt", "earth", "start", "end")}
+        arrays = {name: getattr(self, name)[which] for name in ("dt", "start", "end")}
+        # Each component contiguous in memory, as ``rotation.join`` has them.
+        arrays |= {name: np.moveaxis(np.moveaxis(getattr(self, name), -1, 0)[:, which], 0, -1) for name in ("rate", "earth")}
         return replace(self, **arrays, turns=None if self.turns is None else self.turns.pick(which))
 
     def trimmed(self) -> Batch:
@@ -92,8 +94,31 @@ def turned(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
     """The same from no start (S, 4): by how much the body turns."""
     if isinstance(rate, np.ndarray) and len(rate) > TOGETHER:
         return np.concatenate([turned(batch.pick(some), rate[some], integrator) for some in parts(len(rate))])
+    if isinstance(rate, np.ndarray) and integrator == "exact":
+        return pairs.quaternions(pairs.compose(_steps(rate - batch.earth, batch.dt)))
     earth, dt = (like(rate, x) for x in (batch.earth, batch.dt))
     return rotation.compose(steps(rate - earth, dt, integrator))
+
+
+def _steps(rate: np.ndarray, dt: np.ndarray, start: np.ndarray | None = None) -> pairs.Pairs:
+    """The exact integrator's steps as pairs (S, T-1); after start (S, 4), where there is one: (S, T)."""
+    before = int(start is not None)
+    shape = (len(dt), dt.shape[1] + before)
+    found = np.empty(shape, dtype=complex), np.empty(shape, dtype=complex)
+    after = found[0][:, before:], found[1][:, before:]
+    vectors = step_vectors(rate, dt)
+    if not pairs.exp_small(vectors, after):
+        for part, of in zip(after, pairs.of(rotation.exp(vectors)), strict=True):
+            part[:] = of
+    if start is not None:
+        for part, of in zip(found, pairs.of(start), strict=True):
+            part[:, 0] = of
+    return found
+
+
+def _along(batch: Batch, rate: np.ndarray) -> pairs.Pairs:
+    """``attitudes`` as pairs (S, T)."""
+    return pairs.accumulate(_steps(rate - batch.earth, batch.dt, batch.start))
 
 
 def residual(q_pred: Array, q_end: np.ndarray | Array, yaw_known: bool) -> Array:
@@ -135,15 +160,12 @@ def error_angles(r: np.ndarray) -> np.ndarray:
 
 def attitudes(batch: Batch, rate: np.ndarray) -> np.ndarray:
     """q_tb (S, T, 4) at every sample, from the start and calibrated rates."""
-    q_tb = np.moveaxis(np.empty((4, *rate.shape[:-1])), 0, -1)  # each component contiguous, as ``rotation.join`` has them
     if len(rate) > TOGETHER:
+        q_tb = np.moveaxis(np.empty((4, *rate.shape[:-1])), 0, -1)  # each component contiguous, as ``rotation.join`` has them
         for some in parts(len(rate)):
             q_tb[some] = attitudes(batch.pick(some), rate[some])
         return q_tb
-    running = rotation.accumulate(steps(rate - batch.earth, batch.dt))
-    start = batch.start[:, None]
-    q_tb[:, :1], q_tb[:, 1:] = start, rotation.multiply(start, running)
-    return q_tb
+    return pairs.quaternions(_along(batch, rate))
 
 
 def directions(batch: Batch, q_end: np.ndarray) -> np.ndarray:
@@ -173,11 +195,11 @@ def end_and_sensitivity(batch: Batch, rate: np.ndarray) -> tuple[np.ndarray, np.
     found = np.empty((segments, 3, 3, samples))  # what sums over the samples finds them side by side
     for some in parts(segments):
         part = batch.pick(some)
-        q_tb = attitudes(part, rate[some])
-        end[some] = q_tb[:, -1]
-        np.multiply(rotation.matrix(q_tb).transpose(0, 2, 3, 1), sample_weights(part.dt)[:, None, None], out=found[some])
+        q_tb = _along(part, rate[some])
+        end[some] = pairs.quaternions((q_tb[0][:, -1], q_tb[1][:, -1]))
+        pairs.matrices_into(found[some], q_tb, sample_weights(part.dt))
         if part.turns is not None:
-            found[some, 2] = np.einsum("sj,sjkt->skt", directions(part, q_tb[:, -1])[:, 2], found[some])
+            found[some, 2] = np.einsum("sj,sjkt->skt", directions(part, end[some])[:, 2], found[some])
     return end, found.transpose(0, 3, 1, 2)
 
 

@@ -14,6 +14,7 @@ from tinygc.closure.bias_wander import BiasWander
 from tinygc.closure.floor import Floor
 from tinygc.closure.probability import chi_square_above
 from tinygc.closure.still_rates import StillRates
+from tinygc.closure.triangular import solve_lower
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
@@ -41,16 +42,16 @@ def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, wander: Bia
     That covariance knows of shared stills and, with the segments' moments in ``wander``, of the bias's wander.
     """
     rate = model(batch.rate)
-    angles = closure.error_angles(closure.segment_residuals(batch, rate)).ravel()
-    design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, : batch.angles].reshape(len(angles), -1)
+    end, sensitivity = closure.end_and_sensitivity(batch, rate)
+    angles = closure.error_angles(closure.batch_residual(batch, end)).ravel()
+    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(len(angles), -1)
     covariance = floor.dense()
     if wander is not None:
         bias, owner = design[:, linear.BIAS], np.repeat(np.arange(len(batch)), batch.angles)
         covariance = covariance + (bias @ bias.T) * wander.covariance()[np.ix_(owner, owner)]
     known = batch.known.ravel()
     angles, design, covariance = angles[known], design[known], covariance[np.ix_(known, known)]
-    factor = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(factor, np.column_stack([angles, design * PRIOR_SIGMA]))
+    white = solve_lower(np.linalg.cholesky(covariance), np.column_stack([angles, design * PRIOR_SIGMA]))
     left = white[:, 0] - white[:, 1:] @ np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
     chi_square, freedom = float(left @ left), max(len(angles) - linear.PARAMETERS, 1)
     return GoodnessOfFit(chi_square, freedom, chi_square_above(chi_square, freedom))

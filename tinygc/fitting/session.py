@@ -121,9 +121,10 @@ def _stated(
     """Goodness of fit; the factor by which the covariance is widened beyond all noise; the covariance (12, 12), widened; and what of it
     the accelerometer's pre-calibration adds, None where that is not in it."""
     if noise is None:
-        found = goodness(problem.batch, problem.floor, model, problem.wander)
+        wander = problem.wander
+        found = goodness(problem.batch, problem.floor, model, wander)
         rates = problem.still_rates if options.still_rates else None
-        covariance = parameter_covariance(problem.batch, problem.floor, model, problem.earth, rates, problem.wander)
+        covariance = parameter_covariance(problem.batch, problem.floor, model, problem.earth, rates, wander)
         return found, found.excess, found.excess * covariance, None
     found, widened = stated_goodness(problem, model, noise)
     covariance, accelerometer = stated_covariance(problem, model, noise, options.still_rates)

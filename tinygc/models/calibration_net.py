@@ -92,9 +92,9 @@ class CalibrationNet(BaseModel):
 
     def __call__(self, rate: Any) -> Any:
         """Calibrated rate (..., 3) rad/s from the measured one."""
-        h = rate @ self.W1.T + self.b1
+        h = rotation.mapped(self.W1, rate) + self.b1
         xp = rotation.namespace(h)
-        return rate + xp.where(h >= 0, h, self.slope * h) @ self.W2.T + self.b2
+        return rate + rotation.mapped(self.W2, xp.where(h >= 0, h, self.slope * h)) + self.b2
 
     def columns(self, sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(S, d, 27): how each weight turns the end attitude, from sensitivity (S, T, d, 3) and measured rates (S, T, 3).

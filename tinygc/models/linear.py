@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from session.common.units import DEG
+from tinygc.attitude import rotation
 from tinygc.models.model import BaseModel
 
 #: where E, row by row, and B stand in ``LinearModel.vector``, and in whatever is in its order
@@ -45,7 +46,9 @@ class LinearModel(BaseModel):
 
     def __call__(self, rate: np.ndarray) -> np.ndarray:
         """Calibrated rate (..., 3) rad/s from the measured one."""
-        return rate @ self.E.T + self.B
+        found = rotation.mapped(self.E, rate)
+        found += self.B
+        return found
 
     def with_bias_moved(self, change: np.ndarray) -> LinearModel:
         """B greater by ``change`` (3,) rad/s."""

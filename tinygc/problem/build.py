@@ -21,7 +21,7 @@ from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import closure_floor
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.residual import Batch, attitudes, directions, nearest_yaw
+from tinygc.closure.residual import TOGETHER, Batch, attitudes, directions, nearest_yaw
 from tinygc.closure.still_rates import StillRates
 from tinygc.models.linear import LinearModel, bias_only
 from tinygc.problem.impacts import hits_of, widened_by_impacts
@@ -50,13 +50,14 @@ def build_problem(
     moving: tuple[int, ...] = (),
     clipped: tuple[int, ...] = (),
     found: SessionStills | None = None,
+    near: LinearModel | None = None,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
     """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
 
     exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none; clipped: numbers of
     segments whose rates are not the true ones, so that no attitude can be carried through them either; found: the session's stills,
-    where somebody has asked for them before.
+    where somebody has asked for them before; near: a model near the gyroscope's, where the first search then begins.
     Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
     found = found or SessionStills(session)
@@ -71,7 +72,6 @@ def build_problem(
     start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
     at_rest = rates_at_rest(logs) if chain.turns is not None else None
     # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
-    near: LinearModel | None = None
     for _ in range(2):
         fit = fit_least_squares(chain.pick(used).trimmed(), sigma, start, still_rates=at_rest, begin=near)
         near = fit.model
@@ -81,8 +81,12 @@ def build_problem(
             earths = dict.fromkeys(earths, no_earth())
         at = attitudes(chain, fit.model(chain.rate))
         group_of = {id(still): int(group) for log in logs for still, group in zip(log.stills, log.group, strict=True)}
-        groups = [group_of[id(segment.stills[0])] for segment in segments]
-        chain = replace(chain, earth=np.stack([earths[g].in_body(q) for g, q in zip(groups, at, strict=True)]))
+        groups = np.array([group_of[id(segment.stills[0])] for segment in segments])
+        earth = np.empty_like(chain.rate)
+        for group in np.unique(groups):
+            for some in np.array_split(rows := np.flatnonzero(groups == group), -(-len(rows) // TOGETHER)):
+                earth[some] = earths[group].in_body(at[some])
+        chain = replace(chain, earth=earth)
     batch = chain.pick(used).trimmed()
     accepted = [segment for segment in segments if segment.accepted]
     at = attitudes(batch, fit.model(batch.rate))
@@ -199,7 +203,7 @@ def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> B
     """All segments, accepted or not, with attitudes from the reference; yaw 0 where it is not known, no Earth yet."""
     dials = session.config.protocol.reference == "table"
     longest = max(segment.stop - segment.start for segment in segments)
-    rate = np.zeros((len(segments), longest, 3))
+    rate = np.moveaxis(np.zeros((3, len(segments), longest)), 0, -1)  # each component contiguous in memory: faster to compute with
     dt = np.zeros((len(segments), longest - 1))
     ends = np.stack([rotation.from_gravity(np.array([segment.stills[end].accel_mean for segment in segments])) for end in (0, 1)])
     for i, segment in enumerate(segments):

@@ -16,6 +16,7 @@ from session.checks.impacts import WHAT as IMPACTS
 from session.common.errors import CalibrationError
 from session.detect.session_stills import SessionStills
 from session.log.folder import Session, read_session
+from tinygc.models.linear import LinearModel
 from tinygc.problem.build import build_problem
 from tinygc.problem.gravity_sign import check_gravity_sign
 from tinygc.problem.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint
@@ -65,11 +66,12 @@ def prepare(
     accelerometer: str = AUTO,
     progress: Callable[[str], None] = lambda what: None,
     known: SessionStills | None = None,
+    near: LinearModel | None = None,
 ) -> Prepared:
     """From a session, or a session folder, to its problem.
 
     accelerometer: ``given``, ``fit``, ``prior`` or ``auto``, see ``ACCELEROMETERS``; where session.toml gives none, it is fitted.
-    known: the stills of this very session, where somebody has asked for them before.
+    known: the stills of this very session, where somebody has asked for them before; near: a gyroscope's model near its own.
     Raises DataError for the first error of the first look, CalibrationError where a given calibration is asked for and there is none, and
     the errors of ``read_session`` and ``build_problem``.
     """
@@ -85,12 +87,12 @@ def prepare(
     session, own = with_own_accelerometer(session, anew=accelerometer == "fit", looked_at=known)
     session, aligned = with_aligned_truth(session)
     progress("first look")
-    found = looked_at = SessionStills(session)
+    found = looked_at = SessionStills(session) if known is None else known.recalibrated(session)
     findings = own + aligned + check_session(session, found)
     stop_at_errors(findings)
     whole = with_bridges(session)
     found = SessionStills(whole, found)
-    problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, progress=progress)
+    problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, near=near, progress=progress)
     if use_earth:
         findings = findings + check_gravity_sign(problem)
     if accelerometer == "given" or source not in ("given", "none"):  # or an estimation that has been made before
@@ -106,7 +108,15 @@ def prepare(
     said = [_refuted(joint, fit_joint(problem, "prior", WIDE_MG, judged=False))]
     if accelerometer == "prior":
         return Prepared(said + findings, recalibrated(problem, joint), problem)
-    free = prepare(session, use_earth=use_earth, exclude=exclude, accelerometer="fit", progress=progress, known=looked_at)
+    free = prepare(
+        session,
+        use_earth=use_earth,
+        exclude=exclude,
+        accelerometer="fit",
+        progress=progress,
+        known=looked_at,
+        near=problem.first,
+    )
     return Prepared(said + free.findings, free.problem, problem)
 
 

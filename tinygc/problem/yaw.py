@@ -14,7 +14,7 @@ import numpy as np
 from session.common.units import DEG, NS
 from session.detect.stills import Still
 from tinygc.attitude import rotation
-from tinygc.closure.residual import Batch, attitudes, nearest_yaw
+from tinygc.closure.residual import Batch, end_attitude, nearest_yaw
 from tinygc.models.linear import LinearModel
 from tinygc.problem.still_set import StillSet
 
@@ -50,7 +50,7 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
     start, end = chain.start.copy(), chain.end.copy()
     q_tb = [rotation.from_gravity(np.array([still.accel_mean for still in log.stills]).reshape(-1, 3)) for log in logs]
     group = [np.zeros(len(log.stills), dtype=int) for log in logs]
-    step = rotation.multiply(rotation.conjugate(chain.start), attitudes(chain, model(chain.rate))[:, -1])
+    step = rotation.multiply(rotation.conjugate(chain.start), end_attitude(chain, model(chain.rate)))
     if chain.turns is not None:
         # Where a turn's angle is known, it is that, not the gyro's, which carries the yaw.
         step = rotation.multiply(rotation.conjugate(chain.start), chain.turns.turned(chain.start, rotation.multiply(chain.start, step)))

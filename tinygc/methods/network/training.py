@@ -19,6 +19,7 @@ import numpy as np
 
 from session.common.errors import FitError
 from tinygc import closure
+from tinygc.closure.least_squares import Rows
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
 from tinygc.models.calibration_net import TIES, CalibrationNet
@@ -31,6 +32,8 @@ PROMISE = 1.0
 MAX_STEPS = 25
 #: in units of chi-square: a step that gains less than this says nothing of the sensor
 ENOUGH = 1e-3
+#: the same that the linear problem promises of a step: below it, it is not made; rounding hides what it gains of a sum of thousands
+PROMISED = 1e-8
 
 
 class TrainableNet(Protocol):
@@ -71,6 +74,7 @@ def train_second_order(
     integrator: str = "exact",
     start: TrainableNet | None = None,
     begin: TrainableNet | None = None,
+    begins: Rows | None = None,
     steps: int = MAX_STEPS,
     before: np.ndarray | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
@@ -78,6 +82,7 @@ def train_second_order(
     """Levenberg-Marquardt from ``start``, the identity of the kind of net that is wanted (the paper's); sigma (S,) rad per angle.
 
     begin: a net of that kind to go on from, so near the answer that its Jacobian stays, while the ties still lead to the identity;
+    begins: what it leaves on these segments, where that is known and each stands by itself;
     steps: at most so many with each tie; before (S,): the part that each goes on from (``sequences.previous``); None where each segment
     stands by itself.
     Raises FitError where the residuals are not finite.
@@ -88,12 +93,17 @@ def train_second_order(
     lowest = unbent = np.empty(0)
     rungs = problem.start.rungs(problem.typical_rps, ties)
     linear: _Linear | None = None
-    near = None if begin is None else problem.jacobian(vector, problem.sensitivity(vector))
+    near: np.ndarray | None = None
+    r: np.ndarray | None = None
+    if begins is not None:
+        r, near = problem.rows(vector, begins.angles), problem.weighed(vector, begins.columns)
+    elif begin is not None:
+        near = problem.jacobian(vector, problem.sensitivity(vector))
     for number, (tie, prior) in enumerate(rungs):
         progress(number + 1, len(rungs))
         if linear is not None and not _less(linear.left_out(prior), unbent, PROMISE):
             continue
-        vector, r, left_out, trace = problem.settle(vector, prior, steps, near if number == 0 else None)
+        vector, r, left_out, trace = problem.settle(vector, prior, steps, *((near, r) if number == 0 else ()))
         losses += trace
         # The first is the linear solution; each looser tie must earn its freedom.
         if chosen is None or _less(left_out, lowest, BELIEF):
@@ -136,9 +146,13 @@ class _Problem:
     def residuals(self, vector: np.ndarray) -> np.ndarray:
         net = self.net(vector)
         turns = [closure.turned(part, net(part.rate), self.integrator) for part in self.parts]
-        rows = [(2 * sequences.residuals_of_turns(self.batch, np.concatenate(turns), self.before) * self.weight).ravel()]
+        return self.rows(vector, 2 * sequences.residuals_of_turns(self.batch, np.concatenate(turns), self.before))
+
+    def rows(self, vector: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """(n,) in sigmas, of error angles (S, d) rad."""
+        rows = [(angles * self.weight).ravel()]
         if self.still_rates is not None:
-            rows.append(self.still_rates.residuals(net))
+            rows.append(self.still_rates.residuals(self.net(vector)))
         r = np.concatenate(rows)
         if not np.isfinite(r).all():
             raise FitError("training left the finite numbers; are the rates in the log in the unit that its header says?")
@@ -147,8 +161,12 @@ class _Problem:
     def jacobian(self, vector: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
         net = self.net(vector)
         of_parts = [net.columns(sensitivity[some], self.batch.rate[some]) for some in closure.parts(len(self.batch))]
-        design = sequences.carried(np.concatenate(of_parts), self.before, self.batch.turns is not None)
-        rows = [(design * self.weight[..., None]).reshape(-1, len(vector))]
+        return self.weighed(vector, sequences.carried(np.concatenate(of_parts), self.before, self.batch.turns is not None))
+
+    def weighed(self, vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """(n, P) in sigmas, of columns (S, d, P) rad."""
+        net = self.net(vector)
+        rows = [(columns * self.weight[..., None]).reshape(-1, len(vector))]
         if self.still_rates is not None:
             each = np.eye(3)[None, None] / self.still_rates.sigma[:, None, :, None]
             rows.append(net.columns(each, self.still_rates.rate[:, None]).reshape(-1, len(vector)))
@@ -162,15 +180,15 @@ class _Problem:
         return found.transpose(0, 3, 1, 2)
 
     def settle(
-        self, vector: np.ndarray, prior: np.ndarray, steps: int, near: np.ndarray | None = None
+        self, vector: np.ndarray, prior: np.ndarray, steps: int, near: np.ndarray | None = None, r: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
         """Minimise with one prior sigma (P,); returns the weights, their rows (n,), the left-out squared errors (S,), and the
         loss after each step.
 
-        near: the Jacobian there, where that is so near the answer that it stays.
+        near: the Jacobian there, where that is so near the answer that it stays; r: the rows there, where they are known.
         """
         damping, losses = 1e-6, []
-        r = self.residuals(vector)
+        r = self.residuals(vector) if r is None else r
         pull = (vector - self.identity) / prior
         cost = r @ r + pull @ pull
         turn = self.sensitivity(vector) if near is None else np.empty(0)
@@ -181,6 +199,9 @@ class _Problem:
             scaled = (self.jacobian(vector, turn) if near is None else near) * prior
             normal = scaled.T @ scaled + np.eye(len(vector))
             gradient = scaled.T @ r + pull
+            if gradient @ np.linalg.solve(normal, gradient) < PROMISED:
+                losses.append(float(r @ r / len(r)))
+                break
             while True:
                 trial_vector = vector - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient) * prior
                 trial = self.residuals(trial_vector)

@@ -137,7 +137,7 @@ def test_the_best_of_many_steps_fitted_to_noise_is_borne_out_by_chance_alone(evi
     for seed in range(1, 21):
         evidence = evidence_of(None, 14, seed)
         steps = steps_of(evidence)
-        best = steps[int(np.argmax(promises(evidence, evidence.nothing.whiten, evidence.nothing.fit, steps)))]
+        best = steps[int(np.argmax(promises(evidence, [(evidence.nothing.whiten, evidence.nothing.fit)], steps)))]
         have = evidence.of((best,), evidence.nothing)
         prior = evidence.prior(have.fit)
         with_all.append(improvement_p(evidence.twin, have, prior, 0))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from tinygc.explanation.twin.thinned import movement_in, thinned
 from tinygc.models import linear
 from tinygc.problem.problem import Problem
 
+#: rows of stills that are averaged at once
+AT_ONCE = 1 << 16
 #: a finite difference for what bends a still's gravity: m/s^2; 1e-4 of g, so bent by 1e-8 and rounded by 1e-12 of it
 SMALL_FORCE = 1e-3
 #: of a parameter's plausible size, for the same reason
@@ -151,13 +154,15 @@ class Twin:
         """(Q, …) of samples (N, …) of each log."""
         parts = [np.zeros((0, *by_log[0].shape[1:]))]
         for log, (values, (rows, begin, count)) in enumerate(zip(by_log, self._still_rows, strict=True)):
-            if len(begin):
-                each = values[rows]
+            # Some stills at a time: of hours they are a copy of the log.
+            for first, last in pairwise(np.unique([*np.searchsorted(begin, np.arange(0, len(rows), AT_ONCE)), len(begin)])):
+                own = rows[begin[first] : begin[last - 1] + count[last - 1]]
+                each, at, counted = values[own], begin[first:last] - begin[first], count[first:last]
                 if self._thinnings is not None:  # a row may stand for a second
-                    weight = self._thinnings[log].counts[rows]
-                    each, count = each * weight.reshape(-1, *(1,) * (values.ndim - 1)), np.add.reduceat(weight, begin)
-                sums = np.add.reduceat(each, begin, axis=0)
-                parts.append(sums / count.reshape(-1, *(1,) * (values.ndim - 1)))
+                    weight = self._thinnings[log].counts[own]
+                    each *= weight.reshape(-1, *(1,) * (values.ndim - 1))
+                    counted = np.add.reduceat(weight, at)
+                parts.append(np.add.reduceat(each, at, axis=0) / counted.reshape(-1, *(1,) * (values.ndim - 1)))
         return np.concatenate(parts)
 
     @cached_property

@@ -40,8 +40,8 @@ LIKE_THE_EARTH = 0.25
 #: and the latitude is another if it is farther off than the stills of a usual session can tell: directions of the Earth's rate are good
 #: to 7 degrees rms (benchmarks/closure_table.py)
 ANOTHER_DEG = 10.0
-#: lines above the stills' rate, times rows of the session as the twin sees it: some minutes of computing.  28 minutes at 208 Hz have room for
-#: all lines up to ``HIGHEST_HZ``; a day, whose lines are a day's width apart, for one in a hundred of its quarter of a million
+#: lines above the stills' rate, times rows of the session as the twin sees it: some minutes of computing.  28 minutes at 208 Hz have room
+#: for all lines up to ``HIGHEST_HZ``; a day, whose lines are a day's width apart, for one in a hundred of its quarter of a million
 MOST_LINE_ROWS = 2e9
 #: of a line that is looked for
 HIGHEST_HZ = 3.0

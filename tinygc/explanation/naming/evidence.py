@@ -208,6 +208,7 @@ class Evidence:
         other.first_whiten = self.whiteners.white.with_more(other.first_noise.covariance)
         other._known, other._guesses = {}, {}
         other.nothing = other.of((), None)
+        other._replay = Replay(self.twin, other.nothing.fit)
         return other
 
     @property

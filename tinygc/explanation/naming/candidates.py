@@ -53,13 +53,12 @@ def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], s
     return Selection(fit.J, columns, seed, allowances=whiten.allowances, scale_rows=rows, along=along)
 
 
-def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effect:
-    """A scanned shape between its neighbours on the coarse grid, found on finer and finer ones."""
+def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, replay: Replay) -> Effect:
+    """A scanned shape between its neighbours on the coarse grid, found on finer and finer ones; replay: of the fit."""
     if effect.scan is None:
         return effect
     values = scanned(twin, effect)
     at = effect.shape[effect.scan.name] * effect.scan.si
-    replay = Replay(twin, fit)
     reach = float(np.median(np.diff(values))) if effect.scan.grid is None else _spacing(values, at)
     for _ in range(3):
         at = effect.shape[effect.scan.name] * effect.scan.si

@@ -17,6 +17,7 @@ from tinygc.explanation.naming.evidence import Evidence, Guess, Hypothesis
 from tinygc.explanation.naming.selection import left_of, orthonormal
 from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit
+from tinygc.explanation.twin.replay import Replay
 from tinygc.explanation.twin.whitening import TOGETHER, Whitener
 
 MOST_EFFECTS = 5  #: one more than `calibrate.py challenge` hides: each costs a round (benchmarks/explain_speed.py)
@@ -59,6 +60,7 @@ def ranked(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Ef
     """Candidates worth weighing beside a hypothesis, each effect once, at its best shape."""
     rest = [effect for effect in tried if effect.id not in have.ids]
     found: dict[str, Effect] = {}
+    replay = Replay(evidence.twin, have.fit)
     looks = [(whiten, rewhitened(have, whiten)) for whiten in (evidence.first_whiten, have.whiten)]
     for (whiten, fit), promise in zip(looks, promises(evidence, looks, rest), strict=True):
         taken = 0
@@ -68,7 +70,7 @@ def ranked(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Ef
             effect = rest[number]
             key = effect.id if effect.scan is not None else effect.equation
             if key not in found:
-                found[key] = sharpened(evidence.twin, whiten, fit, effect)
+                found[key] = sharpened(evidence.twin, whiten, fit, effect, replay)
                 taken += 1
     return list(found.values())
 
@@ -162,7 +164,7 @@ def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effe
     fit = replace(best.fit, r=r, J=np.delete(best.fit.J, part, axis=1))
     others = best.ids - {effect.id}
     rest = [other for other in tried if other.id not in others and other is not effect and (other.id != effect.id or other.scan is None)]
-    looks = [(whiten, fit)]
+    looks, replay = [(whiten, fit)], Replay(evidence.twin, fit)
     (promise,), ((mine,),) = promises(evidence, looks, rest), promises(evidence, looks, [effect])
     found: dict[str, Effect] = {}
     for number in np.argsort(-promise):
@@ -170,5 +172,5 @@ def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effe
             break
         key = rest[number].id if rest[number].scan is not None else rest[number].equation
         if key not in found:
-            found[key] = sharpened(evidence.twin, whiten, fit, rest[number])
+            found[key] = sharpened(evidence.twin, whiten, fit, rest[number], replay)
     return list(found.values())

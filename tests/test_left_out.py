@@ -53,7 +53,7 @@ def test_leaving_out_by_algebra_is_refitting_without_those_rows(evidence_of, dis
     for held in folds_of(len(twin.segments)):
         rows = fold_rows(twin, whiten, held)
         part = refit(twin, whiten, effects, fit.state, rows=rows)
-        exact[~rows] = twin.residuals(part.state, part.rates).stacked()[~rows]
+        exact[~rows] = twin.residuals(part.state).stacked()[~rows]
     assert np.isfinite(exact).all()  # every row is left out once
     inside = whiten.back(fit.r)
     for part in whiten.parts.values():
@@ -137,7 +137,7 @@ def test_the_best_of_many_steps_fitted_to_noise_is_borne_out_by_chance_alone(evi
     for seed in range(1, 21):
         evidence = evidence_of(None, 14, seed)
         steps = steps_of(evidence)
-        best = steps[int(np.argmax(promises(evidence, evidence.nothing.whiten, evidence.nothing.fit, steps)))]
+        best = steps[int(np.argmax(promises(evidence, [(evidence.nothing.whiten, evidence.nothing.fit)], steps)))]
         have = evidence.of((best,), evidence.nothing)
         prior = evidence.prior(have.fit)
         with_all.append(improvement_p(evidence.twin, have, prior, 0))

@@ -21,6 +21,7 @@ from tinygc.explanation.naming.naming import NamedEffect, Naming
 from tinygc.explanation.noise.session_noise import known_whitener
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.refit import Refit, refit
+from tinygc.explanation.twin.replay import Replay
 from tinygc.explanation.twin.turn_gravity import turn_gravity
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import PRECALIBRATION_MPS2, Whitener
@@ -143,7 +144,7 @@ def fitted(effect: Effect, injected: Injected) -> Found:
     if effect.scan is not None:
         variants = effect.variants(scanned(twin, effect))
         gains = selection_of(twin, whiten, first, variants, 0).gains(first.r)
-        effect = sharpened(twin, whiten, first, variants[max(gains, key=gains.__getitem__)])
+        effect = sharpened(twin, whiten, first, variants[max(gains, key=gains.__getitem__)], Replay(twin, first))
     fit = in_gauge(twin, whiten, refit(twin, whiten, [effect], twin.start()))
     return Found(injected, twin, whiten, first, fit)
 

@@ -36,7 +36,7 @@ def about_the_vertical(problem: Problem) -> list[int]:
         rows = np.ones(whiten.parts["length"].stop, dtype=bool)
         rows[still_rows[~good].ravel()] = False
         fit = refit(twin, whiten, [], fit.state if fit else twin.start(), rows=rows, max_steps=4)
-        rate = twin.residuals(fit.state, fit.rates).still
+        rate = twin.residuals(fit.state).still
         spread = np.median(np.linalg.norm(rate, axis=1)) / 1.54
         size = np.linalg.norm(rate, axis=1) / max(spread, 1e-12)
         now = size < OUTLIER_SIGMAS

@@ -7,6 +7,7 @@ import numpy as np
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation.naming.selection import Selection
 from tinygc.explanation.twin.refit import Refit
+from tinygc.explanation.twin.replay import Replay
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
@@ -41,9 +42,10 @@ def segment_times(twin: Twin) -> np.ndarray:
     return np.array(times[:: -(-len(times) // MOST_TIMES) or 1])
 
 
-def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int) -> Selection[int]:
-    """The candidates' columns, whitened, against what the fit already has."""
-    stacked = (twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked() for effect in rest)
+def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int, replay: Replay | None = None) -> Selection[int]:
+    """The candidates' columns, whitened, against what the fit already has.  replay: of the fit, where somebody has it already."""
+    replay = replay or Replay(twin, fit)
+    stacked = (replay.columns(effect).stacked() for effect in rest)
     columns = dict(enumerate(whiten.each(stacked)))
     along = frozenset(number for number, effect in enumerate(rest) if effect.kind == "force")
     # An angle that no reference sees is 0 whatever the noise, and tells nothing of its scale.
@@ -51,8 +53,8 @@ def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], s
     return Selection(fit.J, columns, seed, allowances=whiten.allowances, scale_rows=rows, along=along)
 
 
-def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effect:
-    """A scanned shape between its neighbours on the coarse grid, found on finer and finer ones."""
+def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, replay: Replay) -> Effect:
+    """A scanned shape between its neighbours on the coarse grid, found on finer and finer ones; replay: of the fit."""
     if effect.scan is None:
         return effect
     values = scanned(twin, effect)
@@ -61,7 +63,7 @@ def sharpened(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect) -> Effec
     for _ in range(3):
         at = effect.shape[effect.scan.name] * effect.scan.si
         trials = effect.variants(np.linspace(at - reach, at + reach, 15))
-        gains = selection_of(twin, whiten, fit, trials, 0).gains(fit.r)
+        gains = selection_of(twin, whiten, fit, trials, 0, replay).gains(fit.r)
         if not gains:  # between its neighbours nothing of it is seen beside what is fitted already
             return effect
         effect = trials[max(gains, key=gains.__getitem__)]

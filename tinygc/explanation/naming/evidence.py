@@ -19,9 +19,11 @@ from scipy.optimize import brentq
 from tinygc.effects import Effect
 from tinygc.explanation.naming.candidates import scanned
 from tinygc.explanation.noise.session_noise import SessionNoise, first_noise
+from tinygc.explanation.noise.whiteners import Whiteners
 from tinygc.explanation.twin.common_delay import in_gauge
 from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import ENOUGH, Refit, prior_sigmas, refit
+from tinygc.explanation.twin.replay import Replay
 from tinygc.explanation.twin.state import State
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
@@ -33,19 +35,27 @@ PRIOR_ODDS = 1 / 30
 SCALES = 10.0
 #: Gauss-Newton steps before and after the noise has been re-estimated: the second fit begins where the first ended
 FIRST_STEPS, MORE_STEPS = 5, 2
+#: numbers of candidates' columns that are kept, 64 MB of them: those of the catalogue in sessions of up to a thousand turns or so
+MOST_KEPT = 1 << 23
 #: of the search for the noise beside a guess: it begins where a near hypothesis has it
 GUESS_STEPS = 7
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """effects; fit with all of them; whiten and noise: the covariance that it was fitted with; score: -2 log of evidence times prior."""
+    """effects; fit with all of them; noise: the covariance that it was fitted with; score: -2 log of evidence times prior; whiteners: of
+    the recording."""
 
     effects: tuple[Effect, ...]
     fit: Refit
-    whiten: Whitener
     noise: SessionNoise
     score: float
+    whiteners: Whiteners
+
+    @property
+    def whiten(self) -> Whitener:
+        """With its noise."""
+        return self.whiteners.of(self.noise)
 
     @property
     def ids(self) -> frozenset[str]:
@@ -79,14 +89,15 @@ class Evidence:
 
     def __init__(self, twin: Twin):
         self.twin = twin
-        self._white = Whitener(twin)
-        self.first_noise = first_noise(twin, self._white)
-        self.first_whiten = self._white.with_more(self.first_noise.covariance)
+        self.whiteners = Whiteners(twin)
+        self.first_noise = first_noise(twin, self.whiteners.white)
+        self.first_whiten = self.whiteners.white.with_more(self.first_noise.covariance)
         self._known: dict[tuple, Hypothesis] = {}
         self._guesses: dict[tuple, Guess] = {}
         self._shapes: dict[str, int] = {}
         self._columns: dict[Effect, np.ndarray] = {}
         self.nothing = self.of((), None)
+        self._replay = Replay(twin, self.nothing.fit)
 
     @property
     def weighed(self) -> list[Hypothesis | Guess]:
@@ -107,9 +118,10 @@ class Evidence:
         fit, noise = refit(twin, whiten, list(effects), state, max_steps=FIRST_STEPS), self.first_noise
         for start in (None, True):
             noise = self._noise(whiten, fit, noise.s if start else None)
-            whiten = self._white.with_more(noise.covariance)
+            whiten = self.whiteners.of(noise)
             fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
-        return Hypothesis(effects, fit, whiten, noise, noise.value + sum(self.price(effect) for effect in effects) + self._implausible(fit))
+        score = noise.value + sum(self.price(effect) for effect in effects) + self._implausible(fit)
+        return Hypothesis(effects, fit, noise, score, self.whiteners)
 
     def _implausible(self, fit: Refit) -> float:
         """theta' D^-1 theta beyond what ``price`` has of it: a claim that is larger than plausible pays by its square."""
@@ -154,10 +166,13 @@ class Evidence:
 
     def columns(self, effect: Effect) -> np.ndarray:
         """(n, P) stacked, as one unit of each parameter moves the channels: by the linear model, which is near enough to rank by."""
-        if effect not in self._columns:
-            fit = self.nothing.fit
-            self._columns[effect] = self.twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked()
-        return self._columns[effect]
+        found = self._columns.get(effect)
+        if found is None:
+            found = self._replay.columns(effect).stacked()
+            # Not those asked for last: all are asked for in turn, and who comes too late for the memo would always find it full of others.
+            if sum(each.size for each in self._columns.values()) + found.size <= MOST_KEPT:
+                self._columns[effect] = found
+        return found
 
     def _gauged_start(self, begin: Hypothesis) -> State:
         # Not from where an earlier effect's common delay has run while this one was missing.
@@ -190,9 +205,10 @@ class Evidence:
         kept = np.array([c.name != component for c in noise.components])
         components = tuple(c for c in noise.components if c.name != component)
         other.first_noise = replace(noise, components=components, s=noise.s[kept], sigma=noise.sigma[kept])
-        other.first_whiten = self._white.with_more(other.first_noise.covariance)
+        other.first_whiten = self.whiteners.white.with_more(other.first_noise.covariance)
         other._known, other._guesses = {}, {}
         other.nothing = other.of((), None)
+        other._replay = Replay(self.twin, other.nothing.fit)
         return other
 
     @property
@@ -227,5 +243,5 @@ def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     along it goes on from the gauge."""
     gauged = in_gauge(twin, whiten, fit)
     if gauged.chi_square > fit.chi_square - ENOUGH:
-        return replace(fit, state=gauged.state, rates=gauged.rates, r=gauged.r, chi_square=gauged.chi_square)
+        return replace(fit, state=gauged.state, r=gauged.r, chi_square=gauged.chi_square)
     return in_gauge(twin, whiten, refit(twin, whiten, [claim.effect for claim in fit.state.claims], gauged.state))

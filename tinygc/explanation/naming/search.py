@@ -17,7 +17,8 @@ from tinygc.explanation.naming.evidence import Evidence, Guess, Hypothesis
 from tinygc.explanation.naming.selection import left_of, orthonormal
 from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit
-from tinygc.explanation.twin.whitening import Whitener
+from tinygc.explanation.twin.replay import Replay
+from tinygc.explanation.twin.whitening import TOGETHER, Whitener
 
 MOST_EFFECTS = 5  #: one more than `calibrate.py challenge` hides: each costs a round (benchmarks/explain_speed.py)
 #: candidates that are weighed in each round, of either ranking
@@ -59,9 +60,9 @@ def ranked(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Ef
     """Candidates worth weighing beside a hypothesis, each effect once, at its best shape."""
     rest = [effect for effect in tried if effect.id not in have.ids]
     found: dict[str, Effect] = {}
-    for whiten in (evidence.first_whiten, have.whiten):
-        fit = rewhitened(have, whiten)
-        promise = promises(evidence, whiten, fit, rest)
+    replay = Replay(evidence.twin, have.fit)
+    looks = [(whiten, rewhitened(have, whiten)) for whiten in (evidence.first_whiten, have.whiten)]
+    for (whiten, fit), promise in zip(looks, promises(evidence, looks, rest), strict=True):
         taken = 0
         for number in np.argsort(-promise):
             if promise[number] < 0 or taken >= MOST_TRIALS:
@@ -69,21 +70,28 @@ def ranked(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[Ef
             effect = rest[number]
             key = effect.id if effect.scan is not None else effect.equation
             if key not in found:
-                found[key] = sharpened(evidence.twin, whiten, fit, effect)
+                found[key] = sharpened(evidence.twin, whiten, fit, effect, replay)
                 taken += 1
     return list(found.values())
 
 
-def promises(evidence: Evidence, whiten: Whitener, fit: Refit, rest: list[Effect]) -> np.ndarray:
-    """(len(rest),) twice the logarithm of the evidence that each candidate would add by its linear columns, the noise as it is."""
-    q = orthonormal(fit.J)
-    r = fit.r - q @ (q.T @ fit.r)
-    found = np.empty(len(rest))
-    for number, (effect, columns) in enumerate(zip(rest, whiten.each(map(evidence.columns, rest)), strict=True)):
-        basis = left_of(q, columns)
-        gain, size = float(np.sum((basis.T @ r) ** 2)), max(basis.shape[1], 1)
-        # The parameters' scale at its best: each pays the logarithm of its signal over its noise.
-        found[number] = gain - size * np.log(max(gain / size, 1.0)) - evidence.price(effect)
+def promises(evidence: Evidence, looks: list[tuple[Whitener, Refit]], rest: list[Effect]) -> np.ndarray:
+    """(len(looks), len(rest)) twice the logarithm of the evidence that each candidate would add by its linear columns, beside each fit as
+    it is whitened, the noise as it is.  One after the other, their columns made once for all."""
+    found = np.empty((len(looks), len(rest)))
+    beside = []
+    for _, fit in looks:
+        q = orthonormal(fit.J)
+        beside.append((q, fit.r - q @ (q.T @ fit.r)))
+    for first in range(0, len(rest), TOGETHER):
+        some = rest[first : first + TOGETHER]
+        stacked = [evidence.columns(effect) for effect in some]
+        for look, ((whiten, _), (q, r)) in enumerate(zip(looks, beside, strict=True)):
+            for number, (effect, columns) in enumerate(zip(some, whiten.each(stacked), strict=True), first):
+                basis = left_of(q, columns)
+                gain, size = float(np.sum((basis.T @ r) ** 2)), max(basis.shape[1], 1)
+                # The parameters' scale at its best: each pays the logarithm of its signal over its noise.
+                found[look, number] = gain - size * np.log(max(gain / size, 1.0)) - evidence.price(effect)
     return found
 
 
@@ -156,12 +164,13 @@ def _in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effe
     fit = replace(best.fit, r=r, J=np.delete(best.fit.J, part, axis=1))
     others = best.ids - {effect.id}
     rest = [other for other in tried if other.id not in others and other is not effect and (other.id != effect.id or other.scan is None)]
-    promise, mine = promises(evidence, whiten, fit, rest), promises(evidence, whiten, fit, [effect])[0]
+    looks, replay = [(whiten, fit)], Replay(evidence.twin, fit)
+    (promise,), ((mine,),) = promises(evidence, looks, rest), promises(evidence, looks, [effect])
     found: dict[str, Effect] = {}
     for number in np.argsort(-promise):
         if promise[number] < max(mine - WITHIN - LINEAR_SHARE * abs(mine), 0) or len(found) >= MOST_LOOKALIKES:
             break
         key = rest[number].id if rest[number].scan is not None else rest[number].equation
         if key not in found:
-            found[key] = sharpened(evidence.twin, whiten, fit, rest[number])
+            found[key] = sharpened(evidence.twin, whiten, fit, rest[number], replay)
     return list(found.values())

@@ -10,6 +10,7 @@ from tinygc.effects import Effect, catalogue
 from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.naming.evidence import least_gain
 from tinygc.explanation.twin.refit import Refit
+from tinygc.explanation.twin.replay import Replay
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
 
@@ -22,10 +23,10 @@ def seen_from(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
     """
     q, _ = np.linalg.qr(fit.J / np.linalg.norm(fit.J, axis=0))
     sizes: dict[str, float] = {}
-    tried = candidates(twin)
+    tried, replay = candidates(twin), Replay(twin, fit)
     shapes = Counter(effect.id for effect in tried)
     for effect in tried:
-        columns = whiten(twin.effect_columns(effect, fit.state, fit.sensitivity, fit.rates).stacked())
+        columns = whiten(replay.columns(effect).stacked())
         size = _size(effect, columns - q @ (q.T @ columns), float(np.sqrt(least_gain(effect, shapes[effect.id]))))
         sizes[effect.id] = min(size, sizes.get(effect.id, np.inf))
     return sizes

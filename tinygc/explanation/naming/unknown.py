@@ -40,6 +40,11 @@ LIKE_THE_EARTH = 0.25
 #: and the latitude is another if it is farther off than the stills of a usual session can tell: directions of the Earth's rate are good
 #: to 7 degrees rms (benchmarks/closure_table.py)
 ANOTHER_DEG = 10.0
+#: lines above the stills' rate, times rows of the session as the twin sees it: some minutes of computing.  28 minutes at 208 Hz have room
+#: for all lines up to ``HIGHEST_HZ``; a day, whose lines are a day's width apart, for one in a hundred of its quarter of a million
+MOST_LINE_ROWS = 2e9
+#: of a line that is looked for
+HIGHEST_HZ = 3.0
 #: a hand's mean of the force
 HAND_REACH = Reach.around(samples=2, seconds=HAND_S / 2)
 
@@ -50,9 +55,15 @@ OfMovement = Callable[[Movement], np.ndarray]
 
 def unknown_candidates(twin: Twin) -> list[Effect]:
     """Shapes to try on this recording."""
-    duration = twin.movements[0].duration_s
     # Within the sampling of the stills a line above their rate shows folded; the segments still see it.
-    return slow_candidates(twin) + _lines(np.arange(0.5 / _interval(twin), 3.0, 1 / duration))
+    return slow_candidates(twin) + _lines(line_frequencies(twin))
+
+
+def line_frequencies(twin: Twin) -> np.ndarray:
+    """(K,) Hz, rising from the stills' rate, as close to each other as the session tells them apart; in a long session the slowest."""
+    rows = sum(len(movement.t_s) for movement in twin.movements)
+    found = np.arange(0.5 / _interval(twin), HIGHEST_HZ, 1 / twin.movements[0].duration_s)
+    return found[: max(int(MOST_LINE_ROWS / rows), 1)]
 
 
 def slow_candidates(twin: Twin) -> list[Effect]:

@@ -34,13 +34,13 @@ def variable_for(e: Explanation, claim: Claim | None) -> Variable:
 
 def rates_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
     """Residual rates (Q, 3) dps in the stills, before and after."""
-    before, after = (e.twin.residuals(fit.state, fit.rates).still / DEG for fit in (e.naming.first, e.naming.fit))
+    before, after = (e.twin.residuals(fit.state).still / DEG for fit in (e.naming.first, e.naming.fit))
     return before, after
 
 
 def lengths_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
     """Residual lengths of gravity (Q,) m/s^2 in the stills, before and after."""
-    before, after = (e.twin.residuals(fit.state, fit.rates).length for fit in (e.naming.first, e.naming.fit))
+    before, after = (e.twin.residuals(fit.state).length for fit in (e.naming.first, e.naming.fit))
     return before, after
 
 
@@ -50,7 +50,7 @@ def added_in_stills(e: Explanation, claim: Claim, values: np.ndarray | None = No
     values = theta(e, claim) if values is None else values
     if claim.effect.kind == "earth":
         return np.einsum("qji,j->qi", rotation.matrix(twin.q_tb), values) / DEG
-    by_log = [claim.effect.columns(m.with_rate(rate)) @ values for m, rate in zip(twin.movements, e.naming.fit.rates, strict=True)]
+    by_log = [claim.effect.columns(m.with_rate(rate)) @ values for m, rate in zip(twin.movements, e.replay.rates, strict=True)]
     return np.array([by_log[log][still.start : still.stop].mean(axis=0) for log, still in twin.stills]) / DEG
 
 
@@ -62,9 +62,8 @@ def recorded_in_stills(e: Explanation, claim: Claim) -> np.ndarray:
 
 def added_to_closure(e: Explanation, claim: Claim) -> tuple[np.ndarray, np.ndarray]:
     """(S, d) rad that an effect adds to the closure of each segment, to first order, and what the recording has of it."""
-    fit = e.naming.fit
-    added = -e.twin.effect_columns(claim.effect, fit.state, fit.sensitivity, fit.rates).closure @ theta(e, claim)
-    return added, e.twin.residuals(fit.state, fit.rates).closure + added
+    added = -e.replay.columns(claim.effect).closure @ theta(e, claim)
+    return added, e.twin.residuals(e.naming.fit.state, e.replay.rates).closure + added
 
 
 def closure_as_recorded(e: Explanation) -> dict[int, float]:

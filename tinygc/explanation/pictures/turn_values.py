@@ -46,8 +46,7 @@ class OfTurns:
 
 def turn_columns(e: Explanation, claim: Claim) -> np.ndarray:
     """(S, d, P) rad: what one SI unit of each parameter adds to the closure of each turn."""
-    fit = e.naming.fit
-    return -e.twin.effect_columns(claim.effect, fit.state, fit.sensitivity, fit.rates).closure
+    return -e.replay.columns(claim.effect).closure
 
 
 def turn_sigma(e: Explanation) -> np.ndarray:
@@ -59,7 +58,7 @@ def turn_sigma(e: Explanation) -> np.ndarray:
 
 def left_by_turn(e: Explanation) -> np.ndarray:
     """(S, d) rad that the fit leaves with all of its effects in it."""
-    return e.twin.residuals(e.naming.fit.state, e.naming.fit.rates).closure
+    return e.twin.residuals(e.naming.fit.state, e.replay.rates).closure
 
 
 def without(e: Explanation, claim: Claim, entries: Sequence[int]) -> np.ndarray:
@@ -77,11 +76,11 @@ def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Va
     the turn: a cubic sees fast moments more than slow ones.  Turns that went both ways, and those that hardly turn about the axis, stand
     nowhere and are left out; which ones does not depend on what they ask for.
     """
-    fit, twin = e.naming.fit, e.twin
+    twin, replay = e.twin, e.replay
     columns, sigma = turn_columns(e, claim), turn_sigma(e)
-    movements = [movement.with_rate(rate) for movement, rate in zip(twin.movements, fit.rates, strict=True)]
+    movements = [movement.with_rate(rate) for movement, rate in zip(twin.movements, replay.rates, strict=True)]
     carried = twin.padded([CARRIERS[carrier](movement) for movement in movements])[:, :, axis]
-    of_samples = fit.sensitivity[:, :, :, axis] * carried[:, :, None]
+    of_samples = replay.sensitivity[:, :, :, axis] * carried[:, :, None]
     share, own_sigma = _projector(of_samples.sum(axis=1), sigma)
     weight = np.einsum("sd,std->st", share, of_samples)
     along = _padded_scalar(e, [_along(variable, movement, axis) for movement in movements])

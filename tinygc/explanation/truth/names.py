@@ -166,7 +166,7 @@ def held_out(twin: TruthTwin, whiten: Whitener, fit: Refit) -> np.ndarray:
     angles = np.zeros((len(twin.segments), 3))
     for held in folds_of(len(twin.segments)):
         part = refit(twin, whiten, effects, fit.state, rows=fold_rows(twin, whiten, held), max_steps=FOLD_STEPS)
-        angles[held] = twin.residuals(part.state, part.rates).closure[held]
+        angles[held] = twin.residuals(part.state).closure[held]
     return angles
 
 

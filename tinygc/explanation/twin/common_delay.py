@@ -64,21 +64,19 @@ def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     if not moved:
         return fit
     state = replace(fit.state, claims=tuple(claims))
-    rates = twin.rates(state)
-    r = whiten(twin.residuals(state, rates).stacked())
+    r = whiten(twin.residuals(state).stacked())
     covariance = change @ fit.covariance @ change.T
     for rows in moved:  # what is settled has no sigma of its own; a little keeps the matrix one that can be inverted
         covariance[np.ix_(rows, rows)] += KNOWN**2
-    return replace(fit, state=state, rates=rates, r=r, chi_square=float(r @ r), covariance=covariance)
+    return replace(fit, state=state, r=r, chi_square=float(r @ r), covariance=covariance)
 
 
 def _with_theta(twin: Twin, whiten: Whitener, fit: Refit, number: int, theta: np.ndarray) -> Refit:
     claims = list(fit.state.claims)
     claims[number] = replace(claims[number], theta=theta)
     state = replace(fit.state, claims=tuple(claims))
-    rates = twin.rates(state)
-    r = whiten(twin.residuals(state, rates).stacked())
-    return replace(fit, state=state, rates=rates, r=r, chi_square=float(r @ r))
+    r = whiten(twin.residuals(state).stacked())
+    return replace(fit, state=state, r=r, chi_square=float(r @ r))
 
 
 def _with_common_delay(twin: Twin, whiten: Whitener, fit: Refit, number: int, gauge: CommonDelay) -> Refit:

@@ -33,7 +33,8 @@ class Refit:
     """Where the search ended.
 
     state; whitened residuals r (n,) and columns J (n, p) in the order of ``State.vector``, of the rows that counted; chi_square;
-    covariance (p, p); rates of each log; sensitivity (S, T, d, 3).
+    covariance (p, p); columns_at: the state that J was taken at, which may be another than the one that was settled on.  Small, for a
+    hypothesis each: what the columns rest on sample by sample is made again by ``replay.Replay``.
     """
 
     state: State
@@ -41,8 +42,7 @@ class Refit:
     J: np.ndarray
     chi_square: float
     covariance: np.ndarray
-    rates: list[np.ndarray]
-    sensitivity: np.ndarray
+    columns_at: State
 
     def theta_covariance(self, number: int) -> np.ndarray:
         """(P, P) of one claim."""
@@ -87,10 +87,11 @@ def refit(
             step = step / 3
         if gain < ENOUGH:
             break
-    J, sensitivity = design(twin, whiten, state, rates)
+    del sensitivity
+    J, _ = design(twin, whiten, state, rates)
     scaled = J * prior
     covariance = np.linalg.inv(scaled.T @ scaled + np.eye(len(prior))) * np.outer(prior, prior)
-    return Refit(state, r, J, float(r @ r), covariance, rates, sensitivity)
+    return Refit(state, r, J, float(r @ r), covariance, state)
 
 
 def design(

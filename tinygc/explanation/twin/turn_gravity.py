@@ -91,7 +91,7 @@ def turn_equations(twin: Twin, fit: Refit) -> TurnEquations:
     """What gravity in the turns says of lever arm and offset."""
     state = fit.state
     batch = twin.batch_at(state)
-    padded = twin.padded(fit.rates)
+    padded = twin.padded(twin.rates(state))
     turn = rotation.matrix(closure.attitudes(batch, padded))
     normal, right, square, count = [], [], [], []
     for i, segment in enumerate(twin.segments):

@@ -18,6 +18,7 @@ from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.twin.state import Channels, State, bent_by
+from tinygc.explanation.twin.still_means import StillMeans
 from tinygc.explanation.twin.thinned import movement_in, thinned
 from tinygc.models import linear
 from tinygc.problem.problem import Problem
@@ -92,7 +93,7 @@ class Twin:
         batch = self.batch_at(state)
         q_pred = closure.end_attitude(batch, self.padded(rates))
         angles = closure.error_angles(closure.batch_residual(batch, q_pred))
-        return Channels(angles, self._still_rates(rates) - self._earth_in_stills(state), self._lengths(state))
+        return Channels(angles, self._still_means(rates) - self._earth_in_stills(state), self._lengths(state))
 
     def batch_at(self, state: State) -> Batch:
         """The batch with the state's reference attitudes and Earth."""
@@ -144,32 +145,14 @@ class Twin:
             row[:count] = rates[segment.log][segment.start : segment.stop]
         return padded
 
-    def _still_rates(self, rates: list[np.ndarray]) -> np.ndarray:
-        return self._still_means(rates)
-
     def _still_means(self, by_log: list[np.ndarray]) -> np.ndarray:
         """(Q, …) of samples (N, …) of each log."""
-        parts = [np.zeros((0, *by_log[0].shape[1:]))]
-        for log, (values, (rows, begin, count)) in enumerate(zip(by_log, self._still_rows, strict=True)):
-            if len(begin):
-                each = values[rows]
-                if self._thinnings is not None:  # a row may stand for a second
-                    weight = self._thinnings[log].counts[rows]
-                    each, count = each * weight.reshape(-1, *(1,) * (values.ndim - 1)), np.add.reduceat(weight, begin)
-                sums = np.add.reduceat(each, begin, axis=0)
-                parts.append(sums / count.reshape(-1, *(1,) * (values.ndim - 1)))
-        return np.concatenate(parts)
+        return np.concatenate([mean(values) for values, mean in zip(by_log, self._means, strict=True)])
 
     @cached_property
-    def _still_rows(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Of each log: rows of all its stills, where each begins among them, and how many each has."""
-        found = []
-        for log in range(len(self.problem.logs)):
-            own = [still for number, still in self.stills if number == log]
-            count = np.array([still.stop - still.start for still in own], dtype=int)
-            rows = np.concatenate([np.arange(still.start, still.stop) for still in own]) if own else np.zeros(0, dtype=int)
-            found.append((rows, np.cumsum(count) - count, count))
-        return found
+    def _means(self) -> list[StillMeans]:
+        counts = [None] * len(self.problem.logs) if self._thinnings is None else [each.counts for each in self._thinnings]
+        return [StillMeans([still for number, still in self.stills if number == log], each) for log, each in enumerate(counts)]
 
     def _earth_in_stills(self, state: State) -> np.ndarray:
         return self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
@@ -186,7 +169,7 @@ class Twin:
         """Of the 12 linear parameters."""
         design = linear.columns(_square(sensitivity), self.batch.rate)[:, : self.batch.angles]
         still = np.zeros((len(self.stills), 3, linear.PARAMETERS))
-        mean = self._still_rates([np.asarray(log.samples.gyro) for log in self.seen.logs])
+        mean = self._still_means([np.asarray(log.samples.gyro) for log in self.seen.logs])
         for axis in range(3):
             still[:, axis, 3 * axis : 3 * axis + 3] = mean
             still[:, axis, linear.BIAS.start + axis] = 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from session.checks.findings import Finding
@@ -16,6 +17,7 @@ from tinygc.explanation.naming.selection import FAMILY_WISE
 from tinygc.explanation.noise.session_noise import SessionNoise
 from tinygc.explanation.twin.channels import channel_p_values, own_p_values
 from tinygc.explanation.twin.common_delay import in_gauge
+from tinygc.explanation.twin.replay import Replay
 from tinygc.explanation.twin.turn_gravity import TurnGravity, turn_gravity
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
@@ -57,6 +59,11 @@ class Explanation:
     noise: SessionNoise | None = None
     unusual: bool = False
     considered: list[Considered] = field(default_factory=list)
+
+    @cached_property
+    def replay(self) -> Replay:
+        """Of the last fit, which pictures ask for again and again."""
+        return Replay(self.twin, self.naming.fit)
 
     def __repr__(self) -> str:
         return f"<Explanation {self.session.name}: {self.verdict}>"

@@ -103,7 +103,7 @@ def parameter_lines(claim: Claim) -> list[str]:
 
 def _numbers(value: Any, std: Any) -> str:
     if not isinstance(value, list):
-        return str(value) if isinstance(value, int) else measured(value, std)
+        return str(value) if isinstance(value, int | str) else measured(value, std)  # a text says of what the numbers are
     if not isinstance(std, list) or len(std) != len(value):
         shown = ", ".join(f"{v:.10g}" for v in value[:16])
         return shown + (f", … ({len(value)})" if len(value) > 16 else "")

@@ -34,7 +34,7 @@ def undersampled_claim(twin: Twin, whiten: Whitener, fit: Refit, noise: SessionN
         return []
     effect = catalogue()[UNDERSAMPLED]
     sigma = next(float(s) for s, c in zip(noise.sigma, noise.components, strict=True) if c.name == UNDERSAMPLED)
-    angles = twin.residuals(fit.state, fit.rates).closure[:, :2]
+    angles = twin.residuals(fit.state).closure[:, :2]
     own = float(np.sqrt(np.mean(np.sum(angles**2, axis=1))))
     rates = missed.rate_hz / np.array([1, *STEPS])
     closure = np.sqrt(own**2 + np.concatenate([[0.0], 2 * missed.missed_rad**2]))

@@ -37,7 +37,7 @@ def physics_methods(
     effects = [claim.effect for claim in found.fit.state.claims]
     for held in folds_of(len(twin.segments), options.folds):
         part = refit(twin, found.whiten, effects, found.fit.state, rows=fold_rows(twin, found.whiten, held), max_steps=FOLD_STEPS)
-        held_physics[held] = twin.residuals(part.state, part.rates).closure[held]
+        held_physics[held] = twin.residuals(part.state).closure[held]
         if with_net:
             model = PhysicsModel(part.state.model, _rate_claims(part.state.claims), found.model.known)
             batch = _without_effects(found, model)
@@ -45,7 +45,7 @@ def physics_methods(
             seen[held] = False
             net, _ = _train(batch.pick(seen), found.problem.floor.sigma[seen])
             held_net[held] = closure_angles(batch.pick(~seen), net)
-    angles = twin.residuals(found.fit.state, found.fit.rates).closure
+    angles = twin.residuals(found.fit.state).closure
     fits = {PHYSICS: MethodFit(PHYSICS, found.model, angles, held_physics, seconds)}
     if with_net:
         batch = _without_effects(found, found.model)

@@ -7,6 +7,7 @@ import pytest
 from session.common.units import DEG
 from tinygc.explanation.verdict.claims import Considered
 from tinygc.explanation.verdict.measured import measured
+from tinygc.explanation.verdict.pages import parameter_lines
 from tinygc.explanation.verdict.weighed import MOST_SAID, considered_lines, equivalent_words, noise_rows, rival_words
 
 
@@ -31,6 +32,14 @@ def test_a_value_ends_where_two_digits_of_its_std_end(value, std, text):
 def test_a_value_without_a_std_has_five_digits(std):
     assert measured(3.14159265, std) == "3.1416"
     assert measured(12.0, std) == "12"
+
+
+def test_a_parameter_that_is_a_text_is_a_line_like_any_other():
+    """What an axis skew is of stands among its numbers."""
+    claim = SimpleNamespace(
+        parameters={"seconds": [0.0, 0.00032, 0.02009], "of": "readings", "order": 3}, std={"seconds": [0.0, 0.00037, 0.00039]}
+    )
+    assert parameter_lines(claim) == ["seconds: 0   0.00032 ± 0.00037   0.02009 ± 0.00039", "of: readings", "order: 3"]
 
 
 NAMES = [Considered(f"gyro.name{number}", 0.4 - 0.05 * number) for number in range(4)]

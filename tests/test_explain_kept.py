@@ -16,7 +16,7 @@ from tinygc.explanation.naming import unknown
 from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.naming.evidence import Evidence
 from tinygc.explanation.naming.search import promises
-from tinygc.explanation.naming.unknown import HIGHEST_HZ, MOST_LINE_ROWS, line_frequencies
+from tinygc.explanation.naming.unknown import HIGHEST_HZ, MOST_LINE_ROWS, line_frequencies, lines_end_hz
 from tinygc.explanation.noise.whiteners import HELD
 from tinygc.explanation.twin import still_means
 from tinygc.explanation.twin.still_means import StillMeans
@@ -97,6 +97,9 @@ def test_a_day_is_searched_for_as_many_lines_as_there_is_time_for(twin_of):
     short = line_frequencies(day_of(46_800, 225.0, 41))
     assert HIGHEST_HZ - 1 / 225.0 <= short[-1] < HIGHEST_HZ
     assert len(line_frequencies(twin_of(g_sensitive)[0])) > 100
+    # What was not looked for is said, and only there.
+    assert lines_end_hz(day_of(rows, 86_400.0, 401)) == lines[-1]
+    assert lines_end_hz(day_of(46_800, 225.0, 41)) is None
 
 
 def test_lines_that_a_claim_might_have_had_are_tried_a_few_at_a_time_as_all_at_once(twin_of, monkeypatch):

@@ -34,6 +34,7 @@ def test_what_fit_wrote_may_be_exported(fitted_here, run):
         ("segments", "segments is missing, expected a table"),
         ("segments.used", "segments.used is missing, expected a whole number of at least 0"),
         ("methods", "methods is missing, expected a table"),
+        ("methods.least_squares", "methods.least_squares is missing, expected how well that model closes held-out turns"),
         ("noise.gyro_dps_rthz", "noise.gyro_dps_rthz is missing, expected 3 numbers"),
         ("against_raw.tilt_rms_deg", "against_raw.tilt_rms_deg is missing, expected a number from 0 to 10000 or null"),
     ],
@@ -53,11 +54,14 @@ def test_a_fit_that_does_not_say_whether_its_model_may_leave_is_no_permission(wi
     assert not (fitted_here / "export").exists()
 
 
-def test_a_held_out_tilt_that_is_no_number_is_worse_than_raw(fitted_here, run):
+@pytest.mark.parametrize("raw", ["a number", None])
+def test_a_held_out_tilt_that_is_no_number_is_worse_than_raw(raw, fitted_here, run):
     path = fitted_here / "fit" / "fit.json"
     whole = json.loads(path.read_text())
     whole["methods"]["least_squares"]["holdout"]["tilt_rms_deg"] = None
+    if raw is None:
+        whole["against_raw"]["tilt_rms_deg"] = None
     path.write_text(json.dumps(whole))
     code, _, err = run("export", fitted_here, "--to", "px4")
     assert code == 2
-    assert "worse than the raw rates" in err
+    assert "by no number that fit.json knows, worse than the raw rates" in err

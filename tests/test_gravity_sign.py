@@ -71,7 +71,7 @@ def test_the_earth_tells_an_accelerometer_that_is_upside_down(folder):
     assert said(session) == []
     (finding,) = said(upside_down(session))
     assert finding.level == "warning"
-    assert "gravity is upside down" in finding.says
+    assert "as if gravity were upside down" in finding.says
     assert "negate all axes of the accelerometer if the one that points up reads -1 g" in finding.do
     assert "\n" not in finding.line
     assert max(len(finding.says), len(finding.do)) < 140
@@ -102,7 +102,7 @@ def test_a_latitude_with_the_wrong_sign_looks_the_same_and_is_named_beside_it(fo
     site = session.config.site
     south = replace(session, config=replace(session.config, site=replace(site, latitude_deg=-site.latitude_deg)))
     (finding,) = said(south)
-    assert "is site.latitude_deg north?" in finding.do
+    assert "is site.latitude_deg wrong?" in finding.do
     assert said(upside_down(south)) == []
 
 

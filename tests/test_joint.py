@@ -168,18 +168,23 @@ def test_one_that_no_longer_holds_is_said_and_not_believed(session1):
     assert tilt_rms(kept.linear.held_out) / DEG > 0.03
 
 
-def test_what_is_prepared_beside_one_that_is_refuted_is_what_would_be_prepared_without_it(session1):
-    """Stills and model that were found with the stale one only show where to look."""
+@pytest.mark.parametrize("stretched", [(1.002, 1.0, 0.999), (1.12, 1.0, 1.0)])
+def test_what_is_prepared_beside_one_that_is_refuted_is_what_would_be_prepared_without_it(session1, stretched):
+    """Stills and model that were found with the stale one only show where to look; where it is far off, not even that."""
     wrong = session1.config.accelerometer
-    stale = with_accelerometer(session1, dataclasses.replace(wrong, matrix=np.diag([1.002, 1.0, 0.999]) @ wrong.matrix))
+    stale = with_accelerometer(session1, dataclasses.replace(wrong, matrix=np.diag(stretched) @ wrong.matrix))
     beside, alone = prepare(stale), prepare(stale, accelerometer="fit")
     assert beside.given is not None
     assert [finding.what for finding in beside.findings[1:]] == [finding.what for finding in alone.findings]
     found, expected = beside.problem, alone.problem
     np.testing.assert_allclose(found.first.vector, expected.first.vector, atol=1e-9)
     np.testing.assert_allclose(found.batch.end, expected.batch.end, atol=1e-9)
-    # The accelerometer's noise is told in the stale one's unit, 0.2 % off; a floor is its own noise to a hundredth.
-    np.testing.assert_allclose(found.floor.sigma, expected.floor.sigma, rtol=1e-4)
+    np.testing.assert_allclose(found.floor.sigma, expected.floor.sigma, rtol=1e-6)
+    for one, other in zip(found.logs, alone.problem.logs, strict=True):
+        np.testing.assert_allclose(one.noise.accel, other.noise.accel, rtol=1e-4)
+        assert [(still.start, still.stop) for still in one.stills] == [(still.start, still.stop) for still in other.stills]
+        for still, same in zip(one.stills, other.stills, strict=True):
+            np.testing.assert_allclose(still.accel_std, same.accel_std, rtol=1e-3)
     sigma = np.sqrt(np.diag(expected.joint.covariance))
     assert np.abs((found.joint.x - expected.joint.x) / sigma).max() < 1e-3
 

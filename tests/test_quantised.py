@@ -9,6 +9,7 @@ from looks import look, of
 
 import calibrate
 from session.checks.first_look import check_session
+from session.common.units import MG
 from session.log.folder import read_session
 from session.sensor.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
@@ -41,6 +42,19 @@ def test_the_first_error_that_fit_says_is_quantisation(tmp_path, capsys):
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("calibrate:")]
     assert "quantisation" in line
     assert "vibrat" not in line
+
+
+@pytest.mark.parametrize(("step_mg", "axes", "coarse"), [(31.2, "x, y, z", [1, 1, 1]), (7.8, "y", [0, 1, 0])])
+def test_an_accelerometer_that_repeats_one_reading_in_each_still_is_said_before_anything_is_fitted(step_mg, axes, coarse):
+    """Noise of 60 ug/rtHz is 0.6 mg at 208 Hz: steps of half of it leave its scatter, steps of ten times hide it."""
+    session = recorded(500, 208.0)
+    samples, step = session.logs[0].samples, step_mg * MG
+    rounded = np.where(coarse, np.rint(samples.accel / step) * step, samples.accel)
+    finding = of(check_session(session_of(replace(samples, accel=rounded), odr_hz=208.0, gyro_fs_dps=500)), "quantisation")
+    assert finding.level == "error"
+    assert finding.says.startswith(f"the accelerometer ({axes}) moves in steps of {step_mg:g} mg")
+    fine = replace(samples, accel=np.rint(samples.accel / (0.3 * MG)) * 0.3 * MG)
+    assert "quantisation" not in {each.what for each in check_session(session_of(fine, odr_hz=208.0, gyro_fs_dps=500))}
 
 
 @pytest.mark.parametrize("axes", [[True, True, True], [True, False, False]])

@@ -145,3 +145,11 @@ def test_product_is_differentiable(count):
 def test_namespace_tells_tensors_from_arrays():
     assert rotation.namespace(np.zeros(3)) is np
     assert rotation.namespace(torch.zeros(3)) is torch
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (4, 0, 3), (3,), (2, 5, 3)])
+def test_a_matrix_maps_vectors_of_any_shape_and_none(shape):
+    vectors, matrix = np.random.default_rng(5).normal(size=shape), np.arange(9.0).reshape(3, 3)
+    mapped = rotation.mapped(matrix, vectors)
+    assert mapped.shape == shape
+    np.testing.assert_allclose(mapped, vectors @ matrix.T, atol=1e-15)

@@ -22,7 +22,7 @@ from session.checks.dials import check_dials
 from session.checks.findings import Finding, worst
 from session.checks.impacts import check_impacts
 from session.checks.known_turns import check_known_turns
-from session.checks.quantised import check_quantised
+from session.checks.quantised import check_quantised, check_repeated_gravity
 from session.checks.rate import check_length, check_rate, check_warming
 from session.checks.rests import check_rests
 from session.checks.samples import check_comments, check_reading, check_registers, check_stamps
@@ -86,6 +86,7 @@ def first_look(session: Session, log: Log, stills: list[Still], noise: Noise | N
     force = mapped(mapped(log.samples.accel, times(factor)), config.accelerometer.correct)
     return [
         *findings,
+        *check_repeated_gravity(log, noise),
         *check_noise(where, noise, config.sensor),
         *check_zero_rate(where, good, config.sensor),
         *check_gravity(where, good, config, noise, closure_run=log in session.closures),

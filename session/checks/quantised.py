@@ -1,11 +1,13 @@
-"""A gyroscope whose register steps are larger than its noise: at rest it repeats one value, and rest cannot be told from a slow turn."""
+"""Registers whose steps are larger than the noise: a gyro repeats one value at rest, and rest cannot be told from a slow turn; an
+accelerometer repeats one in each still, and how far gravity is off cannot be told."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from session.checks.findings import Finding, axes_text
-from session.common.units import MDPS
+from session.common.units import MDPS, MG
+from session.detect.stills import Noise
 from session.log.config import Sensor
 from session.log.logfile import Log
 
@@ -14,6 +16,8 @@ WHAT = "quantisation"
 REPEATS = 0.6
 #: stretches that are looked at, and the share of them, the quietest, that must repeat
 STRETCH_S, LEAST_READINGS, QUIETEST = 1.0, 8, 0.2
+#: of a step: scatter in the stills that is nothing but the rounding of sums
+NO_SCATTER = 1e-3
 
 
 def check_quantised(log: Log, sensor: Sensor) -> list[Finding]:
@@ -37,4 +41,22 @@ def check_quantised(log: Log, sensor: Sensor) -> list[Finding]:
         rms = typical[1] * np.sqrt(0.5 / log.samples.period_s)
         says += f" ({rms:.3g} mdps rms for the {typical[0]} at {1 / log.samples.period_s:.4g} Hz)"
     do = "choose a smaller full scale, or a higher data rate; with such steps a rest cannot be told from a slow turn"
+    return [Finding("error", log.path.name, WHAT, says, do)]
+
+
+def check_repeated_gravity(log: Log, noise: Noise | None) -> list[Finding]:
+    """Whether the accelerometer, on some axis that moves, repeats one reading in each still; noise: of these stills."""
+    if noise is None:
+        return []
+    accel = log.samples.accel
+    steps = np.abs(np.diff(accel, axis=0))
+    step = np.min(steps, axis=0, where=steps > 0, initial=np.inf)
+    coarse = np.isfinite(step) & (noise.accel * np.sqrt(0.5 / log.samples.period_s) < NO_SCATTER * step)
+    if not coarse.any():
+        return []
+    says = (
+        f"the accelerometer ({axes_text(coarse)}) moves in steps of {step[coarse].max() / MG:.3g} mg, and repeats one reading in each still"
+    )
+    says += ": the steps are larger than its noise, so nothing tells how far gravity is off"
+    do = "choose a smaller full scale, a higher data rate or a wider filter; was the log rounded where it was written?"
     return [Finding("error", log.path.name, WHAT, says, do)]

@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from session.detect.stills import Noise, Still, find_stills
 from session.detect.unused_rests import UnusedRest, unused_rests
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
+
+#: calibrations whose matrices differ by less find the same stills: a scatter moves by 1 %, and ends a still at 2.4 times the noise's
+NEARLY = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,17 +41,35 @@ class SessionStills:
         self._session = session
         self._found: list[tuple[Log, LogStills]] = [] if known is None else list(known._found)
 
+    def under(self, session: Session) -> SessionStills:
+        """Of the same logs under another calibration of the accelerometer: the same stills where it is nearly the one before, else to be
+        looked for anew, since the scatter of each axis decides what is still."""
+        return self.recalibrated(session) if abs(self._change(session) - np.eye(3)).max() < NEARLY else SessionStills(session)
+
     def recalibrated(self, session: Session) -> SessionStills:
-        """The same stills of the same logs under another calibration of the accelerometer, which does not decide what is still."""
+        """The same stills of the same logs under another calibration: their means and the scatter of independent axes follow it."""
         other = SessionStills(session)
         before, after = self._session.config.accelerometer, session.config.accelerometer
+        squares = self._change(session) ** 2
+
+        def scatter(sigma: np.ndarray) -> np.ndarray:
+            return np.asarray(np.sqrt(squares @ sigma**2))
+
         for log, found in self._found:
-            stills = [replace(still, accel_mean=after.correct(before.measured(still.accel_mean))) for still in found.stills]
-            again = LogStills(session.calibrated(log), stills, found.noise, found.still_s)
+            stills = [
+                replace(still, accel_mean=after.correct(before.measured(still.accel_mean)), accel_std=scatter(still.accel_std))
+                for still in found.stills
+            ]
+            noise = found.noise and replace(found.noise, accel=scatter(found.noise.accel))
+            again = LogStills(session.calibrated(log), stills, noise, found.still_s)
             if "unused" in found.__dict__:
                 again.__dict__["unused"] = found.unused
             other._found.append((log, again))
         return other
+
+    def _change(self, session: Session) -> np.ndarray:
+        """(3, 3): what the other calibration makes of a specific force under this one, but for an offset."""
+        return np.asarray(session.config.accelerometer.matrix @ np.linalg.inv(self._session.config.accelerometer.matrix))
 
     def samples(self) -> list[Samples]:
         """Of each log that was looked at."""

@@ -180,7 +180,7 @@ def read_config(path: Path) -> Config:
     )
     calibrated = {"matrix", "bias_mps2"} & set(_table(table, "accelerometer"))
     if not calibrated and (of_it := sorted({"sigma_mg", "own_stills"} & set(_table(table, "accelerometer")))):
-        raise FormatError(f"{path}: accelerometer.{of_it[0]} is of a calibration that is not there; give matrix and bias_mps2")
+        raise FormatError(f"{path}: accelerometer.{of_it[0]} is of a calibration that is not there; give matrix or bias_mps2")
     accelerometer = Accelerometer(
         reader.array("accelerometer", "matrix", (3, 3), np.eye(3), most=100.0),
         reader.array("accelerometer", "bias_mps2", (3,), np.zeros(3), most=BEYOND["accel"]),

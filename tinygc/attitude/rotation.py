@@ -99,7 +99,7 @@ def mapped(matrix: Array, vectors: Array) -> Array:
     if not isinstance(vectors, np.ndarray):
         return vectors @ matrix.T
     components = np.moveaxis(vectors, -1, 0)
-    return np.moveaxis((matrix @ components.reshape(len(components), -1)).reshape(-1, *components.shape[1:]), 0, -1)
+    return np.moveaxis((matrix @ components.reshape(len(components), -1)).reshape(len(matrix), *components.shape[1:]), 0, -1)
 
 
 def exp(vector: Array) -> Array:

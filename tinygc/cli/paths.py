@@ -88,6 +88,9 @@ def refuse_overwriting(args: argparse.Namespace) -> None:
     A path counts as what it leads to: through links of either kind, ``..``, ``/dev/fd`` and another case of its letters.
     """
     paths: Paths = args.paths
+    for option, path in _given(args, paths.folders):
+        if path.exists() and not path.is_dir():
+            raise CalibrationError(f"{option} {path}: that is no folder; give {option} a folder, which is made where it is not there")
     written = [(option, path) for option, path in _given(args, {**paths.files, **paths.logs}) if str(path) != STANDARD]
     folders = [path for _, path in _given(args, paths.folders) if str(path) != STANDARD]
     read = list(_read(args, {*paths.files, *paths.logs, *paths.folders}))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf
+from math import inf, isinf
 
 from session.checks.stills import ENOUGH_SEGMENTS
 from tinygc.fitting.figures import closure_figures
@@ -77,13 +77,13 @@ def against_raw(problem: Problem, options: FitOptions, fits: Mapping[str, Method
 
 
 def worse_in_table(fit: Mapping, method: str) -> tuple[float, float] | None:
-    """Held-out tilt of a method and raw's, degrees, of a ``fit.json`` (``fit_file.JUDGED``) where the first is worse, by turns enough;
-    None where it is not, or where the file says nothing of that method."""
+    """Held-out tilt of a method and raw's, degrees, inf where there is no number, of a ``fit.json`` (``fit_file.JUDGED``) where the first
+    is worse, or no number, by turns enough; None where it is not, or where the file says nothing of that method."""
     if method not in fit.get("methods", {}) or "against_raw" not in fit or fit["segments"]["used"] < ENOUGH_SEGMENTS:
         return None
     tilts = (fit["methods"][method]["holdout"]["tilt_rms_deg"], fit["against_raw"]["tilt_rms_deg"])
-    mine, raw = (inf if tilt is None else float(tilt) for tilt in tilts)  # null: no number at all
-    return (mine, raw) if mine > raw else None
+    mine, raw = (inf if tilt is None else float(tilt) for tilt in tilts)
+    return (mine, raw) if mine > raw or isinf(mine) else None
 
 
 def _tilt(fit: MethodFit) -> float:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from session.common.errors import FormatError
 from session.files.shapes import Array, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require
 from tinygc.fitting.fit_json import SCHEMA
+from tinygc.methods.registry import METHODS
 
 #: dps and g per root Hz: a thousandth of what any sensor's range is
 _DENSITY = Array((3,), Number(0, 1e3))
@@ -40,10 +42,13 @@ _JUDGED: dict[str, Shape] = {
 JUDGED, REBIASED = Keys(_JUDGED | {"against_raw": Keys({"tilt_rms_deg": _TILT_DEG})}), Keys(_JUDGED)
 
 
-def read_judged(path: Path, do: str, *, rebiased: bool = False) -> dict:
-    """The figures of a fit whose model is exported: all that says whether it may be.  FormatError as ``read_fit``."""
+def read_judged(path: Path, do: str, method: str, *, rebiased: bool = False) -> dict:
+    """The figures of a fit whose model of that method is exported: all that says whether it may be.  A method that ``fit`` has not, of
+    another program's model, need not be there.  FormatError as ``read_fit``."""
     fit = read_fit(path, do)
     require(fit, REBIASED if rebiased else JUDGED, str(path), do)
+    if not rebiased and method in METHODS and method not in fit["methods"]:
+        raise FormatError(f"{path}: methods.{method} is missing, expected how well that model closes held-out turns; {do}")
     return fit
 
 

@@ -43,9 +43,9 @@ def check_gravity_sign(problem: Problem) -> list[Finding]:
         return []
     says = (
         f"the stills turn about down by {rate / DEG_PER_HOUR:+.1f} ± {sigma / DEG_PER_HOUR:.1f}°/h, the Earth by "
-        f"{expected / DEG_PER_HOUR:+.1f}°/h at latitude {latitude_deg:g}°: gravity is upside down"
+        f"{expected / DEG_PER_HOUR:+.1f}°/h at latitude {latitude_deg:g}°: as if gravity were upside down"
     )
-    do = "negate all axes of the accelerometer if the one that points up reads -1 g; if not, is site.latitude_deg north? else leave it out"
+    do = "negate all axes of the accelerometer if the one that points up reads -1 g; or is site.latitude_deg wrong? is it g-sensitivity?"
     where = session.logs[0].path.name if len(session.logs) == 1 else session.name
     return [Finding("warning", where, WHAT, says, do)]
 

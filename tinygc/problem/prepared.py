@@ -87,7 +87,7 @@ def prepare(
     session, own = with_own_accelerometer(session, anew=accelerometer == "fit", looked_at=known)
     session, aligned = with_aligned_truth(session)
     progress("first look")
-    found = looked_at = SessionStills(session) if known is None else known.recalibrated(session)
+    found = looked_at = SessionStills(session) if known is None else known.under(session)
     findings = own + aligned + check_session(session, found)
     stop_at_errors(findings)
     whole = with_bridges(session)

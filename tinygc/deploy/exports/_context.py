@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import isinf
 from pathlib import Path
 
 import numpy as np
@@ -130,13 +131,15 @@ def read_context(
             f"{path.name} undoes {', '.join(bygone)}, which follows the time of its own session and holds nowhere else; "
             f"give --model {path.stem.removeprefix('model_')}_at_end, which fit saves beside it"
         )
-    fit = _fit_beside(path, f"run `calibrate.py fit {shell_word(folder)}` again")
     sources = [path, folder / "session.toml", *log_paths(folder, "log"), *log_paths(folder, "closure")]
     hashes = {file_key(source): sha256_of(source) for source in sources}
     name: str = table.get("session") or printable(folder.resolve().name)
     named: str = table.get("method") or path.stem.removeprefix("model_")
-    if worse := worse_in_table(fit, named.removesuffix(AT_END)):
-        words = f"{path.name} closes held-out segments with {worse[0]:.4g} deg, worse than the raw rates with {worse[1]:.4g} deg"
+    judged = named.removesuffix(AT_END)
+    fit = _fit_beside(path, judged, f"run `calibrate.py fit {shell_word(folder)}` again")
+    if worse := worse_in_table(fit, judged):
+        by = "by no number that fit.json knows" if isinf(worse[0]) else f"with {worse[0]:.4g} deg"
+        words = f"{path.name} closes held-out segments {by}, worse than the raw rates with {worse[1]:.4g} deg"
         if not anyway:
             raise ExportError(f"{words}: a device is better off without it; record more turns, or insist with --anyway")
         say(f"{words}; exported because of --anyway")
@@ -155,8 +158,8 @@ def _model_path(folder: Path, method: str | None) -> Path:
     return there[wanted]
 
 
-def _fit_beside(path: Path, again: str) -> dict:
+def _fit_beside(path: Path, method: str, again: str) -> dict:
     """What was found with a model: ``rebiased.json`` for one whose bias was taken anew, ``fit.json`` for the others; empty without."""
     names = (bias.FIGURES, "fit.json") if path.name == bias.MODEL else ("fit.json",)
     beside = next((path.parent / name for name in names if (path.parent / name).exists()), None)
-    return {} if beside is None else read_judged(beside, again, rebiased=beside.name == bias.FIGURES)
+    return {} if beside is None else read_judged(beside, again, method, rebiased=beside.name == bias.FIGURES)

@@ -66,6 +66,12 @@ def line_frequencies(twin: Twin) -> np.ndarray:
     return found[: max(int(MOST_LINE_ROWS / rows), 1)]
 
 
+def lines_end_hz(twin: Twin) -> float | None:
+    """The highest line that is looked for, where a long session leaves no time for all up to ``HIGHEST_HZ``; None where it does."""
+    highest, apart = float(line_frequencies(twin)[-1]), 1 / twin.movements[0].duration_s
+    return highest if highest + apart < HIGHEST_HZ else None
+
+
 def slow_candidates(twin: Twin) -> list[Effect]:
     """Those that follow a slow variable or the movement: all but the lines above the stills' rate, of which there are hundreds."""
     duration = twin.movements[0].duration_s

@@ -12,6 +12,7 @@ from session.common.console import one_line
 from session.common.units import DEG, MG
 from tinygc.effects.occurrence import STILLS
 from tinygc.explanation.naming.seen_from import in_words
+from tinygc.explanation.naming.unknown import lines_end_hz
 from tinygc.explanation.twin.variable import Variable
 from tinygc.explanation.verdict.claims import Claim
 from tinygc.explanation.verdict.explain import Explanation
@@ -58,6 +59,8 @@ def explanation_page(e: Explanation) -> Group:
         Text(""),
     ]
     parts += _considered(e)
+    if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
+        parts.append(Text(f"not looked for: lines of the rate above {highest:.2g} Hz, of which so long a session has too many"))
     parts += _noise(e)
     if not e.problem.instability.source.startswith("typical"):
         parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))

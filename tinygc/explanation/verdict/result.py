@@ -8,6 +8,7 @@ from session.common.units import DEG, G
 from session.common.version import VERSION
 from session.log.hashes import file_key, hash_of_log
 from tinygc.effects import catalogue
+from tinygc.explanation.naming.unknown import lines_end_hz
 from tinygc.explanation.verdict.claims import Claim, Considered
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.measured import p_entry
@@ -36,6 +37,7 @@ def to_json(e: Explanation) -> dict:
         "effects": [_effect(claim) for claim in e.claimed],
         "findings": [_effect(claim) | {"share": claim.share} for claim in e.findings],
         "considered": [_considered(each) for each in e.considered],
+        "lines_end_hz": lines_end_hz(e.twin),
         "fit": {
             "holdout_closure_rms_deg": {
                 "before": tilt_rms(e.proof.before) / DEG,

@@ -26,7 +26,7 @@ PAUSED_BYTES = 30_000  #: some seconds of the board's time
 @pytest.fixture
 def boards(tmp_path):
     with virtual_boards(tmp_path) as start:
-        yield lambda name, *words: start(*words, *(() if "--speed" in words else ("--speed", 8)), name=name)
+        yield lambda name, *words: start(*words, "--speed", 8, name=name)
 
 
 def recorded_twice(tmp_path):
@@ -47,7 +47,7 @@ def fitted(folder) -> dict:
 @pytest.mark.slow
 def test_a_whole_session_with_a_raw_accelerometer(boards, tmp_path):
     """14 turns, the way to the mark, the run: what is recorded is fitted without an [accelerometer], and the run closes at its floor."""
-    port = boards("a", *SENSOR, "--segments", 14, "--speed", 40)
+    port = boards("a", *SENSOR, "--segments", 14)
     words = ["--like", tmp_path / "bench.toml", "--segments", 14, *PLANNED, "--note", "operator=Mara", "--json", "-"]
     result = calibrate("record", "--port", port, "--out", tmp_path / "s", *words)
     assert result.returncode == 0, result.stderr

@@ -19,7 +19,7 @@ class StillMeans:
         self._counts = counts
         self._rows = np.concatenate([np.arange(still.start, still.stop) for still in stills] or [np.zeros(0, dtype=int)])
         #: where each still begins among these rows, and where the last one ends
-        self._edges = np.cumsum([0, *(still.stop - still.start for still in stills)])
+        self._edges = np.concatenate([[0], np.cumsum([still.stop - still.start for still in stills], dtype=int)])
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """(Q, …) of samples (N, …)."""

@@ -25,7 +25,19 @@ KEYS = {
     "next": (str, type(None)),
 }
 #: said beyond what docs/formats.md asks for
-MORE = {"considered", "findings", "logs", "warnings", "seen_from", "within_stills", "channels", "turn_gravity", "noise", "version"}
+MORE = {
+    "considered",
+    "lines_end_hz",
+    "findings",
+    "logs",
+    "warnings",
+    "seen_from",
+    "within_stills",
+    "channels",
+    "turn_gravity",
+    "noise",
+    "version",
+}
 #: beside a p-value that underflows
 BOUND = {"p_value_is_upper_bound"}
 EVERY = ["nothing", "g_sensitivity", "thermal_bias", "bias_step", "saturation", "glitches", "both", "oscillating", "weakly skewed", "earth"]

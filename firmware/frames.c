@@ -24,6 +24,11 @@ void frame_begin(struct frame *frame, uint8_t type, uint16_t sequence)
     put(frame, sequence, 2);
 }
 
+void frame_u8(struct frame *frame, uint8_t value)
+{
+    put(frame, value, 1);
+}
+
 void frame_u16(struct frame *frame, uint16_t value)
 {
     put(frame, value, 2);
@@ -34,12 +39,14 @@ void frame_u32(struct frame *frame, uint32_t value)
     put(frame, value, 4);
 }
 
+union bits {
+    float f;
+    uint32_t u;
+};
+
 void frame_f32(struct frame *frame, float value)
 {
-    union {
-        float f;
-        uint32_t u;
-    } bits = {value};
+    const union bits bits = {.f = value};
     put(frame, bits.u, 4);
 }
 
@@ -103,4 +110,16 @@ uint16_t get_u16(const uint8_t *from)
 uint32_t get_u32(const uint8_t *from)
 {
     return from[0] | (uint32_t)from[1] << 8 | (uint32_t)from[2] << 16 | (uint32_t)from[3] << 24;
+}
+
+float get_f32(const uint8_t *from)
+{
+    const union bits bits = {.u = get_u32(from)};
+    return bits.f;
+}
+
+void put_u32(uint8_t *to, uint32_t value)
+{
+    for (int n = 0; n < 4; n++, value >>= 8)
+        to[n] = (uint8_t)value;
 }

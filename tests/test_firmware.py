@@ -242,18 +242,18 @@ def c_frames(tmp_path_factory):
 
 
 class Frame(ctypes.Structure):
-    _fields_ = (("bytes", ctypes.c_uint8 * 32), ("count", ctypes.c_uint))
+    _fields_ = (("bytes", ctypes.c_uint8 * 80), ("count", ctypes.c_uint))
 
 
 class Decoder(ctypes.Structure):
-    _fields_ = (("bytes", ctypes.c_uint8 * 33), ("count", ctypes.c_uint))
+    _fields_ = (("bytes", ctypes.c_uint8 * 81), ("count", ctypes.c_uint))
 
 
 def test_frames_written_in_c_are_read_in_python_whatever_they_hold(c_frames):
     rng = np.random.default_rng(4)
     stream, expected = b"", rng.integers(-32768, 32768, (300, 7)) * (rng.random((300, 7)) < 0.6)
     for n, registers in enumerate(expected):
-        frame, out = Frame(), ctypes.create_string_buffer(34)
+        frame, out = Frame(), ctypes.create_string_buffer(82)
         c_frames.frame_begin(ctypes.byref(frame), 1, n)
         c_frames.frame_u32(ctypes.byref(frame), 256 * n)
         for value in registers:

@@ -6,7 +6,14 @@ enum { GYRO = 1, ACCEL = 2, TEMPERATURE = 3, STAMP = 4, CONFIGURATION = 5 };
 /* What a time slot must have, by 1 << TAG_SENSOR. */
 enum { WHOLE = 1 << GYRO | 1 << ACCEL | 1 << STAMP };
 
-enum { QUICKEST = 10, TICK_Q16 = 1 << 16 };
+enum {
+    QUICKEST = 10,
+    TICK_Q16 = 1 << 16,
+    NEAR = 256,          /* periods: a longer gap must have been one by the target's clock, too */
+    CLOCKS_US = 50000,   /* that the two may differ by, */
+    CLOCKS_SHARE = 16,   /* and a sixteenth */
+    NOMINAL_SHIFT = 14,  /* 2^-14: 61 ppm; 40000 / 6667 is 50 ppm off six */
+};
 
 float fifo_rate_hz(uint8_t odr, int8_t freq_fine)
 {
@@ -60,7 +67,7 @@ static int16_t get_i16(const uint8_t *from)
 }
 
 /* Sample periods since the last stamp, or 0 where they are not whole.  The periods' number is known modulo 4, too, from TAG_CNT. */
-static uint32_t periods_since(const struct asm330lhh_fifo *fifo)
+static uint32_t periods_since(const struct asm330lhh_fifo *fifo, uint32_t now_us)
 {
     const uint32_t ticks = fifo->ticks - fifo->last_ticks;
     const uint64_t steps_q16 = (uint64_t)ticks << 16;
@@ -71,8 +78,13 @@ static uint32_t periods_since(const struct asm330lhh_fifo *fifo)
         periods = (uint32_t)((steps_q16 + fifo->period_q16 / 2) / fifo->period_q16);
     const uint64_t whole = (uint64_t)periods * fifo->period_q16;
     const uint64_t off = steps_q16 > whole ? steps_q16 - whole : whole - steps_q16;
-    if (off > TICK_Q16 + TICK_Q16 / 2 + (whole >> 12)) /* a tick of either end; 0.02 % that the two nominal rates may differ by */
+    if (off > TICK_Q16 + TICK_Q16 / 2 + (whole >> NOMINAL_SHIFT)) /* a tick of either end */
         return 0;
+    if (periods > NEAR) {
+        const uint64_t step_us = ticks * (fifo->tick_q32 >> 16) >> 16, passed_us = now_us - fifo->now_us;
+        if (step_us > passed_us + passed_us / CLOCKS_SHARE + CLOCKS_US)
+            return 0;
+    }
     return ((periods ^ (uint32_t)(fifo->count - fifo->last_count)) & 3) == 0 ? periods : 0;
 }
 
@@ -119,7 +131,7 @@ static int finish(struct asm330lhh_fifo *fifo, uint32_t now_us, uint32_t faults[
     if (!fifo->anchored) {
         anchor(fifo, now_us, faults);
     } else {
-        const uint32_t periods = periods_since(fifo);
+        const uint32_t periods = periods_since(fifo, now_us);
         if (!periods) {
             faults[FAULT_STAMP]++;
             fifo->bad_stamps++;

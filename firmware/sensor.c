@@ -57,8 +57,12 @@ int sensor_stream(void)
 
 enum fault sensor_set(const struct asm330lhh_settings *settings)
 {
+    const struct asm330lhh_settings before = sensor.settings;
     sensor.settings = *settings;
-    return asm330lhh_start(&sensor);
+    const enum fault fault = asm330lhh_start(&sensor);
+    if (!sensor.found)
+        sensor.settings = before;
+    return fault;
 }
 
 void sensor_test(struct asm330lhh_tested *tested)

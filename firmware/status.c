@@ -65,7 +65,7 @@ static void say_board(void)
     for (int n = 1; n < ASM330LHH_KEPT; n++)
         frame_u8(&frame, sensor->kept[n]);
     frame_u32(&frame, rate_of_port);
-    frame_f32(&frame, asm330lhh_nominal_hz(sensor->settings.odr));
+    frame_f32(&frame, sensor_found() ? asm330lhh_nominal_hz(sensor->settings.odr) : (float)ODR_HZ);
     stream_frame(HOST, &frame);
 }
 

@@ -12,6 +12,7 @@ enum { ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES };
 
 struct asm330lhh sensor;
 uint8_t registers[128];
+uint8_t fine, warmth; /* INTERNAL_FREQ_FINE and the temperature's upper byte, which a reset does not change */
 uint8_t bytes[MOST_WORDS][FIFO_WORD_BYTES];
 uint32_t words_in, words_out, now_us, transfers, logged, breaks_after;
 uint16_t accesses[LOG]; /* address with READ, value << 8 */
@@ -29,6 +30,8 @@ void reset_registers(void)
     registers[WHO_AM_I] = ASM330LHH_WHO;
     registers[CTRL3_C] = IF_INC;
     registers[CTRL9_XL] = 0xE0;
+    registers[INTERNAL_FREQ_FINE] = fine;
+    registers[OUT_TEMP_L + 1] = warmth;
     words_out = words_in;
 }
 
@@ -134,6 +137,7 @@ void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1
 {
     const struct asm330lhh_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
     behaviour = ANSWERS;
+    fine = warmth = 0;
     now_us = transfers = logged = words_in = words_out = breaks_after = 0;
     overrun = busy_polls = pushed = 0;
     reset_registers();
@@ -192,12 +196,12 @@ void self_test(struct asm330lhh_tested *tested)
 }
 
 /* The FIFO's words without a bus, so many microseconds each. */
-unsigned take_words(uint8_t odr, int8_t fine, const uint8_t *words, uint32_t count, uint32_t counts[FAULTS], struct fifo_sample *out, uint32_t word_us)
+unsigned take_words(uint8_t odr, int8_t freq_fine, const uint8_t *words, uint32_t count, uint32_t counts[FAULTS], struct fifo_sample *out, uint32_t word_us)
 {
     static struct asm330lhh_fifo fifo;
     unsigned samples = 0;
     fifo = (struct asm330lhh_fifo){0};
-    fifo_begin(&fifo, odr, fine);
+    fifo_begin(&fifo, odr, freq_fine);
     fifo_temperature(&fifo, 0);
     for (uint32_t n = 0; n < count; n++)
         samples += (unsigned)fifo_take(&fifo, words + n * FIFO_WORD_BYTES, n * word_us, counts, out + samples);

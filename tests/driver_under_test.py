@@ -72,8 +72,8 @@ def started(odr: int = 8, gyro_fs_dps: int = 500, accel_fs_g: int = 4, lpf1: int
 
 
 def keep_fine(fine: int) -> None:
-    """INTERNAL_FREQ_FINE; a reset forgets it."""
-    registers()[0x63] = fine & 0xFF
+    """INTERNAL_FREQ_FINE."""
+    number("fine", ctypes.c_uint8).value = registers()[0x63] = fine & 0xFF
 
 
 def registers():

@@ -1,12 +1,14 @@
 #include "frames.h"
 
+/* Four bits at a time: what each of the uppermost four leaves behind. */
 static uint16_t crc16(const uint8_t *bytes, unsigned count)
 {
+    static const uint16_t LEFT[16] = {0x0000, 0x1021, 0x2042, 0x3063, 0x4084, 0x50A5, 0x60C6, 0x70E7,
+                                      0x8108, 0x9129, 0xA14A, 0xB16B, 0xC18C, 0xD1AD, 0xE1CE, 0xF1EF};
     uint32_t crc = 0xFFFF;
     for (unsigned n = 0; n < count; n++) {
-        crc ^= (uint32_t)bytes[n] << 8;
-        for (int bit = 0; bit < 8; bit++)
-            crc = crc & 0x8000 ? crc << 1 ^ 0x1021 : crc << 1;
+        crc = (crc << 4 & 0xFFFF) ^ LEFT[crc >> 12 ^ bytes[n] >> 4];
+        crc = (crc << 4 & 0xFFFF) ^ LEFT[crc >> 12 ^ (bytes[n] & 15)];
     }
     return (uint16_t)crc;
 }

@@ -50,7 +50,7 @@ def streamed(first: int, count: int, polls: int = 20) -> np.ndarray:
 
 
 def test_the_start_in_its_order():
-    """Identity, both sensors off, reset; everything set before the sensors are on; FREQ_FINE and the temperature behind that; the FIFO last."""
+    """Identity, both sensors off, reset; all set before the sensors are on; FREQ_FINE behind that; the FIFO last."""
     started(odr=8, lpf1=3, lpf2=20, fine=-5)
     said = accesses()
     writes = [entry for entry in said if not entry[0] & 0x80]
@@ -90,7 +90,8 @@ def test_the_accelerometers_second_filter(divisor, code):
 
 
 @pytest.mark.parametrize(
-    "settings", [(300, 4, 8, 255, 2), (500, 6, 8, 255, 2), (500, 4, 0, 255, 2), (500, 4, 11, 255, 2), (500, 4, 8, 8, 2), (500, 4, 8, 255, 3)]
+    "settings",
+    [(300, 4, 8, 255, 2), (500, 6, 8, 255, 2), (500, 4, 0, 255, 2), (500, 4, 11, 255, 2), (500, 4, 8, 8, 2), (500, 4, 8, 255, 3)],
 )
 def test_settings_that_no_sensor_has(settings):
     assert library().possible(500, 4, 8, 0, 2)
@@ -143,7 +144,9 @@ def test_a_fifo_that_ran_over_is_counted_once_and_the_gap_is_numbered():
 
 
 @pytest.mark.parametrize(
-    ("name", "behaviour"), [("hang", HANGS), ("hang", BUSY_FOR_EVER), ("zeros", ZEROS), ("ones", ONES)], ids=["hangs", "busy", "zeros", "ones"]
+    ("name", "behaviour"),
+    [("hang", HANGS), ("hang", BUSY_FOR_EVER), ("zeros", ZEROS), ("ones", ONES)],
+    ids=["hangs", "busy", "zeros", "ones"],
 )
 def test_a_bus_that_fails_is_counted_once_and_survived(name, behaviour):
     """For two seconds, amid samples.  What comes behind it is true, and its number says how much is missing."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import re
+import struct
 import sys
 from pathlib import Path
 
@@ -172,6 +173,31 @@ def test_a_board_that_is_asked_over_the_recorders_port_answers_there(board):
     rates = link.calibrate(np.arange(50) * 4808 + 0xFFFFFF00, registers)
     link.close()
     np.testing.assert_array_equal(rates, program(WHOLE).run(SENSOR.inputs(registers)))
+
+
+def test_commands_are_answered_and_without_a_sensor_say_so(elf):
+    """QEMU has no ASM330LHH: the board says so, and streams its stand-in.  Stopped, it is silent; asked, it says who it is."""
+    with emulator_of(elf) as emulator, contextlib.closing(Board(emulator.ports[0])) as link:
+        answers, said = {}, {}
+        asked = [(0x11, struct.pack("<f", 833)), (0x12, struct.pack("<HH", 250, 2)), (0x13, struct.pack("<BH", 1, 20))]
+        asked += [(0x16, b""), (0x15, b""), (0x17, b""), (0x17, b"1"), (0x19, b""), (0x18, struct.pack("<I", 7)), (0x14, b"")]
+        until(lambda: link._next()[0] == 0x01, what="a sample")
+        for number, (command, body) in enumerate(asked):
+            link._send(frames.encode_blocks(np.frombuffer(struct.pack("<BH", command, number) + body, np.uint8)[None]).tobytes())
+        while len(answers) < len(asked):
+            body = link._next()
+            said[body[0]] = body
+            if body[0] == 0x07:
+                _, number, command, result = struct.unpack("<BHBB", body)
+                answers[number] = (command, result)
+    results = [3, 3, 3, 3, 0, 0, 2, 1, 2, 0]
+    assert [answers[n] for n in range(len(asked))] == [(command, result) for (command, _), result in zip(asked, results, strict=True)]
+    assert (said[0x05][3], said[0x05][8]) == (0, 0)  # a stand-in; the WHO_AM_I of nobody
+    assert len(said[0x05]) == 28
+    faults = struct.unpack("<16I", said[0x06][3:])
+    assert faults[5] == 1  # the bus answers zeros
+    assert sum(faults) == 1
+    assert said[0x02][3:] == struct.pack("<HHfI", 500, 4, 208.0, 4711)
 
 
 def test_garbage_on_the_line_is_passed_over(board):

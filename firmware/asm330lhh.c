@@ -201,8 +201,9 @@ static unsigned take_burst(struct asm330lhh *sensor, unsigned words, struct fifo
 static unsigned go_on(struct asm330lhh *sensor, struct fifo_sample *out)
 {
     const unsigned words = sensor->burst / FIFO_WORD_BYTES;
+    const uint32_t passed_us = sensor->bus->time() - sensor->burst_us;
     const int result = sensor->bus->transfer(0, sensor->words, sensor->burst);
-    if (result == TRANSFER_BUSY && sensor->bus->time() - sensor->burst_us < TRANSFER_MOST_US)
+    if (result == TRANSFER_BUSY && passed_us < TRANSFER_MOST_US)
         return 0;
     sensor->burst = 0;
     sensor->bus->select(0);

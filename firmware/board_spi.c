@@ -121,8 +121,9 @@ int board_spi_transfer(const uint8_t *out, uint8_t *in, unsigned count)
         begin_dma(in, count);
         return 1;
     }
+    const uint32_t passed_us = board_microseconds() - fetching.began_us; /* before the flags: an interrupt may come between */
     const uint32_t flags = DMA2_LISR;
-    if (!(flags & (COMPLETE | ERRORS)) && board_microseconds() - fetching.began_us < DMA_MOST_US)
+    if (!(flags & (COMPLETE | ERRORS)) && passed_us < DMA_MOST_US)
         return 1;
     if (!(flags & COMPLETE) || flags & ERRORS)
         return fail();

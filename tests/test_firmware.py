@@ -90,6 +90,17 @@ def test_a_folder_without_a_model_is_named(tmp_path):
         measure.build("tinygc.elf", tmp_path / "none", tmp_path / "build")
 
 
+@needs_board
+def test_a_recorder_needs_no_model_and_other_options_are_built_anew(tmp_path):
+    """For the first recording, before there is a model.  What was built for another rate is not taken for this one."""
+    recorder = lambda **options: measure.build("recorder.elf", tmp_path / "none", tmp_path / "build", **options).read_bytes()  # noqa: E731
+    first, again, other = (recorder(ODR_HZ=rate) for rate in ("417", "417", "833"))
+    assert first == again != other
+    with pytest.raises(RuntimeError, match="BAUD does not carry this data rate"):
+        recorder(ODR_HZ="6667")
+    assert recorder(ODR_HZ="6667", BAUD="2000000") != other
+
+
 @pytest.fixture(scope="module")
 def elf(tmp_path_factory):
     if MISSING:

@@ -1,22 +1,15 @@
-/* STM32F405: 168 MHz from the internal oscillator, USART1 on PA9/PA10 (host), USART2 on PA2/PA3 (sensor), SysTick each millisecond.
+/* STM32F405: 168 MHz from the internal oscillator, USART1 on PA9/PA10 (host), USART2 on PA2/PA3 (played sensor), SysTick each millisecond.
  *
  * RM0090 gives the registers.  QEMU has stubs for RCC, FLASH and GPIO, whose ready flags never rise: every wait ends by itself. */
 #include "board.h"
 
-#define REG(address) (*(volatile uint32_t *)(address))
+#include "board_registers.h"
+#include "board_send.h"
 
-#define RCC 0x40023800u
 #define RCC_CR REG(RCC + 0x00)
 #define RCC_PLLCFGR REG(RCC + 0x04)
 #define RCC_CFGR REG(RCC + 0x08)
-#define RCC_AHB1ENR REG(RCC + 0x30)
-#define RCC_APB1ENR REG(RCC + 0x40)
-#define RCC_APB2ENR REG(RCC + 0x44)
 #define FLASH_ACR REG(0x40023C00u)
-#define GPIOA_MODER REG(0x40020000u)
-#define GPIOA_PUPDR REG(0x4002000Cu)
-#define GPIOA_AFRL REG(0x40020020u)
-#define GPIOA_AFRH REG(0x40020024u)
 #define SYST_CSR REG(0xE000E010u)
 #define SYST_RVR REG(0xE000E014u)
 #define SYST_CVR REG(0xE000E018u)
@@ -49,6 +42,7 @@ static struct {
 } received[PORTS];
 
 static volatile uint32_t milliseconds;
+static int has_dma;
 
 static int wait_for(volatile const uint32_t *reg, uint32_t mask, uint32_t value)
 {
@@ -74,7 +68,7 @@ static void start_clock(void)
 void board_start(uint32_t baud)
 {
     start_clock();
-    RCC_AHB1ENR |= 1u;
+    RCC_AHB1ENR |= 1u | 1u << 22;
     RCC_APB1ENR |= 1u << 17;
     RCC_APB2ENR |= 1u << 4;
     /* PA2, PA3, PA9, PA10: alternate function 7; a pull-up on what comes in, or an open line reads as a storm of bytes. */
@@ -82,7 +76,7 @@ void board_start(uint32_t baud)
     GPIOA_PUPDR |= 1u << 6 | 1u << 20;
     GPIOA_AFRL |= 7u << 8 | 7u << 12;
     GPIOA_AFRH |= 7u << 4 | 7u << 8;
-    BRR(USART[HOST]) = (APB2_HZ + baud / 2) / baud;
+    board_host_baud(baud);
     BRR(USART[SENSOR]) = (APB1_HZ + baud / 2) / baud;
     for (int port = 0; port < PORTS; port++)
         CR1(USART[port]) = UE_TE_RE | RXNEIE;
@@ -90,11 +84,47 @@ void board_start(uint32_t baud)
     SYST_RVR = CORE_HZ / 1000 - 1;
     SYST_CVR = 0;
     SYST_CSR = 7;
+    /* A register of DMA2 keeps what is written to it, where there is a DMA2. */
+    DMA2_PAR(0) = (uint32_t)&DR(USART[HOST]);
+    has_dma = DMA2_PAR(0) == (uint32_t)&DR(USART[HOST]);
+    board_send_start();
+}
+
+void board_host_baud(uint32_t baud)
+{
+    BRR(USART[HOST]) = (APB2_HZ + baud / 2) / baud;
+}
+
+int board_has_dma(void)
+{
+    return has_dma;
 }
 
 uint32_t board_milliseconds(void)
 {
     return milliseconds;
+}
+
+/* The counter counts down through a millisecond.  It may begin anew between two looks, and its interrupt may have to wait. */
+uint32_t board_microseconds(void)
+{
+    static uint32_t last;
+    uint32_t before, left, now;
+    do {
+        before = milliseconds;
+        left = SYST_CVR;
+    } while (before != milliseconds);
+    now = 1000 * before + (CORE_HZ / 1000 - 1 - left) / (CORE_HZ / 1000000);
+    if ((int32_t)(now - last) > 0)
+        last = now;
+    return last;
+}
+
+void board_wait_us(uint32_t us)
+{
+    const uint32_t began = board_microseconds();
+    while (board_microseconds() - began < us)
+        board_wait();
 }
 
 int board_read(enum port port)
@@ -108,16 +138,20 @@ int board_read(enum port port)
     return byte;
 }
 
-void board_write(enum port port, const uint8_t *bytes, unsigned count)
+int board_write(enum port port, const uint8_t *bytes, unsigned count)
 {
+    if (port == HOST)
+        return board_send(bytes, count);
     for (unsigned n = 0; n < count; n++) {
         wait_for(&SR(USART[port]), TXE, TXE);
         DR(USART[port]) = bytes[n];
     }
+    return 1;
 }
 
 void board_wait(void)
 {
+    board_send_on();
     __asm volatile("wfi");
 }
 

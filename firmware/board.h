@@ -1,4 +1,4 @@
-/* The board: clock, a millisecond counter, two serial ports.  No wait in here is without a bound. */
+/* The board: clock, time, two serial ports.  No wait in here is without a bound. */
 #ifndef BOARD_H
 #define BOARD_H
 
@@ -11,15 +11,27 @@ enum port { HOST, SENSOR, PORTS };
 
 void board_start(uint32_t baud);
 
+/* The host's port at another rate, up to 5250000; what waits should have been sent (board_send.h). */
+void board_host_baud(uint32_t baud);
+
+/* Whether DMA2 is there: emulators may lack it. */
+int board_has_dma(void);
+
 /* Since board_start; wraps after 49 days. */
 uint32_t board_milliseconds(void);
+
+/* The same clock, finer; wraps after 71 minutes.  Never goes back. */
+uint32_t board_microseconds(void);
+
+void board_wait_us(uint32_t us);
 
 /* The next byte that has come in, or -1. */
 int board_read(enum port port);
 
-void board_write(enum port port, const uint8_t *bytes, unsigned count);
+/* 1, or 0 where there is no room for all of it: then none of it is sent. */
+int board_write(enum port port, const uint8_t *bytes, unsigned count);
 
-/* Sleep until something happens. */
+/* Sleep until something happens, a millisecond at most. */
 void board_wait(void);
 
 void SysTick_Handler(void);

@@ -1,12 +1,14 @@
 #include "frames.h"
 
+/* Four bits at a time: what each of the uppermost four leaves behind. */
 static uint16_t crc16(const uint8_t *bytes, unsigned count)
 {
+    static const uint16_t LEFT[16] = {0x0000, 0x1021, 0x2042, 0x3063, 0x4084, 0x50A5, 0x60C6, 0x70E7,
+                                      0x8108, 0x9129, 0xA14A, 0xB16B, 0xC18C, 0xD1AD, 0xE1CE, 0xF1EF};
     uint32_t crc = 0xFFFF;
     for (unsigned n = 0; n < count; n++) {
-        crc ^= (uint32_t)bytes[n] << 8;
-        for (int bit = 0; bit < 8; bit++)
-            crc = crc & 0x8000 ? crc << 1 ^ 0x1021 : crc << 1;
+        crc = (crc << 4 & 0xFFFF) ^ LEFT[crc >> 12 ^ bytes[n] >> 4];
+        crc = (crc << 4 & 0xFFFF) ^ LEFT[crc >> 12 ^ (bytes[n] & 15)];
     }
     return (uint16_t)crc;
 }
@@ -24,6 +26,11 @@ void frame_begin(struct frame *frame, uint8_t type, uint16_t sequence)
     put(frame, sequence, 2);
 }
 
+void frame_u8(struct frame *frame, uint8_t value)
+{
+    put(frame, value, 1);
+}
+
 void frame_u16(struct frame *frame, uint16_t value)
 {
     put(frame, value, 2);
@@ -34,12 +41,14 @@ void frame_u32(struct frame *frame, uint32_t value)
     put(frame, value, 4);
 }
 
+union bits {
+    float f;
+    uint32_t u;
+};
+
 void frame_f32(struct frame *frame, float value)
 {
-    union {
-        float f;
-        uint32_t u;
-    } bits = {value};
+    const union bits bits = {.f = value};
     put(frame, bits.u, 4);
 }
 
@@ -103,4 +112,16 @@ uint16_t get_u16(const uint8_t *from)
 uint32_t get_u32(const uint8_t *from)
 {
     return from[0] | (uint32_t)from[1] << 8 | (uint32_t)from[2] << 16 | (uint32_t)from[3] << 24;
+}
+
+float get_f32(const uint8_t *from)
+{
+    const union bits bits = {.u = get_u32(from)};
+    return bits.f;
+}
+
+void put_u32(uint8_t *to, uint32_t value)
+{
+    for (int n = 0; n < 4; n++, value >>= 8)
+        to[n] = (uint8_t)value;
 }

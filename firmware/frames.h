@@ -9,8 +9,20 @@ enum {
     FRAME_INFO = 0x02,       /* u16 sequence, u16 gyro_fs_dps, u16 accel_fs_g, f32 odr_hz, u32 serial */
     FRAME_CALIBRATED = 0x03, /* u16 sequence, u32 t_us, f32 wx wy wz in rad/s: the answer to a sample, with its sequence and t_us */
     FRAME_SELF_TEST = 0x04,  /* u16 sequence, u16 failed (0: passed), f32 worst in rad/s, u32 model id: the answer to a hello */
-    FRAME_HELLO = 0x10,      /* u16 sequence: run the self-test, forget the samples so far */
-    FRAME_MOST = 32,         /* bytes of the longest frame, before encoding */
+    FRAME_BOARD = 0x05,      /* what status.c says of the board and its sensor */
+    FRAME_FAULTS = 0x06,     /* u16 sequence, u32 counts */
+    FRAME_DONE = 0x07,       /* u16 sequence, u8 command, u8 result: the answer to a command, with its sequence */
+    FRAME_TESTED = 0x08,     /* u16 sequence, u16 failed, f32 gyroscope x y z in dps, f32 accelerometer x y z in mg: of a sensor's self-test */
+    FRAME_HELLO = 0x10,      /* u16 sequence: run the model's self-test, forget the samples so far */
+    FRAME_SET_RATE = 0x11,   /* u16 sequence, f32 Hz */
+    FRAME_SET_RANGES = 0x12, /* u16 sequence, u16 dps, u16 g */
+    FRAME_SET_FILTERS = 0x13, /* u16 sequence, u8 gyroscope's LPF1 (0xFF: off), u16 divisor of the accelerometer's bandwidth */
+    FRAME_START = 0x14,      /* u16 sequence: stream samples, as the board does by itself */
+    FRAME_STOP = 0x15,       /* u16 sequence: stream none */
+    FRAME_TEST = 0x16,       /* u16 sequence: the sensor's self-test */
+    FRAME_IDENTIFY = 0x17,   /* u16 sequence: info, board and faults at once */
+    FRAME_SET_BAUD = 0x18,   /* u16 sequence, u32 baud of the host's port */
+    FRAME_MOST = 80,         /* bytes of the longest frame, before encoding */
 };
 
 /* A frame being written, without its CRC. */
@@ -20,6 +32,7 @@ struct frame {
 };
 
 void frame_begin(struct frame *frame, uint8_t type, uint16_t sequence);
+void frame_u8(struct frame *frame, uint8_t value);
 void frame_u16(struct frame *frame, uint16_t value);
 void frame_u32(struct frame *frame, uint32_t value);
 void frame_f32(struct frame *frame, float value);
@@ -38,5 +51,7 @@ unsigned frame_take(struct decoder *decoder, uint8_t byte);
 
 uint16_t get_u16(const uint8_t *from);
 uint32_t get_u32(const uint8_t *from);
+float get_f32(const uint8_t *from);
+void put_u32(uint8_t *to, uint32_t value);
 
 #endif

@@ -105,7 +105,8 @@ class Board:
                 return None
             *tokens, self._buffer = (self._buffer + data).split(b"\0")
             for token in tokens:
-                body, good = frames.decode_blocks(np.frombuffer(token, np.uint8)[None]) if 4 <= len(token) <= 32 else (None, [False])
+                fits = frames.SHORTEST_OTHER <= len(token) <= frames.LONGEST_OTHER
+                body, good = frames.decode_blocks(np.frombuffer(token, np.uint8)[None]) if fits else (None, [False])
                 if good[0]:
                     self._bodies.append(body.tobytes())
         return self._bodies.popleft()

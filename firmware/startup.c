@@ -2,6 +2,7 @@
 #include <stdint.h>
 
 #include "board.h"
+#include "fault.h"
 
 #define CPACR (*(volatile uint32_t *)0xE000ED88)
 
@@ -37,7 +38,7 @@ __attribute__((section(".vectors"), used)) static const vector VECTORS[16 + 82] 
     [0] = (vector)(void *)stack_top,
     [1] = Reset_Handler,
     [2] = halt, /* NMI */
-    [3] = halt, /* hard fault */
+    [3] = HardFault_Handler,
     [4] = halt, /* memory fault */
     [5] = halt, /* bus fault */
     [6] = halt, /* usage fault */

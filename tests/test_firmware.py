@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import re
+import struct
 import sys
 from pathlib import Path
 
@@ -87,6 +88,17 @@ def test_what_does_not_fit_is_an_error_of_the_linker(tmp_path):
 def test_a_folder_without_a_model_is_named(tmp_path):
     with pytest.raises(RuntimeError, match=r"no model in .*export SESSION --to c"):
         measure.build("tinygc.elf", tmp_path / "none", tmp_path / "build")
+
+
+@needs_board
+def test_a_recorder_needs_no_model_and_other_options_are_built_anew(tmp_path):
+    """For the first recording, before there is a model.  What was built for another rate is not taken for this one."""
+    recorder = lambda **options: measure.build("recorder.elf", tmp_path / "none", tmp_path / "build", **options).read_bytes()  # noqa: E731
+    first, again, other = (recorder(ODR_HZ=rate) for rate in ("417", "417", "833"))
+    assert first == again != other
+    with pytest.raises(RuntimeError, match="BAUD does not carry this data rate"):
+        recorder(ODR_HZ="6667")
+    assert recorder(ODR_HZ="6667", BAUD="2000000") != other
 
 
 @pytest.fixture(scope="module")
@@ -174,6 +186,31 @@ def test_a_board_that_is_asked_over_the_recorders_port_answers_there(board):
     np.testing.assert_array_equal(rates, program(WHOLE).run(SENSOR.inputs(registers)))
 
 
+def test_commands_are_answered_and_without_a_sensor_say_so(elf):
+    """QEMU has no ASM330LHH: the board says so, and streams its stand-in.  Stopped, it is silent; asked, it says who it is."""
+    with emulator_of(elf) as emulator, contextlib.closing(Board(emulator.ports[0])) as link:
+        answers, said = {}, {}
+        asked = [(0x11, struct.pack("<f", 833)), (0x12, struct.pack("<HH", 250, 2)), (0x13, struct.pack("<BH", 1, 20))]
+        asked += [(0x16, b""), (0x15, b""), (0x17, b""), (0x17, b"1"), (0x19, b""), (0x18, struct.pack("<I", 7)), (0x14, b"")]
+        until(lambda: link._next()[0] == 0x01, what="a sample")
+        for number, (command, body) in enumerate(asked):
+            link._send(frames.encode_blocks(np.frombuffer(struct.pack("<BH", command, number) + body, np.uint8)[None]).tobytes())
+        while len(answers) < len(asked):
+            body = link._next()
+            said[body[0]] = body
+            if body[0] == 0x07:
+                _, number, command, result = struct.unpack("<BHBB", body)
+                answers[number] = (command, result)
+    results = [3, 3, 3, 3, 0, 0, 2, 1, 2, 0]
+    assert [answers[n] for n in range(len(asked))] == [(command, result) for (command, _), result in zip(asked, results, strict=True)]
+    assert (said[0x05][3], said[0x05][8]) == (0, 0)  # a stand-in; the WHO_AM_I of nobody
+    assert len(said[0x05]) == 28
+    faults = struct.unpack("<16I", said[0x06][3:])
+    assert faults[5] == 1  # the bus answers zeros
+    assert sum(faults) == 1
+    assert said[0x02][3:] == struct.pack("<HHfI", 500, 4, 208.0, 4711)
+
+
 def test_garbage_on_the_line_is_passed_over(board):
     """Broken frames, overlong ones, unknown types, and a sample whose CRC is wrong: none is answered, none breaks what follows."""
     rng = np.random.default_rng(1)
@@ -242,18 +279,18 @@ def c_frames(tmp_path_factory):
 
 
 class Frame(ctypes.Structure):
-    _fields_ = (("bytes", ctypes.c_uint8 * 32), ("count", ctypes.c_uint))
+    _fields_ = (("bytes", ctypes.c_uint8 * 80), ("count", ctypes.c_uint))
 
 
 class Decoder(ctypes.Structure):
-    _fields_ = (("bytes", ctypes.c_uint8 * 33), ("count", ctypes.c_uint))
+    _fields_ = (("bytes", ctypes.c_uint8 * 81), ("count", ctypes.c_uint))
 
 
 def test_frames_written_in_c_are_read_in_python_whatever_they_hold(c_frames):
     rng = np.random.default_rng(4)
     stream, expected = b"", rng.integers(-32768, 32768, (300, 7)) * (rng.random((300, 7)) < 0.6)
     for n, registers in enumerate(expected):
-        frame, out = Frame(), ctypes.create_string_buffer(34)
+        frame, out = Frame(), ctypes.create_string_buffer(82)
         c_frames.frame_begin(ctypes.byref(frame), 1, n)
         c_frames.frame_u32(ctypes.byref(frame), 256 * n)
         for value in registers:

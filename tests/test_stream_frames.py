@@ -60,3 +60,23 @@ def test_what_is_longer_than_any_line_says_nothing_however_the_bytes_are_cut():
         other, cut = decode(data, range(step, len(data), step))
         assert (other.garbage, other.samples, other.lost) == (whole.garbage, whole.samples, whole.lost)
         assert sum(isinstance(event, Comment) for event in cut) == sum(isinstance(event, Comment) for event in events)
+
+
+def test_frames_for_others_are_passed_over_and_nothing_is_missing():
+    """What the firmware says besides: each type, at each length, an info frame's and a sample's among them.  A damaged one is damage."""
+    random, count = rng(5), 400
+    samples = frames.encode_samples(np.arange(count), np.arange(count) * 600, random.integers(-9, 9, (count, 7)))
+    others = []
+    for n in range(count):
+        size = 3 + n % (frames.LONGEST_OTHER - 5)
+        body = np.concatenate([[3 + n % 6], np.array([n & 255, n >> 8]), random.integers(0, 256, size - 3)]).astype(np.uint8)
+        others.append(frames.encode_blocks(body[None]).tobytes())
+    assert {len(other) for other in others} > {frames.INFO_BYTES + 1, frames.SAMPLE_BYTES + 1}
+    stream = b"".join(sample.tobytes() + other for other, sample in zip(others, samples, strict=True))
+    decoder, _ = decode(stream)
+    assert (decoder.samples, decoder.lost, decoder.garbage, decoder.crc_errors, decoder.implausible) == (count, 0, 0, 0, 0)
+    assert decoder.info is None
+    at = stream.index(others[70]) + 5
+    decoder, _ = decode(stream[:at] + bytes([stream[at] ^ 0x40]) + stream[at + 1 :])
+    assert decoder.samples >= count - 1
+    assert decoder.garbage >= len(others[70]) - 1

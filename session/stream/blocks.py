@@ -1,4 +1,4 @@
-"""What stands between zero bytes, many blocks at a time: sample frames, info frames, and what is neither."""
+"""What stands between zero bytes, many blocks at a time: sample frames, info frames, frames for others, and what is none."""
 
 from __future__ import annotations
 
@@ -48,7 +48,9 @@ def take_apart(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bloc
     if len(candidates := np.flatnonzero(lengths == info)):
         bodies, good = frames.decode_blocks(codes[ends[candidates, None] + np.arange(-info, 0)])
         bad[candidates[good]] = False
+        good &= bodies[:, 0] == frames.INFO_TYPE
         infos = dict(zip(candidates[good].tolist(), bodies[good], strict=True))
+    bad[_others(codes, ends, lengths, bad)] = False
     wrong = bad & ((lengths == sample) | (lengths == info))
     left_over = np.where(bad & ~wrong, lengths, 0)
     left_over[rows] = lengths[rows] - sample
@@ -56,6 +58,17 @@ def take_apart(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bloc
     damaged = np.diff(spoilt[rows], prepend=0) > 0
     behind = len(spoilt) > 0 and int(spoilt[-1]) > (int(spoilt[rows[-1]]) if len(rows) else 0)
     return Blocks(readings, rows, damaged, behind, infos, left_over, int(np.count_nonzero(wrong)))
+
+
+def _others(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray, bad: np.ndarray) -> np.ndarray:
+    """Those of the bad blocks that are whole frames of another type: nothing is wrong with them, and nothing here needs them."""
+    rows = np.flatnonzero(bad & (lengths >= frames.SHORTEST_OTHER) & (lengths <= frames.LONGEST_OTHER))
+    rows = rows[frames.is_other(codes[ends[rows] - lengths[rows] + 1])]
+    found = [np.zeros(0, np.int64)]
+    for length in np.unique(lengths[rows]).tolist():
+        alike = rows[lengths[rows] == length]
+        found.append(alike[frames.decode_blocks(codes[ends[alike, None] + np.arange(-length, 0)])[1]])
+    return np.concatenate(found)
 
 
 def frame_ending_at(codes: np.ndarray, places: np.ndarray, tried: np.ndarray, lengths: np.ndarray) -> tuple[int | None, int]:

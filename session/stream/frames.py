@@ -1,6 +1,6 @@
 """``tinygc-frame/1`` (docs/formats.md): COBS between zero bytes, little-endian, CRC-16/CCITT-FALSE.  Both ways, many at a time.
 
-One counter numbers the frames of both types.  A frame is shorter than 254 bytes, so COBS replaces each zero by the distance to
+One counter numbers samples and infos.  A frame is shorter than 254 bytes, so COBS replaces each zero by the distance to
 the next, puts the first distance in front, and adds nothing else (Cheshire and Baker 1999).
 """
 
@@ -19,6 +19,9 @@ SAMPLE = np.dtype([("type", "u1"), ("sequence", "<u2"), ("t_us", "<u4"), ("regis
 INFO = struct.Struct("<BHHHfI")
 #: bytes between two delimiters
 SAMPLE_BYTES, INFO_BYTES = SAMPLE.itemsize + 3, INFO.size + 3
+#: of frames of other types (docs/formats.md): bytes between two delimiters, and the types that there may be
+SHORTEST_OTHER, LONGEST_OTHER = 6, 81
+FIRST_OTHER, LAST_OTHER = 0x03, 0x1F
 CRC_START = 0xFFFF
 
 
@@ -80,6 +83,11 @@ def decode_blocks(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return body, (place == size) & (sent == crc(body))
 
 
+def is_other(types: np.ndarray) -> np.ndarray:
+    """Whether the first byte of a body (n,) uint8 is a type that is neither a sample's nor an info's."""
+    return (types >= FIRST_OTHER) & (types <= LAST_OTHER)
+
+
 def decode_info(body: bytes) -> Info | None:
     """An info frame's body as ``Info``; None where it holds what no sensor has."""
     _, _, gyro_fs, accel_fs, odr_hz, serial = INFO.unpack(body)
@@ -89,7 +97,7 @@ def decode_info(body: bytes) -> Info | None:
 
 
 def crc(bodies: np.ndarray) -> np.ndarray:
-    """CRC-16/CCITT-FALSE of each row of (n, k) uint8, k <= 32: (n,) uint16.
+    """CRC-16/CCITT-FALSE of each row of (n, k) uint8, k <= 78: (n,) uint16.
 
     A CRC is linear over bits: that of a row is the exclusive or of what each byte contributes from its place.
     """
@@ -99,11 +107,11 @@ def crc(bodies: np.ndarray) -> np.ndarray:
     return np.bitwise_xor.reduce(terms, axis=1) ^ np.uint16(_START[size])
 
 
-_LONGEST = 32
+_LONGEST = LONGEST_OTHER - 3
 
 
 def _contributions() -> np.ndarray:
-    """(32, 256) uint16: what each value of the byte that has 31 … 0 bytes behind it adds to a CRC."""
+    """(78, 256) uint16: what each value of the byte that has 77 … 0 bytes behind it adds to a CRC."""
     table = np.empty((_LONGEST, 256), np.uint16)
     table[-1] = [binascii.crc_hqx(bytes([value]), 0) for value in range(256)]
     for place in range(_LONGEST - 2, -1, -1):

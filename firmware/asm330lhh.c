@@ -1,0 +1,268 @@
+#include "asm330lhh.h"
+
+#include "asm330lhh_registers.h"
+
+enum {
+    TRANSFER_MOST_US = 20000, /* the longest burst takes 1 ms at 5 MHz */
+    BOOT_MOST_MS = 100,       /* from power-up, and from a reset, to a sensor that answers */
+    TURN_ON_MS = 100,         /* gyroscope's start-up: 70 ms in the family's data sheets */
+    SETTLE_MOST_MS = 2000,    /* of the filters */
+    TRY_AGAIN_US = 100000,
+    SILENCE_US = 50000, /* and four periods */
+    BAD_BURSTS = 3,      /* in a row */
+};
+
+/* A transfer to its end. */
+static int transfer(struct asm330lhh *sensor, const uint8_t *out, uint8_t *in, unsigned count)
+{
+    const uint32_t began = sensor->bus->time();
+    int result;
+    do
+        result = sensor->bus->transfer(out, in, count);
+    while (result == TRANSFER_BUSY && sensor->bus->time() - began < TRANSFER_MOST_US);
+    sensor->failed |= result != TRANSFER_DONE;
+    return result;
+}
+
+/* The last burst, if there is one, to its end; what it brought is dropped. */
+static void abandon(struct asm330lhh *sensor)
+{
+    if (sensor->burst) {
+        transfer(sensor, 0, sensor->words, sensor->burst);
+        sensor->bus->select(0);
+    }
+    sensor->burst = 0;
+}
+
+void asm330lhh_read(struct asm330lhh *sensor, uint8_t address, uint8_t *bytes, unsigned count)
+{
+    const uint8_t out = READ | address;
+    sensor->bus->select(1);
+    if (transfer(sensor, &out, 0, 1) != TRANSFER_DONE || transfer(sensor, 0, bytes, count) != TRANSFER_DONE)
+        for (unsigned n = 0; n < count; n++)
+            bytes[n] = 0;
+    sensor->bus->select(0);
+}
+
+uint8_t asm330lhh_read_one(struct asm330lhh *sensor, uint8_t address)
+{
+    uint8_t byte;
+    asm330lhh_read(sensor, address, &byte, 1);
+    return byte;
+}
+
+void asm330lhh_write(struct asm330lhh *sensor, uint8_t address, uint8_t value)
+{
+    const uint8_t out[2] = {address, value};
+    sensor->bus->select(1);
+    transfer(sensor, out, 0, 2);
+    sensor->bus->select(0);
+}
+
+void asm330lhh_attach(struct asm330lhh *sensor, const struct asm330lhh_bus *bus, const struct asm330lhh_settings *settings)
+{
+    *sensor = (struct asm330lhh){.bus = bus, .settings = *settings, .reason = FAULTS};
+}
+
+/* Count a fault once, however often it is found again before the sensor runs. */
+static enum fault stand_still(struct asm330lhh *sensor, enum fault fault)
+{
+    abandon(sensor);
+    sensor->tried_us = sensor->bus->time() - (sensor->running ? TRY_AGAIN_US : 0); /* at once, for the first time */
+    sensor->running = 0;
+    if (sensor->reason != fault)
+        sensor->faults[fault]++;
+    sensor->reason = (uint8_t)fault;
+    return fault;
+}
+
+static enum fault identity_fault(uint8_t who)
+{
+    return who == ASM330LHH_WHO ? FAULTS : who == 0x00 ? FAULT_ZEROS : who == 0xFF ? FAULT_ONES : FAULT_IDENTITY;
+}
+
+static enum fault identify(struct asm330lhh *sensor)
+{
+    sensor->failed = 0;
+    sensor->who = asm330lhh_read_one(sensor, WHO_AM_I);
+    return sensor->failed ? FAULT_HANG : identity_fault(sensor->who);
+}
+
+/* Identity, then a software reset: both sensors off before it, as the family's application notes ask for. */
+enum fault asm330lhh_reset(struct asm330lhh *sensor)
+{
+    abandon(sensor);
+    enum fault fault = identify(sensor);
+    for (int ms = 0; fault != FAULTS && fault != FAULT_HANG && !sensor->found && ms < BOOT_MOST_MS; ms += 10) {
+        sensor->bus->wait(10000); /* it may have been switched on just now */
+        fault = identify(sensor);
+    }
+    if (fault != FAULTS)
+        return fault;
+    asm330lhh_write(sensor, CTRL1_XL, 0);
+    asm330lhh_write(sensor, CTRL2_G, 0);
+    asm330lhh_write(sensor, CTRL3_C, SW_RESET | IF_INC);
+    for (int ms = 0; ms < BOOT_MOST_MS && !sensor->failed; ms++) {
+        sensor->bus->wait(1000);
+        if (!(asm330lhh_read_one(sensor, CTRL3_C) & SW_RESET))
+            return sensor->failed ? FAULT_HANG : identify(sensor);
+    }
+    return sensor->failed ? FAULT_HANG : FAULT_RESET; /* which does not end */
+}
+
+static void settle(struct asm330lhh *sensor)
+{
+    const float periods = 4.0f + (float)sensor->settings.accel_lpf2_divisor;
+    const float ms = periods * 1000.0f / asm330lhh_nominal_hz(sensor->settings.odr);
+    sensor->bus->wait(1000u * (TURN_ON_MS + (ms < (float)SETTLE_MOST_MS ? (uint32_t)ms : (uint32_t)SETTLE_MOST_MS)));
+}
+
+enum fault asm330lhh_start(struct asm330lhh *sensor)
+{
+    uint8_t temperature[2];
+    enum fault fault = asm330lhh_reset(sensor);
+    if (fault != FAULTS)
+        return stand_still(sensor, fault);
+    asm330lhh_write_settings(sensor);
+    settle(sensor);
+    sensor->freq_fine = (int8_t)asm330lhh_read_one(sensor, INTERNAL_FREQ_FINE); /* it may be another one before the sensors are on */
+    fifo_begin(&sensor->fifo, sensor->settings.odr, sensor->freq_fine);
+    if (asm330lhh_read_one(sensor, STATUS_REG) & TDA) {
+        asm330lhh_read(sensor, OUT_TEMP_L, temperature, 2);
+        fifo_temperature(&sensor->fifo, (int16_t)(uint16_t)(temperature[0] | temperature[1] << 8));
+    } /* else there is no sample before the first temperature comes through the FIFO */
+    asm330lhh_read(sensor, WHO_AM_I, sensor->kept, ASM330LHH_KEPT);
+    sensor->who = sensor->kept[0];
+    asm330lhh_write(sensor, FIFO_CTRL4, CONTINUOUS);
+    const int begun = asm330lhh_read_one(sensor, FIFO_CTRL4) == CONTINUOUS;
+    fault = sensor->failed ? FAULT_HANG : identity_fault(sensor->who);
+    if (fault == FAULTS && !(begun && asm330lhh_as_set(sensor)))
+        fault = FAULT_CHANGED;
+    if (fault != FAULTS)
+        return stand_still(sensor, fault);
+    sensor->reason = FAULTS;
+    sensor->running = sensor->found = 1;
+    sensor->bad_bursts = sensor->overrun = 0;
+    sensor->data_us = sensor->bus->time();
+    return FAULTS;
+}
+
+/* Whether the registers are still those that were set; FAULTS, or what is wrong. */
+static enum fault proof(struct asm330lhh *sensor)
+{
+    uint8_t now[ASM330LHH_KEPT];
+    int zeros = 1, ones = 1, same = 1;
+    sensor->failed = 0;
+    asm330lhh_read(sensor, WHO_AM_I, now, sizeof now);
+    if (sensor->failed)
+        return FAULT_HANG;
+    for (unsigned n = 0; n < sizeof now; n++) {
+        zeros &= now[n] == 0x00;
+        ones &= now[n] == 0xFF;
+        same &= now[n] == sensor->kept[n];
+    }
+    sensor->who = now[0];
+    if (same)
+        return FAULTS;
+    if (zeros || ones)
+        return zeros ? FAULT_ZEROS : FAULT_ONES;
+    if (now[0] != ASM330LHH_WHO)
+        return FAULT_IDENTITY;
+    return now[CTRL1_XL - WHO_AM_I] == 0 && now[CTRL2_G - WHO_AM_I] == 0 ? FAULT_RESET : FAULT_CHANGED;
+}
+
+/* The words of a burst that has come in whole, if the registers behind it prove it. */
+static unsigned take_burst(struct asm330lhh *sensor, unsigned words, struct fifo_sample *out)
+{
+    const uint32_t now_us = sensor->bus->time();
+    const enum fault fault = proof(sensor);
+    unsigned samples = 0;
+    if (fault != FAULTS) {
+        stand_still(sensor, fault);
+        return 0;
+    }
+    if (!fifo_tags_known(sensor->words, words)) {
+        sensor->faults[FAULT_TAG]++;
+        fifo_gap(&sensor->fifo);
+        if (++sensor->bad_bursts >= BAD_BURSTS)
+            stand_still(sensor, FAULT_SILENT);
+        return 0;
+    }
+    sensor->bad_bursts = 0;
+    sensor->data_us = now_us;
+    for (unsigned n = 0; n < words; n++)
+        samples += (unsigned)fifo_take(&sensor->fifo, sensor->words + FIFO_WORD_BYTES * n, now_us, sensor->faults, out + samples);
+    if (sensor->fifo.bad_stamps >= BAD_STAMPS)
+        stand_still(sensor, FAULT_STAMP);
+    return samples;
+}
+
+/* The burst that is on its way, or has just been asked for. */
+static unsigned go_on(struct asm330lhh *sensor, struct fifo_sample *out)
+{
+    const unsigned words = sensor->burst / FIFO_WORD_BYTES;
+    const uint32_t passed_us = sensor->bus->time() - sensor->burst_us;
+    const int result = sensor->bus->transfer(0, sensor->words, sensor->burst);
+    if (result == TRANSFER_BUSY && passed_us < TRANSFER_MOST_US)
+        return 0;
+    sensor->burst = 0;
+    sensor->bus->select(0);
+    if (result == TRANSFER_DONE)
+        return take_burst(sensor, words, out);
+    stand_still(sensor, FAULT_HANG);
+    return 0;
+}
+
+/* Words in the FIFO that are worth a burst. */
+static unsigned words_due(struct asm330lhh *sensor)
+{
+    uint8_t status[2];
+    sensor->failed = 0;
+    asm330lhh_read(sensor, FIFO_STATUS1, status, 2);
+    if (sensor->failed) {
+        stand_still(sensor, FAULT_HANG);
+        return 0;
+    }
+    if (status[1] & FIFO_UNUSED) { /* nobody answers, or somebody else */
+        const enum fault fault = proof(sensor);
+        if (fault != FAULTS)
+            stand_still(sensor, fault);
+        return 0;
+    }
+    if ((status[1] & FIFO_OVERRUN) && !sensor->overrun) {
+        sensor->faults[FAULT_OVERRUN]++;
+        fifo_gap(&sensor->fifo);
+    }
+    sensor->overrun = (status[1] & FIFO_OVERRUN) != 0;
+    const unsigned words = status[0] | (status[1] & 3u) << 8, most = FIFO_WORDS;
+    return status[1] & FIFO_WATERMARK || words >= most ? (words < most ? words : most) : 0;
+}
+
+unsigned asm330lhh_poll(struct asm330lhh *sensor, struct fifo_sample *out)
+{
+    const uint32_t now_us = sensor->bus->time();
+    if (!sensor->running) {
+        if (sensor->found && now_us - sensor->tried_us >= TRY_AGAIN_US) {
+            sensor->faults[FAULT_STARTS]++;
+            asm330lhh_start(sensor);
+        }
+        return 0;
+    }
+    if (sensor->burst)
+        return go_on(sensor, out);
+    const unsigned words = words_due(sensor);
+    if (words) {
+        const uint8_t address = READ | FIFO_DATA_OUT_TAG;
+        sensor->bus->select(1);
+        transfer(sensor, &address, 0, 1);
+        sensor->burst = words * FIFO_WORD_BYTES;
+        sensor->burst_us = now_us;
+        return go_on(sensor, out);
+    }
+    const float period_us = 1e6f / asm330lhh_nominal_hz(sensor->settings.odr);
+    if (sensor->running && now_us - sensor->data_us > SILENCE_US + (uint32_t)(4.0f * period_us)) {
+        const enum fault fault = proof(sensor);
+        stand_still(sensor, fault == FAULTS ? FAULT_SILENT : fault);
+    }
+    return 0;
+}

@@ -1,0 +1,54 @@
+/* Registers of the ASM330LHH, by the maker's public header. */
+#ifndef ASM330LHH_REGISTERS_H
+#define ASM330LHH_REGISTERS_H
+
+enum {
+    FIFO_CTRL1 = 0x07,
+    FIFO_CTRL2 = 0x08,
+    FIFO_CTRL3 = 0x09,
+    FIFO_CTRL4 = 0x0A,
+    INT1_CTRL = 0x0D,
+    WHO_AM_I = 0x0F,
+    CTRL1_XL = 0x10,
+    CTRL2_G = 0x11,
+    CTRL3_C = 0x12,
+    CTRL4_C = 0x13,
+    CTRL5_C = 0x14,
+    CTRL6_C = 0x15,
+    CTRL7_G = 0x16,
+    CTRL8_XL = 0x17,
+    CTRL9_XL = 0x18,
+    CTRL10_C = 0x19,
+    STATUS_REG = 0x1E,
+    OUT_TEMP_L = 0x20,
+    OUTX_L_G = 0x22,
+    OUTX_L_A = 0x28,
+    FIFO_STATUS1 = 0x3A,
+    INTERNAL_FREQ_FINE = 0x63,
+    FIFO_DATA_OUT_TAG = 0x78,
+};
+
+enum {
+    READ = 0x80,                 /* of the address on SPI */
+    INT1_FIFO_TH = 1 << 3,       /* INT1_CTRL */
+    LPF2_XL_EN = 1 << 1,         /* CTRL1_XL */
+    SW_RESET = 1 << 0,           /* CTRL3_C */
+    IF_INC = 1 << 2,             /* CTRL3_C */
+    BDU = 1 << 6,                /* CTRL3_C */
+    LPF1_SEL_G = 1 << 1,         /* CTRL4_C */
+    I2C_DISABLE = 1 << 2,        /* CTRL4_C */
+    ST_XL_POSITIVE = 1 << 0,     /* CTRL5_C */
+    ST_G_POSITIVE = 1 << 2,      /* CTRL5_C */
+    DEVICE_CONF = 1 << 1,        /* CTRL9_XL; the family's application notes ask for it */
+    TIMESTAMP_EN = 1 << 5,       /* CTRL10_C */
+    XLDA = 1 << 0,               /* STATUS_REG */
+    GDA = 1 << 1,                /* STATUS_REG */
+    TDA = 1 << 2,                /* STATUS_REG */
+    FIFO_UNUSED = 1 << 2,        /* FIFO_STATUS2; reads 0 */
+    FIFO_OVERRUN = 1 << 3 | 1 << 6, /* FIFO_STATUS2: latched, present */
+    FIFO_WATERMARK = 1 << 7,     /* FIFO_STATUS2 */
+    BYPASS = 0,                  /* FIFO_CTRL4: the FIFO is empty and stays so */
+    CONTINUOUS = 6 | 2 << 4 | 1 << 6, /* FIFO_CTRL4: temperature at 12.5 Hz, a stamp for each time slot */
+};
+
+#endif

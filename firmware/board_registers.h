@@ -1,0 +1,43 @@
+/* Registers of the STM32F405 that more than one file needs; RM0090. */
+#ifndef BOARD_REGISTERS_H
+#define BOARD_REGISTERS_H
+
+#include <stdint.h>
+
+#define REG(address) (*(volatile uint32_t *)(address))
+
+#define RCC 0x40023800u
+#define RCC_AHB1ENR REG(RCC + 0x30)
+#define RCC_APB1ENR REG(RCC + 0x40)
+#define RCC_APB2ENR REG(RCC + 0x44)
+#define RCC_APB2RSTR REG(RCC + 0x24)
+
+#define GPIOA_MODER REG(0x40020000u)
+#define GPIOA_OSPEEDR REG(0x40020008u)
+#define GPIOA_PUPDR REG(0x4002000Cu)
+#define GPIOA_BSRR REG(0x40020018u)
+#define GPIOA_AFRL REG(0x40020020u)
+#define GPIOA_AFRH REG(0x40020024u)
+
+/* DMA2: flags of streams 0 to 3 and 4 to 7, and the registers of a stream. */
+#define DMA2 0x40026400u
+#define DMA2_LISR REG(DMA2 + 0x00)
+#define DMA2_HISR REG(DMA2 + 0x04)
+#define DMA2_LIFCR REG(DMA2 + 0x08)
+#define DMA2_HIFCR REG(DMA2 + 0x0C)
+#define DMA2_CR(stream) REG(DMA2 + 0x10 + 0x18 * (stream))
+#define DMA2_NDTR(stream) REG(DMA2 + 0x14 + 0x18 * (stream))
+#define DMA2_PAR(stream) REG(DMA2 + 0x18 + 0x18 * (stream))
+#define DMA2_M0AR(stream) REG(DMA2 + 0x1C + 0x18 * (stream))
+
+enum {
+    DMA_ENABLE = 1 << 0,
+    DMA_FROM_MEMORY = 1 << 6,
+    DMA_MEMORY_STEPS = 1 << 10,
+    DMA_URGENT = 3 << 16,
+    DMA_SPINS = 1000, /* until a stream that is switched off has stopped */
+};
+
+#define DMA_CHANNEL(channel) ((uint32_t)(channel) << 25)
+
+#endif

@@ -1,0 +1,14 @@
+/* The sensor's SPI: SPI1 on PA5 to PA7 with the chip select on PA4, 5.25 MHz, mode 3; long transfers by DMA2. */
+#ifndef BOARD_SPI_H
+#define BOARD_SPI_H
+
+#include <stdint.h>
+
+void board_spi_start(void);
+
+void board_spi_select(int selected);
+
+/* As struct asm330lhh_bus wants it: -1, 0, or 1 while DMA goes on by itself. */
+int board_spi_transfer(const uint8_t *out, uint8_t *in, unsigned count);
+
+#endif

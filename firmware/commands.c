@@ -1,0 +1,147 @@
+#include "commands.h"
+
+#include "board_send.h"
+#include "frames.h"
+#include "sensor.h"
+#include "status.h"
+#include "stream.h"
+
+/* The second byte of an answer. */
+enum result { DONE, UNKNOWN, IMPOSSIBLE, NO_SENSOR, TOO_QUICK, NOT_TAKEN, TEST_FAILED };
+
+enum { BAUD_LEAST = 9600, BAUD_MOST = 5250000, TRIAL_MS = 5000, HEAD = 3 };
+
+static struct {
+    uint32_t before, began_ms; /* the port's rate of before, or 0 */
+} trial;
+
+static enum result set(const struct asm330lhh_settings *settings)
+{
+    if (!asm330lhh_possible(settings))
+        return IMPOSSIBLE;
+    if (!stream_carries(fifo_rate_hz(settings->odr, sensor_state()->freq_fine), status_rate_of_port()))
+        return TOO_QUICK;
+    const enum fault fault = sensor_set(settings);
+    return fault == FAULTS ? DONE : sensor_found() ? NOT_TAKEN : NO_SENSOR;
+}
+
+static enum result test(uint16_t sequence, enum port port)
+{
+    struct asm330lhh_tested tested;
+    struct frame frame;
+    if (!sensor_found())
+        return NO_SENSOR;
+    sensor_test(&tested);
+    frame_begin(&frame, FRAME_TESTED, sequence);
+    frame_u16(&frame, tested.failed);
+    for (int i = 0; i < 3; i++)
+        frame_f32(&frame, tested.gyro_dps[i]);
+    for (int i = 0; i < 3; i++)
+        frame_f32(&frame, tested.accel_mg[i]);
+    stream_frame(port, &frame);
+    return tested.failed ? TEST_FAILED : DONE;
+}
+
+static enum result possible_baud(uint32_t baud)
+{
+    if (baud < BAUD_LEAST || baud > BAUD_MOST)
+        return IMPOSSIBLE;
+    return sensor_found() && !stream_carries(sensor_rate_hz(), baud) ? TOO_QUICK : DONE;
+}
+
+static void change_baud(uint32_t baud)
+{
+    board_send_all();
+    board_host_baud(baud);
+    status_baud(baud);
+}
+
+static void answer(enum port port, const uint8_t *bytes, enum result result)
+{
+    struct frame frame;
+    frame_begin(&frame, FRAME_DONE, get_u16(bytes + 1));
+    frame_u8(&frame, bytes[0]);
+    frame_u8(&frame, (uint8_t)result);
+    stream_frame(port, &frame);
+}
+
+/* Bytes of a command, or 0 where there is none of that type. */
+static unsigned length_of(uint8_t type)
+{
+    switch (type) {
+    case FRAME_SET_RATE:
+    case FRAME_SET_RANGES:
+    case FRAME_SET_BAUD:
+        return HEAD + 4;
+    case FRAME_SET_FILTERS:
+        return HEAD + 3;
+    case FRAME_START:
+    case FRAME_STOP:
+    case FRAME_TEST:
+    case FRAME_IDENTIFY:
+        return HEAD;
+    default:
+        return 0;
+    }
+}
+
+static enum result obey(enum port port, const uint8_t *bytes)
+{
+    struct asm330lhh_settings settings = sensor_state()->settings;
+    const uint8_t *body = bytes + HEAD;
+    switch (bytes[0]) {
+    case FRAME_SET_RATE:
+        settings.odr = asm330lhh_odr(get_f32(body));
+        return set(&settings);
+    case FRAME_SET_RANGES:
+        settings.gyro_fs_dps = get_u16(body);
+        settings.accel_fs_g = get_u16(body + 2);
+        return set(&settings);
+    case FRAME_SET_FILTERS:
+        settings.gyro_lpf1 = body[0];
+        settings.accel_lpf2_divisor = get_u16(body + 1);
+        return set(&settings);
+    case FRAME_START:
+    case FRAME_STOP:
+        stream_switch(bytes[0] == FRAME_START);
+        return DONE;
+    case FRAME_TEST:
+        return test(get_u16(bytes + 1), port);
+    case FRAME_SET_BAUD:
+        return possible_baud(get_u32(body));
+    default:
+        return DONE;
+    }
+}
+
+int commands_take(enum port port, const uint8_t *bytes, unsigned count)
+{
+    const unsigned length = length_of(bytes[0]);
+    if (bytes[0] <= FRAME_HELLO || bytes[0] >= 0x20) /* not a command at all */
+        return 0;
+    const enum result result = !length ? UNKNOWN : length != count ? IMPOSSIBLE : obey(port, bytes);
+    answer(port, bytes, result);
+    if (result != DONE && result != TEST_FAILED)
+        return 1;
+    if (bytes[0] == FRAME_SET_BAUD) {
+        trial.before = trial.before ? trial.before : status_rate_of_port();
+        trial.began_ms = board_milliseconds();
+        change_baud(get_u32(bytes + HEAD));
+    } else {
+        status_say();
+    }
+    return 1;
+}
+
+void commands_heard(void)
+{
+    trial.before = 0;
+}
+
+void commands_service(void)
+{
+    if (trial.before && board_milliseconds() - trial.began_ms >= TRIAL_MS) {
+        change_baud(trial.before);
+        trial.before = 0;
+    }
+}

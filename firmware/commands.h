@@ -1,0 +1,18 @@
+/* What the host asks the board to do. */
+#ifndef COMMANDS_H
+#define COMMANDS_H
+
+#include <stdint.h>
+
+#include "board.h"
+
+/* Obey a frame that came in on a port, and answer it there; 0 where it is no command. */
+int commands_take(enum port port, const uint8_t *bytes, unsigned count);
+
+/* A frame with a good check has come in on the host's port: its new rate, if it has one, is understood. */
+void commands_heard(void);
+
+/* Go back to the rate of before, where nobody has been heard at the new one. */
+void commands_service(void);
+
+#endif

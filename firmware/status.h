@@ -1,0 +1,22 @@
+/* What the board says of itself, once a second and when it is asked: info, board and faults frames. */
+#ifndef STATUS_H
+#define STATUS_H
+
+#include <stdint.h>
+
+void status_start(uint32_t baud);
+
+/* The host's port has another rate now. */
+void status_baud(uint32_t baud);
+uint32_t status_rate_of_port(void);
+
+/* All three frames. */
+void status_say(void);
+
+/* Those that are due: all once a second, faults soon after a count has risen. */
+void status_service(void);
+
+/* Without a sensor: a sample with this stamp comes.  Its kind says the rate that the stamps show, once a second of samples. */
+void status_pace(uint32_t t_us);
+
+#endif

@@ -1,0 +1,217 @@
+/* The four functions that the driver wants, over an array of registers and a queue of FIFO words.  No model of the sensor: it answers what
+ * the test has put there. */
+#include <string.h>
+
+#include "asm330lhh.h"
+#include "asm330lhh_registers.h"
+#include "asm330lhh_self_test.h"
+#include "fault.h"
+
+enum { MOST_WORDS = 1 << 20, LOG = 1024 };
+enum { ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES };
+
+struct asm330lhh sensor;
+uint8_t registers[128];
+uint8_t fine, warmth; /* INTERNAL_FREQ_FINE and the temperature's upper byte, which a reset does not change */
+uint8_t bytes[MOST_WORDS][FIFO_WORD_BYTES];
+uint32_t words_in, words_out, now_us, transfers, logged, breaks_after;
+uint16_t accesses[LOG]; /* address with READ, value << 8 */
+int behaviour, selected, overrun, busy_polls, pushed;
+
+static struct {
+    int begun, polls;
+    uint8_t address;
+    unsigned place; /* within the FIFO word */
+} at;
+
+void reset_registers(void)
+{
+    memset(registers, 0, sizeof registers);
+    registers[WHO_AM_I] = ASM330LHH_WHO;
+    registers[CTRL3_C] = IF_INC;
+    registers[CTRL9_XL] = 0xE0;
+    registers[INTERNAL_FREQ_FINE] = fine;
+    registers[OUT_TEMP_L + 1] = warmth;
+    words_out = words_in;
+}
+
+static void note(uint8_t address, uint8_t value)
+{
+    if (logged < LOG)
+        accesses[logged++] = (uint16_t)(address | value << 8);
+}
+
+static void get_ready(uint8_t address)
+{
+    const uint32_t words = registers[FIFO_CTRL4] & 6 ? words_in - words_out : 0;
+    const unsigned watermark = registers[FIFO_CTRL1];
+    note(address, 0);
+    registers[FIFO_STATUS1] = (uint8_t)words;
+    registers[FIFO_STATUS1 + 1] = (uint8_t)((words >> 8 & 3) | (watermark && words >= watermark ? FIFO_WATERMARK : 0) | (overrun ? 0x48 : 0));
+    if ((address & 0x7F) == FIFO_STATUS1)
+        overrun = 0;
+    registers[STATUS_REG] = XLDA | GDA | TDA;
+    for (int i = 0; i < 3; i++) { /* the self-test's answer */
+        registers[OUTX_L_G + 2 * i + 1] = registers[CTRL5_C] & ST_G_POSITIVE ? (uint8_t)pushed : 0;
+        registers[OUTX_L_A + 2 * i + 1] = registers[CTRL5_C] & ST_XL_POSITIVE ? (uint8_t)pushed : 0;
+    }
+}
+
+static uint8_t answer(void)
+{
+    const uint8_t address = at.address & 0x7F;
+    if (address >= FIFO_DATA_OUT_TAG) {
+        if (words_out == words_in)
+            return 0;
+        const uint8_t byte = bytes[words_out % MOST_WORDS][at.place++];
+        if (at.place == FIFO_WORD_BYTES) {
+            at.place = 0;
+            words_out++;
+            if (breaks_after && words_out == breaks_after)
+                behaviour = ZEROS;
+        }
+        return byte;
+    }
+    at.address++;
+    return registers[address];
+}
+
+static void take(uint8_t value)
+{
+    note(at.address, value);
+    registers[at.address] = value;
+    if (at.address == CTRL3_C && (value & SW_RESET))
+        reset_registers();
+    at.address++;
+}
+
+static int transfer(const uint8_t *out, uint8_t *in, unsigned count)
+{
+    transfers++;
+    now_us += 2 * count;
+    if (behaviour == HANGS)
+        return TRANSFER_FAILED;
+    if (behaviour == BUSY_FOR_EVER)
+        return TRANSFER_BUSY;
+    if (!out && count > 32 && at.polls++ < busy_polls)
+        return TRANSFER_BUSY;
+    at.polls = 0;
+    for (unsigned n = 0; n < count; n++) {
+        uint8_t byte = 0xFF;
+        if (!at.begun) {
+            at.begun = 1;
+            at.address = out[n];
+            if (at.address & READ)
+                get_ready(at.address);
+        } else if (at.address & READ) {
+            byte = answer();
+        } else if (behaviour == ANSWERS) {
+            take(out[n]);
+        }
+        if (in)
+            in[n] = behaviour == ZEROS ? 0x00 : behaviour == ONES ? 0xFF : byte;
+    }
+    return TRANSFER_DONE;
+}
+
+static void select_chip(int on)
+{
+    selected = on;
+    at.begun = 0;
+    at.place = 0;
+}
+
+static void wait_us(uint32_t us)
+{
+    now_us += us;
+}
+
+static uint32_t time_us(void)
+{
+    return ++now_us;
+}
+
+static const struct asm330lhh_bus BUS = {transfer, select_chip, wait_us, time_us};
+
+void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1, uint16_t lpf2)
+{
+    const struct asm330lhh_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
+    behaviour = ANSWERS;
+    fine = warmth = 0;
+    now_us = transfers = logged = words_in = words_out = breaks_after = 0;
+    overrun = busy_polls = pushed = 0;
+    reset_registers();
+    asm330lhh_attach(&sensor, &BUS, &settings);
+}
+
+int possible(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1, uint16_t lpf2)
+{
+    const struct asm330lhh_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
+    return asm330lhh_possible(&settings);
+}
+
+int start(void)
+{
+    return (int)asm330lhh_start(&sensor);
+}
+
+void push(const uint8_t *words, uint32_t count)
+{
+    for (uint32_t n = 0; n < count; n++)
+        memcpy(bytes[words_in++ % MOST_WORDS], words + n * FIFO_WORD_BYTES, FIFO_WORD_BYTES);
+}
+
+/* Poll so often, a millisecond each; the samples, in all. */
+unsigned poll(unsigned times, struct fifo_sample *out, unsigned most)
+{
+    struct fifo_sample some[FIFO_SAMPLES];
+    unsigned count = 0;
+    for (unsigned n = 0; n < times; n++) {
+        const unsigned got = asm330lhh_poll(&sensor, some);
+        now_us += 1000;
+        for (unsigned i = 0; i < got && count < most; i++)
+            out[count++] = some[i];
+    }
+    return count;
+}
+
+const uint32_t *faults(void)
+{
+    return sensor.faults;
+}
+
+int running(void)
+{
+    return sensor.running;
+}
+
+int freq_fine(void)
+{
+    return sensor.freq_fine;
+}
+
+void self_test(struct asm330lhh_tested *tested)
+{
+    asm330lhh_self_test(&sensor, tested);
+}
+
+/* The FIFO's words without a bus, so many microseconds each. */
+unsigned take_words(uint8_t odr, int8_t freq_fine, const uint8_t *words, uint32_t count, uint32_t counts[FAULTS], struct fifo_sample *out, uint32_t word_us)
+{
+    static struct asm330lhh_fifo fifo;
+    unsigned samples = 0;
+    fifo = (struct asm330lhh_fifo){0};
+    fifo_begin(&fifo, odr, freq_fine);
+    fifo_temperature(&fifo, 0);
+    for (uint32_t n = 0; n < count; n++)
+        samples += (unsigned)fifo_take(&fifo, words + n * FIFO_WORD_BYTES, n * word_us, counts, out + samples);
+    return samples;
+}
+
+/* The unique id of a chip, for identity.c. */
+uint32_t unique_id[3];
+
+uint32_t read_if_there(uint32_t address)
+{
+    return unique_id[(address - 0x1FFF7A10u) / 4];
+}

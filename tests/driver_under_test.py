@@ -1,0 +1,127 @@
+"""The sensor's driver of firmware/, compiled for this machine, on the four functions of driver_fake.c."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import shutil
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from processes import run
+
+FIRMWARE = ROOT / "firmware"
+SOURCES = ("asm330lhh.c", "asm330lhh_fifo.c", "asm330lhh_settings.c", "asm330lhh_self_test.c", "identity.c", "frames.c")
+FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wdouble-promotion", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover")
+#: enum fault of asm330lhh_fifo.h, in its order
+FAULTS = ("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset", "changed", "identity", "silent", "stamp", "incomplete")
+FAULTS += ("starts", "lost")
+NONE = len(FAULTS)
+GYRO, ACCEL, TEMPERATURE, STAMP, CONFIGURATION = 1, 2, 3, 4, 5
+ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES = range(5)
+RATES_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 417.0, 833.0, 1667.0, 3333.0, 6667.0)
+SAMPLE = np.dtype([("t_us", "<u4"), ("number", "<u4"), ("registers", "<i2", (7,)), ("", "<u2")])
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """One for all tests of a process: its state is that of the last ``attach``."""
+    if shutil.which("gcc") is None:
+        pytest.skip("not installed: gcc")
+    built = Path(mkdtemp()) / "driver.so"
+    sources = [*(FIRMWARE / name for name in SOURCES), ROOT / "tests" / "driver_fake.c"]
+    run(["gcc", *FLAGS, "-O1", "-shared", "-fPIC", f"-I{FIRMWARE}", *sources, "-o", built], check=True)
+    found = ctypes.CDLL(str(built))
+    found.faults.restype = ctypes.POINTER(ctypes.c_uint32 * len(FAULTS))
+    found.fifo_rate_hz.restype = ctypes.c_float
+    found.fifo_rate_hz.argtypes = [ctypes.c_uint8, ctypes.c_int8]
+    found.fifo_tick_q32.restype = ctypes.c_uint64
+    found.fifo_tick_q32.argtypes = [ctypes.c_int8]
+    found.asm330lhh_odr.argtypes = [ctypes.c_float]
+    found.identity_serial.restype = found.identity_crc32.restype = ctypes.c_uint32
+    return found
+
+
+def number(name: str, kind: type = ctypes.c_int):
+    """A variable of the fake; set its ``value``."""
+    return kind.in_dll(library(), name)
+
+
+def faults() -> dict[str, int]:
+    """Those that have been counted at all."""
+    return {name: count for name, count in zip(FAULTS, library().faults().contents, strict=True) if count}
+
+
+def accesses() -> list[tuple[int, int]]:
+    """Addresses, with 0x80 where read, and what was written."""
+    table = (ctypes.c_uint16 * 1024).in_dll(library(), "accesses")
+    return [(entry & 0xFF, entry >> 8) for entry in table[: number("logged", ctypes.c_uint32).value]]
+
+
+def started(odr: int = 8, gyro_fs_dps: int = 500, accel_fs_g: int = 4, lpf1: int = 0xFF, lpf2: int = 2, fine: int = 0) -> ctypes.CDLL:
+    """The driver, its sensor running."""
+    lib = library()
+    lib.attach(gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2)
+    keep_fine(fine)
+    assert lib.start() == NONE
+    return lib
+
+
+def keep_fine(fine: int) -> None:
+    """INTERNAL_FREQ_FINE."""
+    number("fine", ctypes.c_uint8).value = registers()[0x63] = fine & 0xFF
+
+
+def registers():
+    return (ctypes.c_uint8 * 128).in_dll(library(), "registers")
+
+
+def tag(kind: int, count: int) -> int:
+    plain = kind << 3 | (count & 3) << 1
+    return plain | plain.bit_count() & 1
+
+
+def words_of(slots: np.ndarray, ticks: np.ndarray, order: tuple[int, ...] = (GYRO, ACCEL, STAMP)) -> np.ndarray:
+    """FIFO words (3 n, 7) uint8 of time slots (n,): their number is in every value, so that a sample of two slots would show."""
+    words = np.zeros((len(slots), len(order), 7), np.uint8)
+    for place, kind in enumerate(order):
+        words[:, place, 0] = [tag(kind, int(slot)) for slot in slots & 3]
+        values = np.zeros((len(slots), 3), "<i2")
+        values[:] = registers_of(slots)[:, 0:3] if kind == GYRO else registers_of(slots)[:, 3:6]
+        if kind == STAMP:
+            values[:, 0:2] = (np.asarray(ticks) & 0xFFFFFFFF).astype("<u4").view("<i2").reshape(-1, 2)
+            values[:, 2] = 0
+        words[:, place, 1:] = values.view(np.uint8).reshape(-1, 6)
+    return words.reshape(-1, 7)
+
+
+def registers_of(slots: np.ndarray) -> np.ndarray:
+    """(n, 6) int16: three and three values that no other slot has."""
+    offsets = np.array([0, 5000, 10000, 15000, 20000, 25000])
+    return (np.asarray(slots)[:, None] % 5000 + offsets - 15000).astype("<i2")
+
+
+def push(words: np.ndarray) -> None:
+    data = np.ascontiguousarray(words, np.uint8)
+    library().push(data.ctypes.data_as(ctypes.c_void_p), len(data))
+
+
+def poll(times: int, most: int = 1 << 18) -> np.ndarray:
+    out = np.zeros(most, SAMPLE)
+    return out[: library().poll(times, out.ctypes.data_as(ctypes.c_void_p), most)]
+
+
+def take_words(words: np.ndarray, odr: int = 10, fine: int = 0, word_us: int = 50) -> tuple[np.ndarray, dict[str, int]]:
+    """The samples that the FIFO's part makes of these words, which come word_us apart, and the faults that it counts."""
+    data, counts = np.ascontiguousarray(words, np.uint8), (ctypes.c_uint32 * len(FAULTS))()
+    out = np.zeros(len(data) + 1, SAMPLE)
+    pointer = ctypes.c_void_p
+    count = library().take_words(odr, fine, data.ctypes.data_as(pointer), len(data), counts, out.ctypes.data_as(pointer), word_us)
+    return out[:count], {name: number for name, number in zip(FAULTS, counts, strict=True) if number}
+
+
+ORDERS = tuple(itertools.permutations((GYRO, ACCEL, STAMP)))

@@ -1,0 +1,57 @@
+"""The sensor's SPI port: chip select, then an address with its read bit, then data."""
+
+from __future__ import annotations
+
+from tinygc.simulation.asm330lhh.faults import PORT_KINDS
+from tinygc.simulation.asm330lhh.registers import FIFO_DATA_OUT_LAST, FIFO_DATA_OUT_TAG
+from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+
+READ = 0x80
+HIGH = 0xFF  #: what an undriven line reads
+
+
+class Port:
+    """transactions, bytes: what has passed."""
+
+    def __init__(self, sensor: Asm330lhh):
+        self.sensor = sensor
+        self._faults = [fault for fault in sensor.faults if fault.kind in PORT_KINDS]
+        self._selected, self._address, self._reads = False, -1, False
+        self.transactions = self.bytes = 0
+
+    def select(self, selected: bool, t_s: float) -> None:
+        """The chip select falls or rises."""
+        self.sensor.advance(t_s)
+        if selected and not self._selected:
+            self.transactions += 1
+            self._address = -1
+        self._selected = selected
+
+    def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
+        """Bytes to the sensor, the first of them at a time, each so long; what it answers meanwhile."""
+        if not self._selected:
+            return bytes([HIGH]) * len(out)
+        self.bytes += len(out)
+        return bytes(self._exchange(byte, t_s + place * byte_s) for place, byte in enumerate(out))
+
+    def _exchange(self, byte: int, t_s: float) -> int:
+        fault = next((fault.kind for fault in self._faults if fault.holds(t_s)), "") if self._faults else ""
+        if fault == "hang":
+            self.sensor.advance(t_s)
+            return HIGH
+        answer = self._answer(byte, t_s)
+        return {"zeros": 0x00, "ones": HIGH}.get(fault, answer) if fault else answer
+
+    def _answer(self, byte: int, t_s: float) -> int:
+        address = self._address
+        if address < 0:
+            self._address, self._reads = byte & ~READ, bool(byte & READ)
+            return HIGH
+        answer = HIGH
+        if self._reads:
+            answer = self.sensor.read(address, t_s)
+        else:
+            self.sensor.write(address, byte, t_s)
+        if self.sensor.counts_up:
+            self._address = FIFO_DATA_OUT_TAG if self._reads and address == FIFO_DATA_OUT_LAST else address + 1 & 0x7F
+        return answer

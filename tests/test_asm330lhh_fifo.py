@@ -159,7 +159,7 @@ def test_the_watermark_is_a_flag_and_a_pin():
             seen.append((there >= 40) == flagged == pin)
     assert all(seen)
     assert link.sensor.int1(link.t_s)
-    words(link, 20)
+    words(link)
     assert not link.sensor.int1(link.t_s)
     assert not link.read(0x3B)[0] & 0x80
 

@@ -9,12 +9,13 @@ tags, the read bit, the wrap from 0x7E to 0x78.  **What it leaves open is assume
 sheets say, from memory:
 
 - Defaults: PIN_CTRL 0x3F, CTRL3_C 0x04 (``if_inc``), CTRL9_XL 0xE0, all others 0.  ``sw_reset`` restores them at once, and reads 1 for
-  50 us more; ``boot`` reads 1 for 10 ms and changes nothing else.  After power-up or a reset by itself every register reads 0, and writes are lost, for 10 ms.
+  50 us more; ``boot`` reads 1 for 10 ms and changes nothing else.  After power-up or a reset by itself every register reads 0, and
+  writes are lost, for 10 ms.
 - Both sensors and the FIFO share one divider of the 6667 Hz clock, which begins when the first of them is switched on; the first sample
   comes one period later and is good (no settling).  No filter is modelled: the registers of filters are kept, and do nothing.
 - The frequency that INTERNAL_FREQ_FINE states is the true one, but for ``Oscillator.residual_ppm``; it may differ between off and on.
-- The FIFO holds 512 words (3 kB of data; the 9 bits of its watermark reach 511).  Words of one time slot come in the order of ``Fifo.order``
-  (timestamp, temperature, gyroscope, accelerometer) and share TAG_CNT, which counts the slots of the fastest batch rate.  The parity bit
+- The FIFO holds 512 words (3 kB of data; the 9 bits of its watermark reach 511).  Words of one time slot come in the order of
+  ``batching.ORDER`` (timestamp, temperature, gyroscope, accelerometer; a test can ask for another) and share TAG_CNT, which counts the slots of the fastest batch rate.  The parity bit
   makes the number of ones of the tag byte even.  An empty FIFO reads as zeros.  A word is gone when its byte 0x7E has been read.
 - Batched temperature: each 128th, 512th, 4096th tick of the 6667 Hz clock (52, 12.5, 1.6 Hz), or each slot where these are rarer; the
   register in the first two bytes, zeros behind.  Timestamps: each slot, each 8th, each 32nd, while ``timestamp_en``; four bytes and two
@@ -29,6 +30,4 @@ sheets say, from memory:
 - Self-test: st_xl 1 and 2 add and subtract, st_g 1 and 3 add and subtract (``SelfTest``: 500 mg, 400 dps); other codes do nothing.
 - The timestamp stands at 0 without ``timestamp_en``; 0xAA written to 0x42 sets it to 0.  Behind 0x7F an address goes on at 0x00.
 - User offsets, high-pass, DEN and the 3-wire SPI are kept in their registers and do nothing.
-
-May import: nothing.
 """

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from tinygc.simulation.asm330lhh.faults import PORT_KINDS
-from tinygc.simulation.asm330lhh.registers import FIFO_DATA_OUT_LAST, FIFO_DATA_OUT_TAG
+from tinygc.simulation.asm330lhh.registers import FIFO_DATA_OUT_LAST, FIFO_DATA_OUT_TAG, FIFO_STATUS2, OUT_FIRST, OUT_LAST
 from tinygc.simulation.asm330lhh.sensor import Asm330lhh
 
 READ = 0x80
+#: what is read there can let the interrupt's pin fall
+CLEARING = {FIFO_DATA_OUT_LAST, FIFO_STATUS2, *range(OUT_FIRST, OUT_LAST + 1)}
 HIGH = 0xFF  #: what an undriven line reads
 
 
 class Port:
-    """transactions, bytes: what has passed."""
+    """transactions, bytes: what has passed; rises: how often INT1 was seen to rise, while it is ``watched``."""
 
     def __init__(self, sensor: Asm330lhh):
         self.sensor = sensor
         self._faults = [fault for fault in sensor.faults if fault.kind in PORT_KINDS]
         self._selected, self._address, self._reads = False, -1, False
-        self.transactions = self.bytes = 0
+        self.transactions = self.bytes = self.rises = 0
+        self.watched = self._pin = False
 
     def select(self, selected: bool, t_s: float) -> None:
         """The chip select falls or rises."""
@@ -26,6 +29,16 @@ class Port:
             self.transactions += 1
             self._address = -1
         self._selected = selected
+
+    def int1(self, t_s: float) -> bool:
+        """The level of the interrupt's pin."""
+        before, self._pin = self._pin, self.sensor.int1(t_s)
+        self.rises += self._pin and not before
+        return self._pin
+
+    def int1_stays_until(self, t_s: float) -> float:
+        """A time before which it cannot change, unless bytes pass."""
+        return self.sensor.int1_stays_until(t_s)
 
     def transfer(self, out: bytes, t_s: float, byte_s: float) -> bytes:
         """Bytes to the sensor, the first of them at a time, each so long; what it answers meanwhile."""
@@ -50,6 +63,8 @@ class Port:
         answer = HIGH
         if self._reads:
             answer = self.sensor.read(address, t_s)
+            if self.watched and address in CLEARING:
+                self.int1(t_s)
         else:
             self.sensor.write(address, byte, t_s)
         if self.sensor.counts_up:

@@ -104,5 +104,6 @@ class Readings:
         if place < 0 or place >= len(self._data):
             ticks = tick + self.step * np.arange(BLOCK)
             self._first, place = tick, 0
-            self._data = to_registers(*self._motion(self.zero_s + ticks / self.clock_hz), *self._settings).tobytes()
+            rate, force, temp_c = self._motion(self.zero_s + ticks / self.clock_hz)
+            self._data = to_registers(rate, force, temp_c, *self._settings).tobytes()
         return self._data[place : place + REGISTER_BYTES]

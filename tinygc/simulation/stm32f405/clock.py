@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 CORE_HZ = 168_000_000
 NEVER = math.inf
+TURN = 200  #: cycles; a loop that only waits has shorter turns
 
 
 class Event:
@@ -69,25 +70,30 @@ class Clock:
                 do()
 
     def skip_to(self, cycle: float) -> None:
-        """The core waits in a loop for something that is due at a cycle: spare it the turns until then, or until the next event."""
+        """The core waits in a loop for something that is due at a cycle: spare it the turns until then, or until the next event.
+
+        For something that will never come it waits itself.
+        """
         ahead = min(cycle, self.next()) - self.now()
-        if 0 < ahead < NEVER:
+        if cycle < NEVER and ahead > 0:
             self.base += ahead
             self.skipped += ahead
             self.replan()
 
 
 class Poll:
-    """Notices a core that reads the same from a status register again, with nothing else done to that peripheral in between."""
+    """Notices a core that reads the same from a status register again and again, with nothing else done to that peripheral."""
 
-    def __init__(self) -> None:
-        self._last: int | None = None
+    def __init__(self, clock: Clock) -> None:
+        self._clock, self._last, self._at = clock, -1, -NEVER
 
     def again(self, value: int) -> bool:
-        """Whether it was the last value, too."""
-        same, self._last = value == self._last, value
+        """Whether it was the last value, too, and a moment ago."""
+        now = self._clock.now()
+        same = value == self._last and now - self._at < TURN
+        self._last, self._at = value, now
         return same
 
     def broken(self) -> None:
         """Something else was done."""
-        self._last = None
+        self._last = -1

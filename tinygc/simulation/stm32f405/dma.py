@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tinygc.simulation.stm32f405.clock import Clock, Poll
+from tinygc.simulation.stm32f405.clock import NEVER, Clock, Poll
 from tinygc.simulation.stm32f405.cpu import CCM, MEMORIES, Cpu, ProgramError
 from tinygc.simulation.stm32f405.nvic import Nvic
 
@@ -90,14 +90,16 @@ class Stream:
 
 
 class Dma:
-    """started: peripheral's address -> told that one of its streams has been enabled; settle: told before its registers are read."""
+    """started: peripheral's address -> told that one of its streams has been enabled; settle: told before its registers are read;
+    ends: says when the transfer at hand does, or never."""
 
     def __init__(self, clock: Clock, cpu: Cpu, nvic: Nvic, object_to: Callable[[str], None]):
         self._clock = clock
         self.streams = [Stream(number, cpu, nvic, object_to) for number in range(8)]
         self.started: dict[int, Callable[[], None]] = {}
         self.settle: dict[int, Callable[[], None]] = {}
-        self._poll = Poll()
+        self.ends: dict[int, Callable[[], float]] = {}
+        self._poll = Poll(clock)
 
     def serving(self, peripheral: int, direction: int, wired: tuple[tuple[int, int], ...]) -> Stream | None:
         """The stream that serves a data register in a direction now; wired: (stream, channel) that the part has for it."""
@@ -114,16 +116,19 @@ class Dma:
         if offset in (0x00, 0x04):
             streams = self.streams[offset : offset + 4]
             value = sum(stream.flags << FLAG_BITS[n] for n, stream in enumerate(streams))
-            if self._poll.again(value << 1 | offset >> 2) and any(stream.on for stream in self.streams):
-                self._clock.skip_to(self._clock.next())
+            if self._poll.again(value << 1 | offset >> 2):
+                self._clock.skip_to(self._next_end())
             return value
         if offset < 0x10:
             return 0
         stream, place = self.streams[(offset - 0x10) // 24], (offset - 0x10) % 24
         value = (stream.cr, stream.ndtr, stream.peripheral, stream.memory, 0, stream.fcr)[place // 4]
-        if place <= 4 and self._poll.again(value) and stream.on:
-            self._clock.skip_to(self._clock.next())
+        if place == 0 and self._poll.again(value) and stream.on:
+            self._clock.skip_to(self._next_end())
         return value
+
+    def _next_end(self) -> float:
+        return min((end() for end in self.ends.values()), default=NEVER)
 
     def write(self, offset: int, value: int) -> None:
         """A word."""

@@ -35,11 +35,12 @@ class Spi:
         self._cr1 = self._cr2 = 0
         self._received: deque[tuple[float, int]] = deque()  # (cycle of its last bit, byte)
         self._last, self._free_at, self._taken_at, self._overrun = 0, 0.0, 0.0, False
-        self._poll = Poll()
+        self._poll = Poll(clock)
         self._transfer: Transfer | None = None
         self.bytes = 0
         dma.started[ADDRESS] = self._serve
         dma.settle[ADDRESS] = self.settle
+        dma.ends[ADDRESS] = lambda: self._transfer.end if self._transfer else NEVER
 
     @property
     def _byte_cycles(self) -> int:
@@ -99,7 +100,7 @@ class Spi:
 
     def _next_change(self, now: float) -> float:
         if self._transfer:
-            return self._clock.next()
+            return self._transfer.end
         times = (self._taken_at, self._free_at, self._received[0][0] if self._received else 0.0)
         return min((cycle for cycle in times if cycle > now), default=NEVER)
 
@@ -180,8 +181,13 @@ class Transfer:
         self._answers = b""
         self._events: list[Event] = [
             spi._clock.at(start + (self._count - 1) * byte_cycles, spi.settle),
-            spi._clock.at(start + self._count * byte_cycles, self._end),
+            spi._clock.at(self.end, self._end),
         ]
+
+    @property
+    def end(self) -> float:
+        """The cycle of its last bit."""
+        return self._start + self._count * self._byte_cycles
 
     def serves(self) -> bool:
         """Whether its streams are still on."""
@@ -200,7 +206,7 @@ class Transfer:
             self._into.store(data[: self._into.ndtr])
 
     def _end(self) -> None:
-        end = self._start + self._count * self._byte_cycles
+        end = self.end
         self.settle(end)
         stored = self._into.place if self._into else 0
         self._spi.ended(end, self._answers[-1], stored < self._count)

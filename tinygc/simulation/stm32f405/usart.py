@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 
 from tinygc.simulation.stm32f405.bus import Bus
-from tinygc.simulation.stm32f405.clock import CORE_HZ, Clock, Event, Poll
+from tinygc.simulation.stm32f405.clock import CORE_HZ, NEVER, Clock, Event, Poll
 from tinygc.simulation.stm32f405.dma import TO_PERIPHERAL, Dma, Stream
 from tinygc.simulation.stm32f405.nvic import Nvic
 
@@ -47,8 +47,9 @@ class Usart:
         self._completed = True  # TC, but for a write of 0 to it
         self._sending: Stream | None = None
         self._ends: Event | None = None
-        self._poll = Poll()
+        self._poll = Poll(clock)
         dma.started[address] = self._serve
+        dma.ends[address] = lambda: self._taken_at if self._sending else NEVER
 
     @property
     def baud(self) -> float:
@@ -110,7 +111,7 @@ class Usart:
 
     def _next_change(self, now: float) -> float:
         if self._sending:
-            return self._clock.next()
+            return self._taken_at
         return min((cycle for cycle in (self._taken_at, self._free_at) if cycle > now), default=now)
 
     def write(self, offset: int, value: int) -> None:

@@ -1,0 +1,406 @@
+"""The emulated STM32F405: SPI, DMA, pins, interrupts and ports, with the register model of the sensor at the other end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from f405_programs import came_to_its_end, compiled, found, tools_missing
+
+from tinygc.simulation.asm330lhh.faults import Fault
+from tinygc.simulation.asm330lhh.motion import Still
+from tinygc.simulation.asm330lhh.port import Port
+from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+
+if MISSING := tools_missing():
+    pytest.skip(MISSING, allow_module_level=True)
+
+from tinygc.simulation.stm32f405.machine import Machine
+
+RATE_LSB = np.radians(0.0175)
+#: 833 Hz, +-500 dps, +-4 g; watermark of 32 words on INT1
+SENSOR_ON = """
+static void sensor_on(void)
+{
+    systick(168000);
+    while (milliseconds < 12) WFI(); /* it starts up */
+    write_register(0x12, 0x44);
+    write_register(0x07, 32);
+    write_register(0x09, 0x77);
+    write_register(0x0D, 0x08);
+    write_register(0x0A, 0x06);
+    write_register(0x10, 0x78);
+    write_register(0x11, 0x74);
+}
+"""
+#: a burst by DMA2 streams 0 and 3, channel 3
+BURST = """
+static volatile uint8_t out[600], in[600];
+static void burst_begin(unsigned count)
+{
+    out[0] = 0x80 | 0x78;
+    DMA(0x08) = 0x3D | 0x3D << 22;
+    STREAM(0, 8) = STREAM(3, 8) = 0x4001300C;
+    STREAM(0, 12) = (uint32_t)in;
+    STREAM(3, 12) = (uint32_t)out;
+    STREAM(0, 4) = STREAM(3, 4) = count;
+    STREAM(0, 0) = 3u << 25 | 1u << 10 | 1u << 4 | 1;
+    STREAM(3, 0) = 3u << 25 | 1u << 10 | 1u << 6 | 1;
+    CS(0);
+    SPI(4) = 3;
+}
+static void burst_end(void)
+{
+    spi_wait();
+    CS(1);
+    SPI(4) = 0;
+}
+"""
+
+
+def ran(text: str, folder, t_s: float, sensor: Asm330lhh | None = None, **how) -> Machine:
+    machine = Machine(compiled(text, folder), Port(sensor or Asm330lhh(Still())), **how)
+    machine.run_until(t_s)
+    assert machine.bus.objections == {}
+    assert machine.bus.strangers == set()
+    return machine
+
+
+def counting(t_s: np.ndarray):
+    number = np.rint(t_s * 833.375) % 30000
+    return np.outer(number * RATE_LSB, [1, -1, 0.5]), np.outer(number * 0.122e-3 * 9.80665, [1, -1, 0.5]), np.full(len(t_s), 25.0)
+
+
+def numbers(kept) -> np.ndarray:
+    return np.array([np.frombuffer(sample, "<i2") for _, sample in kept])
+
+
+def test_registers_over_polled_spi(tmp_path):
+    text = """
+    int main(void)
+    {
+        spi_on();
+        systick(168000);
+        while (milliseconds < 12) WFI();
+        found[0] = read_register(0x0F);
+        write_register(0x10, 0x5C);
+        found[1] = read_register(0x10);
+        found[2] = read_register(0x12);
+        return 0;
+    }"""
+    machine = ran(text, tmp_path, 0.02)
+    assert came_to_its_end(machine)
+    assert found(machine, 3) == [0x6B, 0x5C, 0x04]
+    assert machine.device.sensor.objections == {}
+
+
+def test_a_polled_byte_takes_its_time_on_the_line(tmp_path):
+    """84 MHz / 16 = 5.25 MHz: 256 cycles a byte, back to back where the data register is kept full."""
+    text = """
+    int main(void)
+    {
+        spi_on();
+        cycles_on();
+        CS(0);
+        const uint32_t a = CYCCNT;
+        BYTE(0x4001300C) = 0x8F;
+        for (int n = 0; n < 100; n++) {
+            while (!(SPI(8) & 2)) ;
+            BYTE(0x4001300C) = 0;
+            while (!(SPI(8) & 1)) ;
+            (void)BYTE(0x4001300C);
+        }
+        spi_wait();
+        found[0] = CYCCNT - a;
+        CS(1);
+        return 0;
+    }"""
+    machine = ran(text, tmp_path, 0.01)
+    assert came_to_its_end(machine)
+    assert found(machine)[0] == pytest.approx(101 * 256, abs=120)
+
+
+def test_output_registers_by_new_data_flag(tmp_path):
+    """Every sample is read once, by polling STATUS: 200 in a row are 200 different ones."""
+    text = (
+        SENSOR_ON
+        + """
+    static int16_t rows[200][6];
+    int main(void)
+    {
+        spi_on();
+        sensor_on();
+        for (int n = 0; n < 200; n++) {
+            while ((read_register(0x1E) & 3) != 3) ;
+            CS(0);
+            spi_byte(0x80 | 0x22);
+            for (int i = 0; i < 12; i++) ((uint8_t *)rows[n])[i] = spi_byte(0);
+            spi_wait();
+            CS(1);
+        }
+        found[0] = (uint32_t)rows;
+        return 0;
+    }"""
+    )
+    sensor = Asm330lhh(counting, keep=True)
+    machine = ran(text, tmp_path, 0.27, sensor)
+    assert came_to_its_end(machine)
+    rows = np.frombuffer(machine.cpu.memory(found(machine)[0], 2400), "<i2").reshape(200, 6)
+    made = numbers(sensor.kept)[:, 1:]
+    first = np.flatnonzero((made == rows[0]).all(axis=1))[0]
+    np.testing.assert_array_equal(rows, made[first : first + 200])
+
+
+FIFO_BY_INTERRUPT = (
+    SENSOR_ON
+    + BURST
+    + """
+static int16_t rows[1000][6];
+static volatile uint32_t edges, bursts, words, state;
+void EXTI4_Handler(void) { EXTI(0x14) = 1u << 4; edges++; }
+void DMA_Rx_Handler(void) { DMA(0x08) = 0x3D; state = 2; }
+int main(void)
+{
+    uint32_t gyros = 0, accels = 0;
+    spi_on();
+    REG(0x4001380C) = 2; /* EXTI4: port C */
+    EXTI(0x08) = EXTI(0x00) = 1u << 4;
+    irq(10);
+    irq(56);
+    sensor_on();
+    while (gyros < 1000) {
+        if (state == 0 && (GPIOC(0x10) >> 4 & 1)) {
+            burst_begin(1 + 7 * 32);
+            state = 1;
+            bursts++;
+        } else if (state == 2) {
+            burst_end();
+            state = 0;
+            for (const volatile uint8_t *word = in + 1; word < in + 1 + 7 * 32; word += 7) {
+                uint8_t *to = word[0] >> 3 == 1 && gyros < 1000 ? (uint8_t *)rows[gyros++]
+                            : word[0] >> 3 == 2 && accels < 1000 ? (uint8_t *)(rows[accels++] + 3) : 0;
+                for (int i = 0; to && i < 6; i++) to[i] = word[1 + i];
+            }
+        } else {
+            WFI();
+        }
+    }
+    found[0] = (uint32_t)rows;
+    found[1] = edges;
+    found[2] = bursts;
+    return 0;
+}"""
+)
+
+
+def test_the_fifo_by_dma_and_the_watermarks_interrupt(tmp_path):
+    """A thousand samples, bursts of 16 of both sensors: none lost, none twice, asleep for nearly all of the time."""
+    sensor = Asm330lhh(counting, keep=True)
+    machine = ran(FIFO_BY_INTERRUPT, tmp_path, 1.25, sensor)
+    assert came_to_its_end(machine)
+    place, edges, bursts = found(machine, 3)
+    rows = np.frombuffer(machine.cpu.memory(place, 12000), "<i2").reshape(1000, 6)
+    np.testing.assert_array_equal(rows, numbers(sensor.kept)[:1000, 1:])
+    assert bursts == 63
+    assert edges == pytest.approx(bursts, abs=1)
+    assert sensor.fifo.lost == 0
+    assert machine.load < 0.05
+
+
+def test_a_host_that_is_held_loses_what_the_fifo_cannot_hold(tmp_path):
+    """Held for a second: 256 samples wait, the others are gone, and the flag says so."""
+    sensor = Asm330lhh(counting, keep=True)
+    machine = ran(FIFO_BY_INTERRUPT, tmp_path, 2.3, sensor, stalls=[(0.5, 1.0)])
+    assert came_to_its_end(machine)
+    rows = np.frombuffer(machine.cpu.memory(found(machine)[0], 12000), "<i2").reshape(1000, 6)
+    steps = np.diff(rows[:, 0])
+    assert sensor.fifo.lost > 1000
+    assert (steps > 1).sum() >= 1
+    assert sensor.fifo.latched
+
+
+def test_a_dma_burst_takes_the_time_of_its_bytes(tmp_path):
+    text = (
+        BURST
+        + """
+    int main(void)
+    {
+        spi_on();
+        cycles_on();
+        const uint32_t a = CYCCNT;
+        burst_begin(200);
+        while (!(DMA(0) & 1u << 5)) ;
+        found[0] = CYCCNT - a;
+        found[1] = DMA(0) >> 5 & 1;
+        found[2] = STREAM(0, 4);
+        burst_end();
+        return 0;
+    }"""
+    )
+    machine = ran(text, tmp_path, 0.01)
+    assert came_to_its_end(machine)
+    cycles, complete, left = found(machine, 3)
+    assert cycles == pytest.approx(200 * 256, abs=150)
+    assert (complete, left) == (1, 0)
+
+
+def test_a_transfer_that_never_ends_is_not_made_shorter(tmp_path):
+    """A receiving stream without a sending one: a bound of turns is so many turns."""
+    text = (
+        BURST
+        + """
+    int main(void)
+    {
+        uint32_t turns = 0;
+        spi_on();
+        systick(168000);
+        cycles_on();
+        STREAM(0, 8) = 0x4001300C;
+        STREAM(0, 12) = (uint32_t)in;
+        STREAM(0, 4) = 10;
+        STREAM(0, 0) = 3u << 25 | 1u << 10;
+        SPI(4) = 1;
+        const uint32_t a = CYCCNT;
+        while (!(SPI(8) & 1) && turns < 20000) turns++;
+        found[0] = turns;
+        found[1] = CYCCNT - a;
+        return 0;
+    }"""
+    )
+    machine = ran(text, tmp_path, 0.01)
+    assert came_to_its_end(machine)
+    turns, cycles = found(machine, 2)
+    assert turns == 20000
+    assert cycles < 20000 * 20
+
+
+def test_a_sensor_that_is_not_there_reads_as_ones(tmp_path):
+    machine = Machine(compiled("int main(void) { spi_on(); found[0] = read_register(0x0F); return 0; }", tmp_path))
+    machine.run_until(0.001)
+    assert found(machine) == [0xFF]
+
+
+def test_a_sensor_that_resets_itself_is_seen(tmp_path):
+    text = (
+        SENSOR_ON
+        + """
+    int main(void)
+    {
+        spi_on();
+        sensor_on();
+        found[0] = read_register(0x11);
+        while (milliseconds < 50) WFI();
+        found[1] = read_register(0x11);
+        return 0;
+    }"""
+    )
+    machine = ran(text, tmp_path, 0.06, Asm330lhh(Still(), faults=[Fault("reset", 0.03)]))
+    assert found(machine, 2) == [0x74, 0x00]
+
+
+# The ports
+
+
+def test_bytes_go_out_at_the_lines_speed(tmp_path):
+    text = """
+    int main(void)
+    {
+        usart_on();
+        cycles_on();
+        const uint32_t a = CYCCNT;
+        for (int n = 0; n < 100; n++) {
+            while (!(USART1(0) & 0x80)) ;
+            USART1(4) = (uint8_t)n;
+        }
+        while (!(USART1(0) & 0x40)) ;
+        found[0] = CYCCNT - a;
+        return 0;
+    }"""
+    machine = ran(text, tmp_path, 0.01)
+    assert came_to_its_end(machine)
+    assert machine.usart1.take() == bytes(range(100))
+    assert found(machine)[0] == pytest.approx(100 * 10 * 91 * 2, rel=0.01)
+    assert machine.usart1.baud == pytest.approx(921600, rel=0.005)
+
+
+def test_bytes_go_out_by_dma_while_the_core_sleeps(tmp_path):
+    text = """
+    static uint8_t text[1000];
+    int main(void)
+    {
+        for (int n = 0; n < 1000; n++) text[n] = (uint8_t)(7 * n);
+        usart_on();
+        systick(168000);
+        cycles_on();
+        USART1(0x14) = 0x80;
+        STREAM(7, 8) = 0x40011004;
+        STREAM(7, 12) = (uint32_t)text;
+        STREAM(7, 4) = 1000;
+        const uint32_t a = CYCCNT;
+        STREAM(7, 0) = 4u << 25 | 1u << 10 | 1u << 6 | 1;
+        while (!(DMA(4) & 1u << 27)) WFI();
+        found[0] = CYCCNT - a;
+        return 0;
+    }"""
+    machine = ran(text, tmp_path, 0.02)
+    assert came_to_its_end(machine)
+    assert machine.usart1.take() == bytes(7 * n % 256 for n in range(1000))
+    assert found(machine)[0] == pytest.approx(1000 * 1820, abs=168000)  # it wakes each millisecond
+    assert machine.load < 0.01
+
+
+def test_bytes_come_in_by_interrupt(tmp_path):
+    text = """
+    void USART1_Handler(void) { if (USART1(0) & 0x20) USART1(4) = (uint8_t)(USART1(4) + 1); }
+    int main(void) { usart_on(); USART1(0x0C) |= 0x20; irq(37); for (;;) WFI(); }"""
+    machine = Machine(compiled(text, tmp_path))
+    machine.run_until(0.001)
+    machine.usart1.feed(bytes(range(200)))
+    machine.run_until(0.002)
+    part = len(machine.usart1.sent)
+    machine.run_until(0.01)
+    assert part == pytest.approx(92, abs=2)
+    assert machine.usart1.take() == bytes(range(1, 201))
+    assert (machine.usart1.lost, machine.bus.objections) == (0, {})
+
+
+def test_bytes_that_nobody_fetches_are_lost(tmp_path):
+    machine = Machine(compiled("int main(void) { usart_on(); for (;;) found[0] = USART1(0); }", tmp_path))
+    machine.run_until(0.001)
+    machine.usart1.feed(b"abc")
+    machine.run_until(0.002)
+    assert found(machine)[0] & 0x28 == 0x28  # received, overrun
+    assert machine.usart1.lost == 2
+
+
+# What would not work on a real board
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        ("SPI(0) = 0x347;", "SPI1 is used while its clock is off"),
+        ("spi_on(); GPIOA(0x20) = 0; read_register(0x0F);", "not SPI1's"),
+        ("spi_on(); SPI(0) = 0x347 | 0; SPI(0) = (SPI(0) & ~0x38u); read_register(0x0F);", "runs at 42 MHz"),
+        ("spi_on(); SPI(0) = SPI(0) & ~2u; read_register(0x0F);", "not in mode 0 or 3"),
+        ("spi_on(); CS(0); BYTE(0x4001300C) = 1; CS(1);", "amid|while a byte"),
+        ("usart_on(); USART1(4) = 1; USART1(4) = 2; USART1(4) = 3;", "before it was empty"),
+        ("usart_on(); GPIOA(0x24) = 0; USART1(4) = 1;", "pins are not its own"),
+        ("REG(0x40023808) = 0; usart_on(); USART1(4) = 1;", "clock is set to 16 MHz"),
+        (
+            "usart_on(); USART1(0x14) = 0x80; STREAM(7, 8) = 0x40011004; STREAM(7, 12) = 0x10000000; STREAM(7, 4) = 1;"
+            "STREAM(7, 0) = 4u << 25 | 1u << 6 | 1;",
+            "cannot reach 0x10000000",
+        ),
+        (
+            "static uint8_t text[100]; usart_on(); USART1(0x14) = 0x80; STREAM(7, 8) = 0x40011004; STREAM(7, 12) = (uint32_t)text;"
+            "STREAM(7, 4) = 100; STREAM(7, 0) = 4u << 25 | 1u << 10 | 1u << 6 | 1; text[50] = 1;",
+            "was changed before it was sent",
+        ),
+    ],
+)
+def test_what_a_board_would_not_do_is_objected_to(program, said, tmp_path):
+    machine = Machine(compiled(f"int main(void) {{ {program} return 0; }}", tmp_path), Port(Asm330lhh(Still())))
+    machine.run_until(0.01)
+    assert came_to_its_end(machine)
+    (objection,) = machine.bus.objections
+    assert any(part in objection for part in said.split("|"))

@@ -16,7 +16,7 @@ sheets say, from memory:
 - The frequency that INTERNAL_FREQ_FINE states is the true one, but for ``Oscillator.residual_ppm``; it may differ between off and on.
 - The FIFO holds 512 words (3 kB of data; the 9 bits of its watermark reach 511).  Words of one time slot come in the order of
   ``batching.ORDER`` (timestamp, temperature, gyroscope, accelerometer; a test can ask for another) and share TAG_CNT, which counts the slots of the fastest batch rate.  The parity bit
-  makes the number of ones of the tag byte even.  An empty FIFO reads as zeros.  A word is gone when its byte 0x7E has been read.
+  makes the number of ones of the tag byte even.  An empty FIFO reads as zeros.  A word is fixed when its tag is read, and gone when its byte 0x7E has been.
 - Batched temperature: each 128th, 512th, 4096th tick of the 6667 Hz clock (52, 12.5, 1.6 Hz), or each slot where these are rarer; the
   register in the first two bytes, zeros behind.  Timestamps: each slot, each 8th, each 32nd, while ``timestamp_en``; four bytes and two
   zeros.  A batch rate above the data rate gives the data rate; the gyroscope's 6.5 Hz (code 11) is each 1024th tick; code 11 of the

@@ -21,6 +21,7 @@ class Fifo:
         self.words: deque[bytes] = deque()
         self.mode, self.limit = BYPASS, WORDS
         self.slot = 0
+        self._begun = b""
         self.lost = 0
         self.overrun = self.latched = False
 
@@ -56,12 +57,18 @@ class Fifo:
             while len(self.words) > self.limit:
                 self.words.popleft()
 
-    def head(self) -> bytes:
-        """The word to be read next; zeros where there is none."""
-        return self.words[0] if self.words else EMPTY
+    def begin(self) -> bytes:
+        """The word to be read next, zeros where there is none: its tag is read, and from then on its data are its own."""
+        self._begun = self.words[0] if self.words else EMPTY
+        return self._begun
 
-    def pop(self) -> None:
-        """It has been read to its last byte."""
-        if self.words:
+    def data(self) -> bytes:
+        """The word whose tag was read last."""
+        return self._begun or self.begin()
+
+    def finish(self) -> None:
+        """It has been read to its last byte, and is gone, if it was not overrun meanwhile."""
+        if self.words and self.words[0] is self._begun:
             self.words.popleft()
             self.overrun = False
+        self._begun = b""

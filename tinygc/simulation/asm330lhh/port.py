@@ -7,6 +7,7 @@ from tinygc.simulation.asm330lhh.registers import FIFO_DATA_OUT_LAST, FIFO_DATA_
 from tinygc.simulation.asm330lhh.sensor import Asm330lhh
 
 READ = 0x80
+WORD_BYTES = 7
 #: what is read there can let the interrupt's pin fall
 CLEARING = {FIFO_DATA_OUT_LAST, FIFO_STATUS2, *range(OUT_FIRST, OUT_LAST + 1)}
 HIGH = 0xFF  #: what an undriven line reads
@@ -45,7 +46,22 @@ class Port:
         if not self._selected:
             return bytes([HIGH]) * len(out)
         self.bytes += len(out)
-        return bytes(self._exchange(byte, t_s + place * byte_s) for place, byte in enumerate(out))
+        answers, place = bytearray(), 0
+        while place < len(out):
+            if self._bursts and len(out) - place >= WORD_BYTES:
+                answers += self.sensor.read_word(t_s + place * byte_s)
+                place += WORD_BYTES
+                if self.watched:
+                    self.int1(t_s + (place - 1) * byte_s)
+            else:
+                answers.append(self._exchange(out[place], t_s + place * byte_s))
+                place += 1
+        return bytes(answers)
+
+    @property
+    def _bursts(self) -> bool:
+        """Whether a whole word of the FIFO comes next, and nothing can come between its bytes."""
+        return self._address == FIFO_DATA_OUT_TAG and self._reads and not self._faults and self.sensor.counts_up
 
     def _exchange(self, byte: int, t_s: float) -> int:
         fault = next((fault.kind for fault in self._faults if fault.holds(t_s)), "") if self._faults else ""

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from tinygc.simulation.asm330lhh import registers as reg
 from tinygc.simulation.asm330lhh.batching import ORDER, Batching
 from tinygc.simulation.asm330lhh.faults import Fault
-from tinygc.simulation.asm330lhh.fifo import WORDS, Fifo
+from tinygc.simulation.asm330lhh.fifo import EMPTY, WORDS, Fifo
 from tinygc.simulation.asm330lhh.flags import FifoFlags
 from tinygc.simulation.asm330lhh.motion import Motion
 from tinygc.simulation.asm330lhh.outputs import ACCEL, GYRO, TEMP, Outputs
@@ -134,9 +134,11 @@ class Asm330lhh:
         if reg.OUT_FIRST <= address <= reg.OUT_LAST:
             return self.outputs.read(address)
         if reg.FIFO_DATA_OUT_TAG <= address <= reg.FIFO_DATA_OUT_LAST:
-            value = self.fifo.head()[address - reg.FIFO_DATA_OUT_TAG]
+            if address == reg.FIFO_DATA_OUT_TAG:
+                return self.fifo.begin()[0]
+            value = self.fifo.data()[address - reg.FIFO_DATA_OUT_TAG]
             if address == reg.FIFO_DATA_OUT_LAST:
-                self.fifo.pop()
+                self.fifo.finish()
             return value
         if address == reg.WHO_AM_I:
             return next((fault.value for fault in self._identities if fault.holds(t_s)), self._identity)
@@ -156,6 +158,15 @@ class Asm330lhh:
         if address == reg.CTRL3_C:
             value |= (reg.SW_RESET if t_s < self._sw_reset_s else 0) | (reg.BOOT if t_s < self._boot_s else 0)
         return value
+
+    def read_word(self, t_s: float) -> bytes:
+        """A whole word of the FIFO, its tag at a time; zeros until the sensor has started up."""
+        self.advance(t_s)
+        if t_s < self._ready_s:
+            return EMPTY
+        word = self.fifo.begin()
+        self.fifo.finish()
+        return word
 
     @property
     def counts_up(self) -> bool:

@@ -101,6 +101,7 @@ class Bus:
     def __init__(self) -> None:
         self.rcc = Rcc()
         self.blocks: dict[int, Peripheral] = {RCC: self.rcc}
+        self._live: dict[int, Peripheral] = {}  # those of them that have been found to have their clock
         self.objections: dict[str, None] = {}
         self.strangers: set[int] = set()
 
@@ -110,6 +111,8 @@ class Bus:
 
     def _block(self, address: int) -> Peripheral | None:
         start = address & ~(BLOCK - 1)
+        if start in self._live:
+            return self._live[start]
         if not self.rcc.enabled(start):
             self.object(f"{NAMES[start]} is used while its clock is off")
             return None
@@ -117,6 +120,7 @@ class Bus:
         if block is None:
             self.strangers.add(start)
             block = self.blocks[start] = Kept()
+        self._live[start] = block
         return block
 
     def read(self, address: int, size: int) -> int:
@@ -124,7 +128,8 @@ class Bus:
         block = self._block(address)
         if block is None:
             return 0
-        return block.read(address & BLOCK - 4) >> 8 * (address & 3) & (1 << 8 * size) - 1
+        value = block.read(address & BLOCK - 4)
+        return value if size == 4 else value >> 8 * (address & 3) & (1 << 8 * size) - 1
 
     def write(self, address: int, size: int, value: int) -> None:
         """Some bytes; a part of a word at its beginning is a word (the data registers), elsewhere the rest of the word is kept."""
@@ -135,6 +140,14 @@ class Bus:
             shift, mask = 8 * (address & 3), (1 << 8 * size) - 1
             value = block.read(address & BLOCK - 4) & ~(mask << shift) | (value & mask) << shift
         block.write(address & BLOCK - 4, value)
+        if block is self.rcc:
+            self._live.clear()
+
+    def reset(self) -> None:
+        """As after a reset; the peripherals are to be put in again."""
+        self.rcc = Rcc()
+        self.blocks = {RCC: self.rcc}
+        self._live.clear()
 
     def check_clock(self) -> None:
         """Time here is that of 168 MHz: another clock is objected to."""

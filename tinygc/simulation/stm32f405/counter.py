@@ -15,25 +15,25 @@ RUNS = (1237, 389)
 
 
 class Counter:
-    """begun, given: instructions of the present or the last run of an engine."""
+    """begun, given: instructions of the present or the last run of an engine; both stand at ``place`` of its ``words``."""
 
     def __init__(self, engine: Any, place: int):
-        self._words = (ctypes.c_size_t * (place + 2)).from_address(engine._uch.value)
-        self._place = place
+        self.words = (ctypes.c_size_t * (place + 2)).from_address(engine._uch.value)
+        self.place = place
 
     @property
     def begun(self) -> int:
         """Instructions, the one at hand among them."""
-        return self._words[self._place]
+        return self.words[self.place]
 
     @property
     def given(self) -> int:
         """Instructions after which it stops."""
-        return self._words[self._place + 1]
+        return self.words[self.place + 1]
 
     @given.setter
     def given(self, instructions: int) -> None:
-        self._words[self._place + 1] = instructions
+        self.words[self.place + 1] = instructions
 
 
 def find(engine: Any, address: int) -> int:

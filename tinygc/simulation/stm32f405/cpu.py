@@ -60,6 +60,7 @@ class Cpu:
         self._engine.mem_write(SYSTEM, NOP * 2000)  # where no program runs: what has run once is not translated again
         self._counter = Counter(self._engine, find(self._engine, SYSTEM))
         self._engine.mem_write(SYSTEM, bytes(4000))
+        self._words, self._place = self._counter.words, self._counter.place  # asked for at every access: without a detour
         self._engine.hook_add(unicorn.UC_HOOK_INTR, self._interrupted)
         self._interrupt: int | None = None
         self.running = False
@@ -94,7 +95,7 @@ class Cpu:
 
     def executed(self) -> int:
         """Instructions of the present run, the one at hand not among them; 0 between runs."""
-        return self._counter.begun - 1 if self.running else 0
+        return self._words[self._place] - 1 if self.running else 0
 
     def limit(self, instructions: int) -> None:
         """End the present run so many instructions after the one at hand."""

@@ -95,8 +95,7 @@ class Machine:
     def _power_up(self) -> None:
         """Everything as after a reset; RAM keeps what it holds."""
         bus, clock = self.bus, self.clock
-        bus.blocks.clear()
-        bus.rcc.__init__()  # type: ignore[misc]
+        bus.reset()
         self.nvic = nvic = Nvic()
         self.core = Core(clock, nvic, self._ask_reset)
         self.exti = Exti(nvic, self._watch)
@@ -110,7 +109,7 @@ class Machine:
         self.ports[INT1[0]].inputs[INT1[1]] = lambda: self.device.int1(clock.now_s())
         bus.blocks |= {0x40020000 + BLOCK * n: port for n, port in enumerate(self.ports.values())}
         bus.blocks |= {0x40011000: self.usart1, 0x40004400: self.usart2, spi.ADDRESS: self.spi, 0x40026400: self.dma}
-        bus.blocks |= {0x40023800: bus.rcc, 0x40013C00: self.exti, 0x40013800: Syscfg(self.exti, self._watch), 0x40023C00: Kept()}
+        bus.blocks |= {0x40013C00: self.exti, 0x40013800: Syscfg(self.exti, self._watch), 0x40023C00: Kept()}
         self._asleep, self._rises = False, 0
         self._pin_event: Event | None = None
         self.device.select(False, clock.now_s())

@@ -17,7 +17,7 @@ from tinygc.simulation.asm330lhh.registers import (
     TICKS_HZ,
 )
 
-BLOCK = 256  #: samples that are computed at once
+BLOCK, BLOCK_S = 256, 0.25  #: samples, and at most so much time, that are computed at once
 REGISTER_BYTES = 14  #: temperature, gyroscope, accelerometer: 0x20 to 0x2D
 
 
@@ -102,7 +102,7 @@ class Readings:
         """The 14 bytes of the output registers at a tick with a sample; ticks are asked for in their order."""
         place = (tick - self._first) // self.step * REGISTER_BYTES
         if place < 0 or place >= len(self._data):
-            ticks = tick + self.step * np.arange(BLOCK)
+            ticks = tick + self.step * np.arange(max(1, min(BLOCK, int(BLOCK_S * self.clock_hz / self.step))))
             self._first, place = tick, 0
             rate, force, temp_c = self._motion(self.zero_s + ticks / self.clock_hz)
             self._data = to_registers(rate, force, temp_c, *self._settings).tobytes()

@@ -7,7 +7,6 @@ import pytest
 from test_asm330lhh_registers import READY_S, Wire
 
 from tinygc.simulation.asm330lhh.faults import Fault
-from tinygc.simulation.asm330lhh.motion import Still
 from tinygc.simulation.asm330lhh.readings import Oscillator
 from tinygc.simulation.asm330lhh.sensor import Asm330lhh
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tinygc.simulation.asm330lhh import registers as reg
 from tinygc.simulation.asm330lhh.faults import Fault
 from tinygc.simulation.asm330lhh.motion import STANDARD_GRAVITY, Sampled, Still
 from tinygc.simulation.asm330lhh.port import Port

@@ -26,8 +26,15 @@ def ran(text: str, folder, t_s: float = 0.05, **how) -> Machine:
 
 def test_time_is_instructions_times_the_factor(tmp_path):
     """A thousand additions between two readings of CYCCNT."""
-    adds = '".rept 1000\\n\\tadds r0, r0, #1\\n\\t.endr"'
-    text = f"int main(void) {{ cycles_on(); uint32_t a = CYCCNT; __asm volatile({adds} ::: \"r0\", \"cc\"); found[0] = CYCCNT - a; return 0; }}"
+    text = """
+    int main(void)
+    {
+        cycles_on();
+        const uint32_t a = CYCCNT;
+        __asm volatile(".rept 1000\\n\\tadds r0, r0, #1\\n\\t.endr" ::: "r0", "cc");
+        found[0] = CYCCNT - a;
+        return 0;
+    }"""
     for factor in (1.0, CYCLES_PER_INSTRUCTION, 2.0):
         assert found(ran(text, tmp_path, cycles_per_instruction=factor))[0] == pytest.approx(1001 * factor, abs=3 * factor)
 
@@ -54,7 +61,16 @@ def test_a_millisecond_is_one(tmp_path):
 
 
 def test_a_wait_for_cycles_takes_its_time_and_few_turns(tmp_path):
-    text = "int main(void) { cycles_on(); systick(168000); uint32_t a = CYCCNT; while (CYCCNT - a < 1680000) ; found[0] = milliseconds; return 0; }"
+    text = """
+    int main(void)
+    {
+        cycles_on();
+        systick(168000);
+        const uint32_t a = CYCCNT;
+        while (CYCCNT - a < 1680000) ;
+        found[0] = milliseconds;
+        return 0;
+    }"""
     machine = ran(text, tmp_path)
     assert found(machine)[0] == 10
     assert machine.cpu.instructions < 200_000
@@ -64,7 +80,13 @@ def test_interrupts_disturb_no_computation(tmp_path):
     """Conditional blocks, flags, integer and floating-point registers, through thousands of interrupts that use them as well."""
     text = """
     volatile float f;
-    void SysTick_Handler(void) { milliseconds++; float x = f; for (int i = 0; i < 5; i++) x = x * 1.25f + (float)i; f = x > 1e6f ? 1.0f : x; }
+    void SysTick_Handler(void)
+    {
+        float x = f;
+        for (int i = 0; i < 5; i++) x = x * 1.25f + (float)i;
+        f = x > 1e6f ? 1.0f : x;
+        milliseconds++;
+    }
     volatile uint32_t seed = 1;
     static uint32_t work(void)
     {
@@ -132,7 +154,8 @@ def test_a_supervisor_call_and_the_stack_of_an_exception(tmp_path):
     text = """
     void SVC_Handler(void)
     {
-        __asm volatile("mov r1, sp\\n\\tldr r2, =found\\n\\tstr r1, [r2]\\n\\tldr r3, [r1]\\n\\tstr r3, [r2, #4]\\n\\tbx lr" ::: "r1", "r2", "r3");
+        __asm volatile("mov r1, sp\\n\\tldr r2, =found\\n\\tstr r1, [r2]\\n\\tldr r3, [r1]\\n\\tstr r3, [r2, #4]\\n\\tbx lr"
+                       ::: "r1", "r2", "r3");
     }
     int main(void) { register uint32_t r0 __asm("r0") = 0xCAFE; __asm volatile("svc 0" : "+r"(r0)); found[2] = r0; return 0; }"""
     stack, first, after = found(ran(text, tmp_path), 3)
@@ -182,7 +205,7 @@ def test_memory_ends_where_the_parts_does(tmp_path):
 
 def test_entering_a_handler_costs_cycles(tmp_path):
     """Between the last instruction before an exception and the first behind it."""
-    text = "int main(void) { cycles_on(); uint32_t a = CYCCNT; __asm volatile(\"svc 0\"); found[0] = CYCCNT - a; return 0; }"
+    text = 'int main(void) { cycles_on(); uint32_t a = CYCCNT; __asm volatile("svc 0"); found[0] = CYCCNT - a; return 0; }'
     cycles = found(ran(text, tmp_path))[0]
     assert 2 * EXCEPTION_CYCLES <= cycles <= 2 * EXCEPTION_CYCLES + 12 * CYCLES_PER_INSTRUCTION
     assert CORE_HZ == 168e6

@@ -82,7 +82,12 @@ def test_its_samples_are_those_that_qemu_sends(elf):
 
 
 def by_stamp(chunks) -> dict[int, tuple]:
-    return {int(t): tuple(row) for chunk in chunks if isinstance(chunk, Chunk) for t, row in zip(chunk.t_us, chunk.registers.tolist(), strict=True)}
+    return {
+        int(t): tuple(row)
+        for chunk in chunks
+        if isinstance(chunk, Chunk)
+        for t, row in zip(chunk.t_us, chunk.registers.tolist(), strict=True)
+    }
 
 
 def test_what_it_calibrates_is_what_the_host_does_bit_for_bit(elf):

@@ -1,7 +1,7 @@
 """A register model of the ASM330LHH behind its SPI port: an independent judge of drivers, and the heart of an emulated board.
 
 ``registers`` (the map: names, fields, codes) -> ``motion`` (what the sensor feels) -> ``readings`` (int16 at the true sample times) and
-``fifo`` (tagged words) -> ``sensor`` (all of it on simulated time) -> ``port`` (bytes over SPI) ; ``faults`` says what goes wrong, and when.
+``fifo`` (tagged words) -> ``sensor`` (all of it on simulated time) -> ``port`` (bytes over SPI) ; ``faults`` says what goes wrong, when.
 
 No file here has seen a driver.  What the project's page of the sensor's public facts says holds as it stands there: addresses, fields,
 codes, sensitivities, the true data rate 6667 (1 + 0.0015 f) / coefficient, the tick of the timestamp 1 / (40000 (1 + 0.0015 f)) s, the
@@ -15,8 +15,9 @@ sheets say, from memory:
   comes one period later and is good (no settling).  No filter is modelled: the registers of filters are kept, and do nothing.
 - The frequency that INTERNAL_FREQ_FINE states is the true one, but for ``Oscillator.residual_ppm``; it may differ between off and on.
 - The FIFO holds 512 words (3 kB of data; the 9 bits of its watermark reach 511).  Words of one time slot come in the order of
-  ``batching.ORDER`` (timestamp, temperature, gyroscope, accelerometer; a test can ask for another) and share TAG_CNT, which counts the slots of the fastest batch rate.  The parity bit
-  makes the number of ones of the tag byte even.  An empty FIFO reads as zeros.  A word is fixed when its tag is read, and gone when its byte 0x7E has been.
+  ``batching.ORDER`` (timestamp, temperature, gyroscope, accelerometer; a test can ask for another) and share TAG_CNT, which counts the
+  slots of the fastest batch rate.  The parity bit makes the number of ones of the tag byte even.  An empty FIFO reads as zeros.  A word
+  is fixed when its tag is read, and gone when its byte 0x7E has been.
 - Batched temperature: each 128th, 512th, 4096th tick of the 6667 Hz clock (52, 12.5, 1.6 Hz), or each slot where these are rarer; the
   register in the first two bytes, zeros behind.  Timestamps: each slot, each 8th, each 32nd, while ``timestamp_en``; four bytes and two
   zeros.  A batch rate above the data rate gives the data rate; the gyroscope's 6.5 Hz (code 11) is each 1024th tick; code 11 of the

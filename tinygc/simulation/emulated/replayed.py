@@ -70,5 +70,3 @@ class Replayed:
         count = len(self._values)
         before, behind = index % self._still, count - 1 - (index - count) % self._still
         return self._values[np.where(index < 0, before, np.where(index >= count, behind, index))]
-
-

@@ -47,5 +47,5 @@ def find(engine: Any, address: int) -> int:
         words = (ctypes.c_size_t * WORDS).from_address(engine._uch.value)
         candidates = {place for place in candidates if words[place] == count + 1 and words[place + 1] == count}
     if len(candidates) != 1:
-        raise RuntimeError("this version of Unicorn keeps its count of instructions elsewhere: expected one of the versions in constraints.txt")
+        raise RuntimeError("this version of Unicorn keeps its count elsewhere: expected that of constraints.txt")
     return candidates.pop()

@@ -85,8 +85,8 @@ class Stream:
 
     def set_line(self) -> None:
         """Of the interrupt."""
-        asked = self.cr & TCIE and self.flags & COMPLETE or self.cr & HTIE and self.flags & HALF or self.cr & TEIE and self.flags & ERROR
-        self._nvic.line(IRQS[self.number], bool(asked))
+        asked = (bit for bit, flag in ((TCIE, COMPLETE), (HTIE, HALF), (TEIE, ERROR)) if self.flags & flag)
+        self._nvic.line(IRQS[self.number], any(self.cr & bit for bit in asked))
 
 
 class Dma:

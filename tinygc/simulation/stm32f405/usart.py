@@ -150,9 +150,7 @@ class Usart:
     def _set_line(self) -> None:
         control, now = self._words[CR1], self._clock.now()
         status = self._flags(now)
-        asked = (
-            (control & RXNEIE and status & (RXNE | ORE)) or (control & TXEIE and status & TXE) or (control & TCIE and status & TC)
-        )
+        asked = (control & RXNEIE and status & (RXNE | ORE)) or (control & TXEIE and status & TXE) or (control & TCIE and status & TC)
         self._nvic.line(self._irq, bool(asked))
         for enabled, cycle in ((TXEIE, self._taken_at), (TCIE, self._free_at)):
             if control & enabled and cycle > now:

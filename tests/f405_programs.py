@@ -8,7 +8,11 @@ from pathlib import Path
 from conftest import ROOT
 from processes import run
 
+from tinygc.simulation.asm330lhh.motion import Still
+from tinygc.simulation.asm330lhh.port import Port
+from tinygc.simulation.asm330lhh.sensor import Asm330lhh
 from tinygc.simulation.stm32f405.cpu import CCM, missing
+from tinygc.simulation.stm32f405.machine import Machine
 
 HEAD = """
 #include <stdint.h>
@@ -111,6 +115,44 @@ __attribute__((section(".vectors"), used)) static const vector VECTORS[98] = {
 };
 """
 )
+#: 833 Hz, +-500 dps, +-4 g; watermark of 32 words on INT1
+SENSOR_ON = """
+static void sensor_on(void)
+{
+    systick(168000);
+    while (milliseconds < 12) WFI(); /* it starts up */
+    write_register(0x12, 0x44);
+    write_register(0x07, 32);
+    write_register(0x09, 0x77);
+    write_register(0x0D, 0x08);
+    write_register(0x0A, 0x06);
+    write_register(0x10, 0x78);
+    write_register(0x11, 0x74);
+}
+"""
+#: a burst by DMA2 streams 0 and 3, channel 3
+BURST = """
+static volatile uint8_t out[600], in[600];
+static void burst_begin(unsigned count)
+{
+    out[0] = 0x80 | 0x78;
+    DMA(0x08) = 0x3D | 0x3D << 22;
+    STREAM(0, 8) = STREAM(3, 8) = 0x4001300C;
+    STREAM(0, 12) = (uint32_t)in;
+    STREAM(3, 12) = (uint32_t)out;
+    STREAM(0, 4) = STREAM(3, 4) = count;
+    STREAM(0, 0) = 3u << 25 | 1u << 10 | 1u << 4 | 1;
+    STREAM(3, 0) = 3u << 25 | 1u << 10 | 1u << 6 | 1;
+    CS(0);
+    SPI(4) = 3;
+}
+static void burst_end(void)
+{
+    spi_wait();
+    CS(1);
+    SPI(4) = 0;
+}
+"""
 
 
 def tools_missing() -> str:
@@ -140,3 +182,12 @@ def found(machine, count: int = 1) -> list[int]:
 
 def came_to_its_end(machine) -> bool:
     return machine.cpu.words(CCM + 4 * 63, 1) == (0x600D,)
+
+
+def ran(text: str, folder: Path, t_s: float, sensor: Asm330lhh | None = None, **how) -> Machine:
+    """A program with a sensor, run up to a time: it did nothing that a board would not do."""
+    machine = Machine(compiled(text, folder), Port(sensor or Asm330lhh(Still())), **how)
+    machine.run_until(t_s)
+    assert machine.bus.objections == {}
+    assert machine.bus.strangers == set()
+    return machine

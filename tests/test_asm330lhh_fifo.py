@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_asm330lhh_registers import READY_S, Wire
+from asm330lhh_wire import ACCEL, GYRO, READY_S, Wire, counting, data, level, words
 
 from tinygc.simulation.asm330lhh.faults import Fault
 from tinygc.simulation.asm330lhh.readings import Oscillator
 from tinygc.simulation.asm330lhh.sensor import Asm330lhh
 
-GYRO, ACCEL, TEMPERATURE, TIMESTAMP, CHANGE = 1, 2, 3, 4, 5
-
-
-def counting(t_s: np.ndarray):
-    """The gyroscope's registers at +-500 dps are the sample's number, the accelerometer's at 4 g its negative."""
-    number = np.rint(t_s * 833.375) % 30000
-    lsb = np.radians(0.0175)
-    return np.outer(number * lsb, [1, 1, 1]), np.outer(number, [-0.122e-3 * 9.80665] * 3), np.full(len(t_s), 30.0)
+TEMPERATURE, TIMESTAMP, CHANGE = 3, 4, 5
 
 
 def batching(faults=(), ctrl3=0x77, ctrl4=0x06, code=7, **how) -> Wire:
@@ -32,23 +25,8 @@ def batching(faults=(), ctrl3=0x77, ctrl4=0x06, code=7, **how) -> Wire:
     return link
 
 
-def level(link: Wire) -> int:
-    low, high = link.read(0x3A, 2)
-    return low | (high & 3) << 8
-
-
-def words(link: Wire, count: int | None = None) -> np.ndarray:
-    """(N, 7) uint8: so many, or all that are there, in one burst that wraps."""
-    count = level(link) if count is None else count
-    return np.frombuffer(link.read(0x78, 7 * count), np.uint8).reshape(-1, 7)
-
-
 def tags(table: np.ndarray) -> list[int]:
     return list(table[:, 0] >> 3)
-
-
-def data(table: np.ndarray, tag: int) -> np.ndarray:
-    return np.ascontiguousarray(table[table[:, 0] >> 3 == tag, 1:]).view("<i2").astype(int)
 
 
 def test_every_sample_of_both_sensors_is_in_the_fifo_once():
@@ -62,7 +40,7 @@ def test_every_sample_of_both_sensors_is_in_the_fifo_once():
     gyro, accel = np.concatenate(gyro), np.concatenate(accel)
     assert len(gyro) > 800
     assert set(np.diff(gyro[:, 0])) == {1}
-    np.testing.assert_array_equal(accel, -gyro)
+    np.testing.assert_array_equal(accel, gyro)
     made = np.array([np.frombuffer(sample, "<i2")[1:4] for _, sample in link.sensor.kept])
     np.testing.assert_array_equal(gyro, made[: len(gyro)])
 

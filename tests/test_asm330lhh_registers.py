@@ -4,41 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from asm330lhh_wire import BYTE_S, READY_S, Wire
 
 from tinygc.simulation.asm330lhh.faults import Fault
 from tinygc.simulation.asm330lhh.motion import STANDARD_GRAVITY, Sampled, Still
 from tinygc.simulation.asm330lhh.port import Port
 from tinygc.simulation.asm330lhh.readings import Oscillator, SelfTest, to_registers
 from tinygc.simulation.asm330lhh.sensor import Asm330lhh
-
-BYTE_S = 8 / 5.25e6
-READY_S = 0.02
-
-
-class Wire:
-    """A host that knows the protocol: reads and writes at a time that it keeps."""
-
-    def __init__(self, sensor: Asm330lhh, t_s: float = READY_S):
-        self.port, self.sensor, self.t_s = Port(sensor), sensor, t_s
-
-    def _exchange(self, out: bytes) -> bytes:
-        self.port.select(True, self.t_s)
-        answer = self.port.transfer(out, self.t_s, BYTE_S)
-        self.t_s += len(out) * BYTE_S
-        self.port.select(False, self.t_s)
-        return answer
-
-    def read(self, address: int, count: int = 1) -> bytes:
-        return self._exchange(bytes([0x80 | address]) + bytes(count))[1:]
-
-    def write(self, address: int, *values: int) -> None:
-        self._exchange(bytes([address, *values]))
-
-    def int16(self, address: int, count: int = 1) -> np.ndarray:
-        return np.frombuffer(self.read(address, 2 * count), "<i2")
-
-    def wait(self, seconds: float) -> None:
-        self.t_s += seconds
 
 
 def wire(motion=None, **how) -> Wire:

@@ -16,7 +16,7 @@ if MISSING := tools_missing():
 from tinygc.simulation.stm32f405.machine import CYCLES_PER_INSTRUCTION, EXCEPTION_CYCLES, Machine
 
 
-def ran(text: str, folder, t_s: float = 0.05, **how) -> Machine:
+def alone(text: str, folder, t_s: float = 0.05, **how) -> Machine:
     machine = Machine(compiled(text, folder), **how)
     machine.run_until(t_s)
     assert machine.bus.objections == {}
@@ -36,7 +36,7 @@ def test_time_is_instructions_times_the_factor(tmp_path):
         return 0;
     }"""
     for factor in (1.0, CYCLES_PER_INSTRUCTION, 2.0):
-        assert found(ran(text, tmp_path, cycles_per_instruction=factor))[0] == pytest.approx(1001 * factor, abs=3 * factor)
+        assert found(alone(text, tmp_path, cycles_per_instruction=factor))[0] == pytest.approx(1001 * factor, abs=3 * factor)
 
 
 def test_a_millisecond_is_one(tmp_path):
@@ -55,7 +55,7 @@ def test_a_millisecond_is_one(tmp_path):
         found[1] = CYCCNT - b;
         return 0;
     }"""
-    machine = ran(text, tmp_path)
+    machine = alone(text, tmp_path)
     np.testing.assert_allclose(found(machine, 2), 10 * 168000, atol=200)
     assert machine.load == pytest.approx(10 / 50, abs=0.01)
 
@@ -71,7 +71,7 @@ def test_a_wait_for_cycles_takes_its_time_and_few_turns(tmp_path):
         found[0] = milliseconds;
         return 0;
     }"""
-    machine = ran(text, tmp_path)
+    machine = alone(text, tmp_path)
     assert found(machine)[0] == 10
     assert machine.cpu.instructions < 200_000
 
@@ -110,7 +110,7 @@ def test_interrupts_disturb_no_computation(tmp_path):
         REG(0xE000E010) = 0;
         return 0;
     }"""
-    quiet, disturbed, interrupts = found(ran(text, tmp_path, 0.2), 3)
+    quiet, disturbed, interrupts = found(alone(text, tmp_path, 0.2), 3)
     assert quiet == disturbed
     assert interrupts > 2000
 
@@ -146,7 +146,7 @@ def test_the_more_urgent_interrupts_the_less(tmp_path):
         say(2);
         return 0;
     }"""
-    assert found(ran(text, tmp_path), 6) == [1, 0x10F, 0x21A, 0x101, 0x30E, 2]
+    assert found(alone(text, tmp_path), 6) == [1, 0x10F, 0x21A, 0x101, 0x30E, 2]
 
 
 def test_a_supervisor_call_and_the_stack_of_an_exception(tmp_path):
@@ -158,20 +158,20 @@ def test_a_supervisor_call_and_the_stack_of_an_exception(tmp_path):
                        ::: "r1", "r2", "r3");
     }
     int main(void) { register uint32_t r0 __asm("r0") = 0xCAFE; __asm volatile("svc 0" : "+r"(r0)); found[2] = r0; return 0; }"""
-    stack, first, after = found(ran(text, tmp_path), 3)
+    stack, first, after = found(alone(text, tmp_path), 3)
     assert stack % 8 == 0
     assert (first, after) == (0xCAFE, 0xCAFE)
 
 
 def test_a_reset_that_is_asked_for_comes(tmp_path):
     text = "int main(void) { if (++found[0] < 3) REG(0xE000ED0C) = 0x05FA0004; return 0; }"
-    machine = ran(text, tmp_path)
+    machine = alone(text, tmp_path)
     assert machine.resets == 2
 
 
 def test_the_unique_id_is_there(tmp_path):
     text = "int main(void) { for (int i = 0; i < 3; i++) found[i] = REG(0x1FFF7A10 + 4 * i); return 0; }"
-    machine = ran(text, tmp_path, uid=bytes(range(12)))
+    machine = alone(text, tmp_path, uid=bytes(range(12)))
     assert b"".join(word.to_bytes(4, "little") for word in found(machine, 3)) == bytes(range(12))
 
 
@@ -206,6 +206,6 @@ def test_memory_ends_where_the_parts_does(tmp_path):
 def test_entering_a_handler_costs_cycles(tmp_path):
     """Between the last instruction before an exception and the first behind it."""
     text = 'int main(void) { cycles_on(); uint32_t a = CYCCNT; __asm volatile("svc 0"); found[0] = CYCCNT - a; return 0; }'
-    cycles = found(ran(text, tmp_path))[0]
+    cycles = found(alone(text, tmp_path))[0]
     assert 2 * EXCEPTION_CYCLES <= cycles <= 2 * EXCEPTION_CYCLES + 12 * CYCLES_PER_INSTRUCTION
     assert CORE_HZ == 168e6

@@ -7,10 +7,9 @@ import sys
 import numpy as np
 import pytest
 from conftest import ROOT
-from exported_models import MODELS, WHOLE
+from exported_models import MODELS
 from f405_programs import tools_missing
 
-from session.stream import frames
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk
 from tinygc.deploy.embedded.program import program
@@ -82,33 +81,8 @@ def test_its_samples_are_those_that_qemu_sends(elf):
 
 
 def by_stamp(chunks) -> dict[int, tuple]:
-    return {
-        int(t): tuple(row)
-        for chunk in chunks
-        if isinstance(chunk, Chunk)
-        for t, row in zip(chunk.t_us, chunk.registers.tolist(), strict=True)
-    }
-
-
-def test_what_it_calibrates_is_what_the_host_does_bit_for_bit(elf):
-    """A sensor at the second port sends samples; the answers come there."""
-    rng = np.random.default_rng(3)
-    registers = rng.integers(-20000, 20000, (60, 7)).astype(np.int16)
-    machine = Machine(elf)
-    machine.run_until(0.1)
-    sent = frames.encode_samples(np.arange(60), np.arange(60) * 4808, registers)
-    answers = bytearray()
-    for k, frame in enumerate(sent):
-        machine.usart2.feed(frame.tobytes())
-        machine.run_until(0.1 + (k + 1) * 0.002)
-        answers += machine.usart2.take()
-    machine.run_until(0.3)
-    answers += machine.usart2.take()
-    bodies = [decoded for decoded in map(uncobs, bytes(answers).split(b"\0")) if decoded[:1] == b"\x03"]
-    rates = np.array([np.frombuffer(body[7:19], "<f4") for body in bodies])
-    host = program(WHOLE).run(SENSOR.inputs(registers))
-    np.testing.assert_array_equal(rates.view(np.uint32), host.view(np.uint32))
-    assert machine.usart2.lost == 0
+    rows = ((chunk.t_us.tolist(), chunk.registers.tolist()) for chunk in chunks if isinstance(chunk, Chunk))
+    return {t_us: tuple(row) for stamps, table in rows for t_us, row in zip(stamps, table, strict=True)}
 
 
 def uncobs(coded: bytes) -> bytes:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from f405_programs import came_to_its_end, compiled, found, tools_missing
+from asm330lhh_wire import counting
+from f405_programs import BURST, SENSOR_ON, came_to_its_end, compiled, found, ran, tools_missing
 
 from tinygc.simulation.asm330lhh.faults import Fault
 from tinygc.simulation.asm330lhh.motion import Still
@@ -15,59 +16,6 @@ if MISSING := tools_missing():
     pytest.skip(MISSING, allow_module_level=True)
 
 from tinygc.simulation.stm32f405.machine import Machine
-
-RATE_LSB = np.radians(0.0175)
-#: 833 Hz, +-500 dps, +-4 g; watermark of 32 words on INT1
-SENSOR_ON = """
-static void sensor_on(void)
-{
-    systick(168000);
-    while (milliseconds < 12) WFI(); /* it starts up */
-    write_register(0x12, 0x44);
-    write_register(0x07, 32);
-    write_register(0x09, 0x77);
-    write_register(0x0D, 0x08);
-    write_register(0x0A, 0x06);
-    write_register(0x10, 0x78);
-    write_register(0x11, 0x74);
-}
-"""
-#: a burst by DMA2 streams 0 and 3, channel 3
-BURST = """
-static volatile uint8_t out[600], in[600];
-static void burst_begin(unsigned count)
-{
-    out[0] = 0x80 | 0x78;
-    DMA(0x08) = 0x3D | 0x3D << 22;
-    STREAM(0, 8) = STREAM(3, 8) = 0x4001300C;
-    STREAM(0, 12) = (uint32_t)in;
-    STREAM(3, 12) = (uint32_t)out;
-    STREAM(0, 4) = STREAM(3, 4) = count;
-    STREAM(0, 0) = 3u << 25 | 1u << 10 | 1u << 4 | 1;
-    STREAM(3, 0) = 3u << 25 | 1u << 10 | 1u << 6 | 1;
-    CS(0);
-    SPI(4) = 3;
-}
-static void burst_end(void)
-{
-    spi_wait();
-    CS(1);
-    SPI(4) = 0;
-}
-"""
-
-
-def ran(text: str, folder, t_s: float, sensor: Asm330lhh | None = None, **how) -> Machine:
-    machine = Machine(compiled(text, folder), Port(sensor or Asm330lhh(Still())), **how)
-    machine.run_until(t_s)
-    assert machine.bus.objections == {}
-    assert machine.bus.strangers == set()
-    return machine
-
-
-def counting(t_s: np.ndarray):
-    number = np.rint(t_s * 833.375) % 30000
-    return np.outer(number * RATE_LSB, [1, -1, 0.5]), np.outer(number * 0.122e-3 * 9.80665, [1, -1, 0.5]), np.full(len(t_s), 25.0)
 
 
 def numbers(kept) -> np.ndarray:

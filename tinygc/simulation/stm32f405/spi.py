@@ -195,13 +195,13 @@ class Transfer:
 
     def settle(self, now: float) -> None:
         """Exchange what has begun, store what has come in."""
-        begun = min(self._count, max(0, int((now - self._start) // self._byte_cycles) + 1)) if now >= self._start else 0
+        ended = self._count if now >= self.end else max(0, int((now - self._start) // self._byte_cycles))
+        begun = min(self._count, ended + 1) if now >= self._start else 0
         if begun > self._done:
             first, self._done = self._done, begun
             self._answers += self._spi._exchange(self._bytes[first:begun], self._start + first * self._byte_cycles)
             self._out.count(begun - first)
         if self._into and self._into.on:
-            ended = min(self._count, max(0, int((now - self._start) // self._byte_cycles)))
             data = self._answers[self._into.place : ended]
             self._into.store(data[: self._into.ndtr])
 

@@ -13,10 +13,10 @@ GYRO, ACCEL = 1, 2
 
 
 def counting(t_s: np.ndarray):
-    """At 833 Hz and +-500 dps the gyroscope's registers are the sample's number, its negative and its half; at 4 g the accelerometer's
+    """At 833 Hz and +-500 dps the gyroscope's registers are the sample's number, its negative and itself; at 4 g the accelerometer's
     are, too."""
     number = np.rint(t_s * 833.375) % 30000
-    axes = [1, -1, 0.5]
+    axes = [1, -1, 1]
     return np.outer(number * np.radians(0.0175), axes), np.outer(number * 0.122e-3 * 9.80665, axes), np.full(len(t_s), 30.0)
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
+import os
 import sys
 import threading
 
@@ -11,13 +14,14 @@ from asm330lhh_wire import GYRO, Wire, counting, data, words
 from conftest import ROOT
 from exported_models import MODELS
 from f405_programs import BURST, SENSOR_ON, compiled, found, ran, tools_missing
-from processes import until
+from processes import CALIBRATE, PIPE, calibrate, started, until
 
 from session.recording.recorder import Recorder
 from session.stream.events import Info
 from tinygc.deploy.embedded.program import program
 from tinygc.deploy.embedded.register_input import Registers
 from tinygc.deploy.embedded.source import source_files
+from tinygc.simulation.asm330lhh.faults import Fault
 from tinygc.simulation.asm330lhh.motion import Still
 from tinygc.simulation.asm330lhh.readings import Oscillator
 from tinygc.simulation.asm330lhh.registers import CLOCK_HZ
@@ -206,3 +210,80 @@ def test_time_passes_as_the_clock_says(tmp_path):
         assert (host.slept_s > 0) != late
         if not late:
             assert host.t_s == pytest.approx(1.0, abs=0.02)
+
+
+# The command
+
+
+@pytest.fixture(scope="module")
+def firmware(tmp_path_factory):
+    """One that sends a line each second and echoes what it hears."""
+    text = """
+    static void say(const char *text) { for (; *text; text++) { while (!(USART1(0) & 0x80)) ; USART1(4) = (uint8_t)*text; } }
+    int main(void)
+    {
+        spi_on();
+        usart_on();
+        systick(168000);
+        for (uint32_t second = 0;; second++) {
+            while (milliseconds < 100 * second) WFI();
+            say(read_register(0x0F) == 0x6B ? "a sensor\\r\\n" : "none\\r\\n");
+        }
+    }"""
+    return compiled(text, tmp_path_factory.mktemp("firmware"))
+
+
+def test_the_command_runs_a_program_until_its_tail_is_over(firmware, tmp_path):
+    words = [
+        "--firmware",
+        firmware,
+        "--link",
+        tmp_path / "port",
+        "--segments",
+        1,
+        "--rate",
+        104,
+        "--speed",
+        1000,
+        "--lead",
+        0.5,
+        "--tail",
+        0.1,
+    ]
+    with started(
+        [*CALIBRATE, "board", *words, "--faults", "identity@3", "--json", tmp_path / "told.json"], stderr=PIPE, stdout=PIPE, text=True
+    ) as board:
+        assert board.stdout.readline() == f"{tmp_path / 'port'}\n"
+        port = os.open(tmp_path / "port", os.O_RDONLY | os.O_NOCTTY)
+        heard = bytearray()
+        with contextlib.suppress(OSError):  # the cable is gone at the end
+            while part := os.read(port, 4096):
+                heard += part
+        os.close(port)
+        _, said = board.communicate()
+    assert board.returncode == 0, said
+    assert {b"a sensor", b"none"} <= set(bytes(heard).split(b"\r\n"))
+    assert "0 samples made, 0 words overrun" in said
+    assert json.loads((tmp_path / "told.json").read_text())["starts"] == 1
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--frames"], "leave --frames out"),
+        (["--faults", "lost=0.1"], "no fault; expected KIND@S"),
+        (["--faults", "fire@3"], "no fault 'fire'"),
+        ([], "no program for ARM"),
+    ],
+)
+def test_what_cannot_be_run_is_one_line(more, said, tmp_path):
+    (tmp_path / "x.elf").write_bytes(bytes(100))
+    done = calibrate("board", "--firmware", tmp_path / "x.elf", "--segments", 1, "--rate", 104, "--link", tmp_path / "port", *more)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_faults_are_said_in_a_word():
+    assert Fault.parse("hang@20+0.5") == Fault("hang", 20.0, 0.5)
+    assert Fault.parse(" parity@10x3") == Fault("parity", 10.0, words=3)

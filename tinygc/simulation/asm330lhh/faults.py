@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
 
 #: the port: the line is stuck, though the sensor hears what is written; or it neither hears nor answers, and the line is pulled up
@@ -32,13 +34,23 @@ class Fault:
 
     kind: str
     at_s: float
-    lasts_s: float = float("inf")
+    lasts_s: float = math.inf
     words: int = 1
     value: int = 31
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ValueError(f"no fault {self.kind!r}; there are {', '.join(KINDS)}")
+
+    @classmethod
+    def parse(cls, text: str) -> Fault:
+        """``KIND@S``, with ``+S`` for how long and ``xN`` for how many words: ``hang@20+0.5``, ``parity@10x3``.  ValueError where it is
+        none."""
+        form = re.fullmatch(r"(\w+)@([\d.]+)(?:\+([\d.]+))?(?:x(\d+))?", text.strip())
+        if not form:
+            raise ValueError(f"{text!r} is no fault; expected KIND@S, KIND@S+S or KIND@SxN, as in parity@10x3")
+        kind, at_s, lasts_s, words = form.groups()
+        return cls(kind, float(at_s), float(lasts_s) if lasts_s else math.inf, int(words or 1))
 
     def holds(self, t_s: float) -> bool:
         """Whether it lasts at that time."""

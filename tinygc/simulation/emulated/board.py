@@ -10,7 +10,7 @@ from tinygc.simulation.asm330lhh.port import Port
 from tinygc.simulation.asm330lhh.sensor import Asm330lhh
 from tinygc.simulation.board.board import Clock
 from tinygc.simulation.emulated.replayed import Replayed
-from tinygc.simulation.stm32f405.machine import Machine
+from tinygc.simulation.stm32f405.machine import UID, Machine
 
 SLICE_S = 0.004
 BEHIND_S = 0.2  #: what is not made up for: the board's clock then loses against the host's
@@ -34,6 +34,8 @@ class EmulatedBoard:
     speed: simulated seconds in one of the clock's; None: as quickly as it goes.  lead_s: still time between the first reader and the
     session; tail_s: still time behind it, then ``run`` returns; None: never returns.
 
+    uid: the microcontroller's unique id, 12 bytes, from which it may make its serial number.
+
     late_s: by how much the clock went on without it, since this machine was too slow or too busy.
     """
 
@@ -47,9 +49,10 @@ class EmulatedBoard:
         lead_s: float = 10.0,
         tail_s: float | None = None,
         clock: Clock | None = None,
+        uid: bytes = UID,
         say: Callable[[str], None] = lambda what: None,
     ):
-        self.machine = Machine(elf, Port(sensor))
+        self.machine = Machine(elf, Port(sensor), uid)
         self.sensor, self._cable, self._motion, self._speed = sensor, cable, motion, speed
         self._lead_s, self._tail_s, self._clock, self._say = lead_s, tail_s, clock or Clock(), say
         self.late_s = 0.0

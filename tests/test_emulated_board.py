@@ -234,25 +234,9 @@ def firmware(tmp_path_factory):
 
 
 def test_the_command_runs_a_program_until_its_tail_is_over(firmware, tmp_path):
-    words = [
-        "--firmware",
-        firmware,
-        "--link",
-        tmp_path / "port",
-        "--segments",
-        1,
-        "--rate",
-        104,
-        "--speed",
-        1000,
-        "--lead",
-        0.5,
-        "--tail",
-        0.1,
-    ]
-    with started(
-        [*CALIBRATE, "board", *words, "--faults", "identity@3", "--json", tmp_path / "told.json"], stderr=PIPE, stdout=PIPE, text=True
-    ) as board:
+    where = ["--firmware", firmware, "--link", tmp_path / "port", "--json", tmp_path / "told.json", "--faults", "identity@3"]
+    how = ["--segments", 1, "--rate", 104, "--speed", 1000, "--lead", 0.5, "--tail", 0.1]
+    with started([*CALIBRATE, "board", *where, *how], stderr=PIPE, stdout=PIPE, text=True) as board:
         assert board.stdout.readline() == f"{tmp_path / 'port'}\n"
         port = os.open(tmp_path / "port", os.O_RDONLY | os.O_NOCTTY)
         heard = bytearray()

@@ -67,9 +67,8 @@ def run_emulated(args: argparse.Namespace, source: Source, terminal: Terminal, s
     finally:
         for what in (*machine.bus.objections, *sensor.objections):
             say(f"not as a real board would have it: {what}")
-        say(
-            f"{sensor.samples} samples made, {sensor.fifo.lost} words overrun in the FIFO, {terminal.dropped} writes dropped since nobody read"
-        )
+        lost = sensor.fifo.lost
+        say(f"{sensor.samples} samples made, {lost} words overrun in the FIFO, {terminal.dropped} writes dropped since nobody read")
         if board.late_s:
             say(f"the emulation fell {board.late_s:.1f} s behind the clock: this machine is too busy for --speed {args.speed:g}")
         starts = machine.resets + 1

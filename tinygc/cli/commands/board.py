@@ -52,7 +52,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         "--faults",
         default="",
         metavar="NAME=X,…",
-        help="lost, torn, flip: probability; garbage: bytes; reset, unplug: s; with --firmware the sensor's",
+        help="lost, torn, flip: probability; garbage: bytes; reset, unplug: s; with --firmware the sensor's, as hang@20+0.5",
     )
     command.add_argument(
         "--memory",

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from tinygc.simulation.asm330lhh.port import Port
 from tinygc.simulation.asm330lhh.sensor import Asm330lhh
-from tinygc.simulation.board.board import Clock
+from tinygc.simulation.board.clock import Clock
 from tinygc.simulation.emulated.replayed import Replayed
 from tinygc.simulation.stm32f405.machine import UID, Machine
 

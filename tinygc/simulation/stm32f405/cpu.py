@@ -56,7 +56,8 @@ class Cpu:
         for address, size in MEMORIES.items():
             self._engine.mem_map(address, size)
         for address, size in WINDOWS.items():
-            self._engine.mmio_map(address, size, _reader(address, read), None, _writer(address, write), None)
+            self._engine.mmio_map(address, size, self._reader(address, read), None, self._writer(address, write), None)
+        self._trouble: BaseException | None = None  # an interruption, or worse, amid an access
         self._engine.mem_write(SYSTEM, NOP * 2000)  # where no program runs: what has run once is not translated again
         self._counter = Counter(self._engine, find(self._engine, SYSTEM))
         self._engine.mem_write(SYSTEM, bytes(4000))
@@ -70,6 +71,27 @@ class Cpu:
     def _interrupted(self, engine: Any, number: int, data: Any) -> None:
         self._interrupt = number
         engine.emu_stop()
+
+    def _reader(self, window: int, read: Read) -> Callable[[Any, int, int, Any], int]:
+        def answer(engine: Any, offset: int, size: int, data: Any) -> int:
+            try:
+                return read(window + offset, size)
+            except BaseException as trouble:  # Unicorn would print it, and go on
+                self._trouble = trouble
+                engine.emu_stop()
+                return 0
+
+        return answer
+
+    def _writer(self, window: int, write: Write) -> Callable[[Any, int, int, int, Any], None]:
+        def take(engine: Any, offset: int, size: int, value: int, data: Any) -> None:
+            try:
+                write(window + offset, size, value)
+            except BaseException as trouble:
+                self._trouble = trouble
+                engine.emu_stop()
+
+        return take
 
     # Memory
 
@@ -114,6 +136,9 @@ class Cpu:
         finally:
             self.running = False
         begun, given = self._counter.begun, self._counter.given
+        if self._trouble:
+            trouble, self._trouble = self._trouble, None
+            raise trouble
         if self._interrupt is not None:
             why = {EXCEPTION_RETURN: RETURNS, SUPERVISOR_CALL: CALLS}.get(self._interrupt)
             if why is None:
@@ -197,11 +222,3 @@ class Cpu:
         control = self.get("CONTROL")
         self.set("CONTROL", control | FPCA if floating else control & ~FPCA)
         self.set("PC", frame[6] | 1)
-
-
-def _reader(window: int, read: Read) -> Callable[[Any, int, int, Any], int]:
-    return lambda engine, offset, size, data: read(window + offset, size)
-
-
-def _writer(window: int, write: Write) -> Callable[[Any, int, int, int, Any], None]:
-    return lambda engine, offset, size, value, data: write(window + offset, size, value)

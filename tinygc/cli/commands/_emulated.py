@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from tinygc.simulation.asm330lhh.faults import Fault
     from tinygc.simulation.board.source import Source
     from tinygc.simulation.board.terminal import Terminal
+    from tinygc.simulation.options import SimulationOptions
+    from tinygc.simulation.unit import SimulatedUnit
 
 #: options of the virtual board that say what the program says itself
 ITS_OWN = ("frames", "physical", "uptime")
@@ -38,6 +40,14 @@ def _faults(text: str) -> list[Fault]:
         return [Fault.parse(word) for word in text.split(",") if word.strip()]
     except ValueError as error:
         raise CalibrationError(f"board: --faults: {error}") from None
+
+
+def unit_of_the_model(options: SimulationOptions) -> SimulatedUnit:
+    """The simulated session's sensor, at the data rate that the register model has."""
+    from tinygc.simulation.emulated.replayed import with_its_own_rate
+    from tinygc.simulation.simulate import unit_of
+
+    return with_its_own_rate(unit_of(options), options.odr_hz)
 
 
 def run_emulated(args: argparse.Namespace, source: Source, terminal: Terminal, say: Callable[[str], None]) -> int:

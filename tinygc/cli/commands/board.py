@@ -9,7 +9,7 @@ from dataclasses import replace
 from session.common.errors import CalibrationError
 from session.common.texts import printable
 from tinygc.cli.arguments import accel_full_scale, count, data_rate, gyro_full_scale, positive, seconds
-from tinygc.cli.commands._emulated import check_options, run_emulated
+from tinygc.cli.commands._emulated import check_options, run_emulated, unit_of_the_model
 from tinygc.cli.commands._interruption import ended_by_signals
 from tinygc.cli.commands._results import write_json
 from tinygc.cli.paths import file_written, is_standard_output, path_read
@@ -102,7 +102,7 @@ def _board(args: argparse.Namespace) -> int:
         options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges)
         if raw := args.raw_accelerometer:  # its scale and axes are off by as much as any unit's: only nobody says how
             options = replace(options, accel_bias_mg=raw)
-        source = simulated(options, calibrated=not raw)
+        source = simulated(options, calibrated=not raw, unit=unit_of_the_model(options) if args.firmware else None)
     if args.config and source.config:
         write_text_whole(args.config, source.config)
     # A faster board must hold back more, for a host that is as fast as ever.

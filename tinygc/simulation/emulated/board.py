@@ -19,7 +19,9 @@ BEHIND_S = 0.2  #: what is not made up for: the board's clock then loses against
 class Cable(Protocol):
     """The board's end, as ``terminal.Terminal`` has it."""
 
-    has_reader: bool
+    @property
+    def has_reader(self) -> bool:
+        """Whether somebody listens."""
 
     def write(self, data: bytes) -> bool:
         """To the host; False where nobody listens."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from session.sensor.known import DEFAULT
@@ -9,6 +11,7 @@ from session.sensor.registers import RegisterUnits
 from tinygc.simulation.asm330lhh.readings import Oscillator
 from tinygc.simulation.asm330lhh.registers import CLOCK_HZ, FINE_STEP, TEMPERATURE_ZERO_C
 from tinygc.simulation.board.source import STILL_S, Source
+from tinygc.simulation.unit import SimulatedUnit
 
 SNAP = 1e-3  #: of a sample: what is nearer to one than this is that one
 
@@ -19,6 +22,14 @@ def oscillator_of(odr_hz: float) -> Oscillator:
     factor = odr_hz * coefficient / CLOCK_HZ
     fine = int(np.clip(round((factor - 1) / FINE_STEP), -128, 127))
     return Oscillator(fine, fine, 1e6 * (factor / (1 + FINE_STEP * fine) - 1))
+
+
+def with_its_own_rate(unit: SimulatedUnit, nominal_hz: float) -> SimulatedUnit:
+    """The unit at exactly the data rate that INTERNAL_FREQ_FINE states, of 6667 Hz / 2^n and not of its rounded name (416 Hz): what a
+    program computes from the register is then true."""
+    coefficient = 2 ** round(np.log2(CLOCK_HZ / nominal_hz))
+    fine = round((unit.odr_hz / nominal_hz - 1) / FINE_STEP)
+    return replace(unit, odr_hz=CLOCK_HZ / coefficient * (1 + FINE_STEP * fine))
 
 
 class Replayed:

@@ -13,6 +13,10 @@ class Outputs:
     """status: STATUS_REG; bdu: whether a register that was read by half waits for its other half."""
 
     def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """As after a reset."""
         self._newest, self._shown = bytearray(REGISTER_BYTES), bytearray(REGISTER_BYTES)
         self._half_read: dict[int, int] = {}  # register -> which half
         self.status, self.bdu = 0, False

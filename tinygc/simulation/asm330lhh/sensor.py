@@ -10,13 +10,13 @@ from tinygc.simulation.asm330lhh.batching import ORDER, Batching
 from tinygc.simulation.asm330lhh.faults import Fault
 from tinygc.simulation.asm330lhh.fifo import EMPTY, WORDS, Fifo
 from tinygc.simulation.asm330lhh.flags import FifoFlags
+from tinygc.simulation.asm330lhh.interrupt import Int1
 from tinygc.simulation.asm330lhh.motion import Motion
 from tinygc.simulation.asm330lhh.outputs import ACCEL, GYRO, TEMP, Outputs
 from tinygc.simulation.asm330lhh.readings import Oscillator, Readings, SelfTest
 
 START_S = 0.010  #: from power-up, and of a reboot
 SW_RESET_S = 50e-6
-DRDY_PULSE_S = 75e-6
 TEMPERATURE_TICKS = 128  #: OUT_TEMP is new at 52 Hz, or at the data rate where that is lower
 NEVER = math.inf
 
@@ -45,11 +45,12 @@ class Asm330lhh:
         self.faults = tuple(faults)
         self._resets = sorted(fault.at_s for fault in self.faults if fault.kind == "reset")
         self._identities = [fault for fault in self.faults if fault.kind == "identity"]
-        self._dead_pins = [fault for fault in self.faults if fault.kind == "int1"]
         self.fifo = Fifo()
         self._batching = Batching(self.fifo, self.faults, order)
         self._registers = bytearray(128)
         self._flags = FifoFlags(self._registers, self.fifo, self._batching)
+        self.outputs = Outputs()
+        self._pin = Int1(self._registers, self._flags, self.outputs, self.faults)
         self.objections: dict[str, None] = {}
         self.kept: list[tuple[float, bytes]] = []
         self.starts = self.samples = 0
@@ -67,7 +68,7 @@ class Asm330lhh:
         self._registers[:] = bytes(128)
         for address, value in reg.DEFAULTS.items():
             self._registers[address] = value
-        self.outputs = Outputs()
+        self.outputs.clear()
         self.fifo.clear()
         self.fifo.mode, self.fifo.limit = 0, WORDS
         self._batching.counted = 0
@@ -281,33 +282,15 @@ class Asm330lhh:
     # The interrupt
 
     def int1(self, t_s: float) -> bool:
-        """The level of the pin."""
+        """The level of the pin; low until the sensor has started up."""
         self.advance(t_s)
-        if t_s < self._ready_s or any(fault.holds(t_s) for fault in self._dead_pins):
-            return False
-        r, ctrl, flags = self._registers, self._registers[reg.INT1_CTRL], self._flags.flags()
-        pulsed = r[reg.COUNTER_BDR_REG1] & reg.DATAREADY_PULSED
-        ready = 0 if pulsed and t_s >= self._sample_s + DRDY_PULSE_S else self.outputs.status
-        active = (
-            (ctrl & reg.INT1_DRDY_XL and ready & reg.XLDA)
-            or (ctrl & reg.INT1_DRDY_G and ready & reg.GDA)
-            or (ctrl & reg.INT1_BOOT and t_s < self._boot_s)
-            or (ctrl & reg.INT1_FIFO_TH and flags & reg.FIFO_WTM_IA)
-            or (ctrl & reg.INT1_FIFO_OVR and flags & reg.FIFO_OVR_IA)
-            or (ctrl & reg.INT1_FIFO_FULL and flags & reg.FIFO_FULL_IA)
-            or (ctrl & reg.INT1_CNT_BDR and flags & reg.COUNTER_BDR_IA)
-        )
-        return bool(active) != bool(r[reg.CTRL3_C] & reg.H_LACTIVE)
+        return t_s >= self._ready_s and self._pin.level(t_s, t_s < self._boot_s, self._sample_s)
 
     def int1_stays_until(self, t_s: float) -> float:
         """A time before which the pin cannot change, unless a register is read or written; infinite where it cannot at all."""
         self.advance(t_s)
-        ctrl = self._registers[reg.INT1_CTRL]
-        edges = [self._ready_s, self._boot_s, *self._resets[:1]]
-        edges += [edge for fault in self._dead_pins for edge in (fault.at_s, fault.at_s + fault.lasts_s)]
-        if ctrl & (reg.INT1_DRDY_XL | reg.INT1_DRDY_G | reg.INT1_CNT_BDR):
-            edges += [self._next_s, self._sample_s + DRDY_PULSE_S]
-        level = len(self.fifo.words)
+        ctrl, level = self._registers[reg.INT1_CTRL], len(self.fifo.words)
+        edges = [self._ready_s, self._boot_s, *self._resets[:1], *self._pin.edges_s(self._sample_s, self._next_s)]
         if ctrl & reg.INT1_FIFO_TH and level < self._flags.watermark:
             edges.append(self._slots_later(self._flags.watermark - level))
         if ctrl & (reg.INT1_FIFO_OVR | reg.INT1_FIFO_FULL):

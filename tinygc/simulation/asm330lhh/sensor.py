@@ -14,10 +14,11 @@ from tinygc.simulation.asm330lhh.interrupt import Int1
 from tinygc.simulation.asm330lhh.motion import Motion
 from tinygc.simulation.asm330lhh.outputs import ACCEL, GYRO, TEMP, Outputs
 from tinygc.simulation.asm330lhh.readings import Oscillator, Readings, SelfTest
+from tinygc.simulation.asm330lhh.timestamp import Timestamp
 
-START_S = 0.010  #: from power-up, and of a reboot
-SW_RESET_S = 50e-6
+START_S, SW_RESET_S = 0.010, 50e-6  #: from power-up and of a reboot; of a reset
 TEMPERATURE_TICKS = 128  #: OUT_TEMP is new at 52 Hz, or at the data rate where that is lower
+RATE_BITS = {reg.CTRL1_XL: 0xF0, reg.CTRL2_G: 0xF0, reg.FIFO_CTRL3: 0xFF}
 NEVER = math.inf
 
 
@@ -69,12 +70,12 @@ class Asm330lhh:
         for address, value in reg.DEFAULTS.items():
             self._registers[address] = value
         self.outputs.clear()
-        self.fifo.clear()
-        self.fifo.mode, self.fifo.limit = 0, WORDS
+        self.fifo.set_mode(0)
+        self.fifo.limit = WORDS
         self._batching.counted = 0
-        self._readings: Readings | None = None
+        self._readings: Readings | None = None  # of sensors that are on
         self._gyro = self._accel = 0  # ticks of a sample; 0: off
-        self._ticks_zero, self._ticks_zero_s = 0.0, t_s  # the timestamp, and when
+        self._timestamp = Timestamp()
         self._next_tick, self._next_s, self._sample_s = 0, NEVER, -NEVER
 
     # Time
@@ -104,7 +105,7 @@ class Asm330lhh:
             if tick % temp == 0:
                 outputs.update(TEMP, sample)
             if collects and tick % slot == 0:
-                batching.batch(tick, now_s, sample, self.timestamp)
+                batching.batch(tick, now_s, sample, self._timestamp.at)
             if self._keep:
                 self.kept.append((now_s, sample))
             self.samples += 1
@@ -113,17 +114,11 @@ class Asm330lhh:
             now_s = readings.time_s(tick)
         self._next_tick, self._next_s = tick, now_s
 
-    def timestamp(self, t_s: float) -> int:
-        """The counter at a time."""
-        if not self._registers[reg.CTRL10_C] & reg.TIMESTAMP_EN:
-            return 0
-        return math.floor(self._ticks(t_s) + 1e-6) % 2**32  # a tick that is due now has come
-
-    def _ticks(self, t_s: float) -> float:
-        return self._ticks_zero + (t_s - self._ticks_zero_s) * self._oscillator.ticks_hz(self._readings is not None)
-
-    def _set_timestamp(self, ticks: float, t_s: float) -> None:
-        self._ticks_zero, self._ticks_zero_s = ticks, t_s
+    @property
+    def _ticks_hz(self) -> float:
+        """Of the timestamp, as the registers have it now."""
+        counts = self._registers[reg.CTRL10_C] & reg.TIMESTAMP_EN
+        return self._oscillator.ticks_hz(self._readings is not None) if counts else 0.0
 
     # Registers
 
@@ -152,7 +147,7 @@ class Asm330lhh:
             self.fifo.latched = False
             return status
         if reg.TIMESTAMP0 <= address <= reg.TIMESTAMP3:
-            return self.timestamp(t_s) >> 8 * (address - reg.TIMESTAMP0) & 0xFF
+            return self._timestamp.at(t_s) >> 8 * (address - reg.TIMESTAMP0) & 0xFF
         if address == reg.INTERNAL_FREQ_FINE:
             return (self._oscillator.fine_on if self._readings else self._oscillator.fine_off) & 0xFF
         value = self._registers[address]
@@ -182,7 +177,7 @@ class Asm330lhh:
             return
         if address == reg.TIMESTAMP2:
             if value == reg.TIMESTAMP_RESET:
-                self._set_timestamp(0.0, t_s)
+                self._timestamp.set(0.0, t_s, self._ticks_hz)
             return
         if address not in reg.WRITABLE:
             self._object(f"0x{address:02X} was written, which cannot be")
@@ -208,8 +203,8 @@ class Asm330lhh:
         if address == reg.CTRL3_C:
             self.outputs.set_bdu(bool(r[address] & reg.BDU))
         elif address == reg.CTRL10_C:
-            if not before & reg.TIMESTAMP_EN:
-                self._set_timestamp(0.0, t_s)
+            if before ^ r[address]:
+                self._timestamp.set(0.0, t_s, self._ticks_hz)
             self._set_batching()
         elif address == reg.COUNTER_BDR_REG1:
             if r[address] & reg.RST_COUNTER_BDR:
@@ -223,24 +218,17 @@ class Asm330lhh:
             self.fifo.set_mode(r[reg.FIFO_CTRL4] & 7)
             self.fifo.limit = self._flags.watermark if r[reg.FIFO_CTRL2] & reg.STOP_ON_WTM and self._flags.watermark else WORDS
             self._set_batching()
-            if address == reg.FIFO_CTRL3:
-                self._say_change(before, address, t_s)
+            self._say_change(before, address, t_s)
 
     def _say_change(self, before: int, address: int, t_s: float) -> None:
         """odrchg_en: a word in the FIFO tells of every new data or batch rate."""
-        rate_bits = 0xFF if address == reg.FIFO_CTRL3 else 0xF0
-        rated = address in (reg.CTRL1_XL, reg.CTRL2_G, reg.FIFO_CTRL3)
-        if (
-            rated
-            and (before ^ self._registers[address]) & rate_bits
-            and self._registers[reg.FIFO_CTRL2] & reg.ODRCHG_EN
-            and self.fifo.collects
-        ):
+        changed = (before ^ self._registers[address]) & RATE_BITS.get(address, 0)
+        if changed and self._registers[reg.FIFO_CTRL2] & reg.ODRCHG_EN and self.fifo.collects:
             self._batching.config_change(t_s)
 
     def _set_rates(self, t_s: float) -> None:
         r = self._registers
-        ticks = self._ticks(t_s)
+        ticks = self._timestamp.exact(t_s)
         asleep = r[reg.CTRL4_C] & reg.SLEEP_G
         self._gyro = 0 if asleep else reg.COEFFICIENTS.get(r[reg.CTRL2_G] >> 4, 0)
         self._accel = reg.COEFFICIENTS.get(r[reg.CTRL1_XL] >> 4, 0)
@@ -265,7 +253,7 @@ class Asm330lhh:
             )
             self._next_tick = self._readings.after(t_s)
             self._next_s = self._readings.time_s(self._next_tick)
-        self._set_timestamp(ticks, t_s)
+        self._timestamp.set(ticks, t_s, self._ticks_hz)
         self._set_batching()
 
     def _set_batching(self) -> None:

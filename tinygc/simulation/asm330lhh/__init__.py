@@ -30,5 +30,5 @@ sheets say, from memory:
 - INT1 is the or of what INT1_CTRL lets through, low with ``h_lactive``; ``dataready_pulsed`` makes the data-ready part 75 us long.
 - Self-test: st_xl 1 and 2 add and subtract, st_g 1 and 3 add and subtract (``SelfTest``: 500 mg, 400 dps); other codes do nothing.
 - The timestamp stands at 0 without ``timestamp_en``; 0xAA written to 0x42 sets it to 0.  Behind 0x7F an address goes on at 0x00.
-- User offsets, high-pass, DEN and the 3-wire SPI are kept in their registers and do nothing.
+- User offsets, high-pass, DEN, ``drdy_mask``, ``rounding``, the 3-wire SPI and INT2 are kept in their registers and do nothing.
 """

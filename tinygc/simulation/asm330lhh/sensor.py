@@ -26,7 +26,7 @@ class Asm330lhh:
     """The model of the sensor; ``port.Port`` speaks SPI to it.  Times are s of true time and never go back.
 
     motion: what it feels; order: of the words in a time slot of the FIFO; keep: whether ``kept`` holds (t_s, the 14 bytes of the
-    output registers) of every sample that was made.
+    output registers) of every sample that was made; start_s: from power-up, or a reset by itself, until it answers.
 
     objections: what a driver did that the map does not allow, each said once; starts: how often it has started up; samples: made.
     """
@@ -40,10 +40,11 @@ class Asm330lhh:
         self_test: SelfTest | None = None,
         identity: int = reg.IDENTITY,
         keep: bool = False,
+        start_s: float = START_S,
     ):
         self._motion, self._oscillator = motion, oscillator or Oscillator()
         self._self_test, self._identity, self._keep = self_test or SelfTest(), identity, keep
-        self.faults = tuple(faults)
+        self.faults, self._start_s = tuple(faults), start_s
         self._resets = sorted(fault.at_s for fault in self.faults if fault.kind == "reset")
         self._identities = [fault for fault in self.faults if fault.kind == "identity"]
         self.fifo = Fifo()
@@ -60,7 +61,7 @@ class Asm330lhh:
     def _start(self, t_s: float) -> None:
         """Power-up."""
         self.starts += 1
-        self._ready_s = t_s + START_S
+        self._ready_s = t_s + self._start_s
         self._boot_s = self._sw_reset_s = t_s
         self._defaults(t_s)
 

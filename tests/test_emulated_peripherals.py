@@ -153,6 +153,54 @@ def test_the_fifo_by_dma_and_the_watermarks_interrupt(tmp_path):
     assert machine.load < 0.05
 
 
+def test_a_wait_for_the_pin_ends_with_its_edge(tmp_path):
+    """Polled without sleep: it rises with the 32nd word, 16 samples after the sensor was switched on, and few turns are run."""
+    text = (
+        SENSOR_ON
+        + """
+    int main(void)
+    {
+        spi_on();
+        cycles_on();
+        sensor_on();
+        const uint32_t a = CYCCNT;
+        while (!(GPIOC(0x10) >> 4 & 1)) ;
+        found[0] = CYCCNT - a;
+        return 0;
+    }"""
+    )
+    machine = ran(text, tmp_path, 0.05)
+    assert came_to_its_end(machine)
+    # both sensors share the divider that began with the accelerometer, a few bytes before the gyroscope
+    assert found(machine)[0] / 168e6 == pytest.approx(16 / 833.375, abs=2e-5)
+    assert machine.cpu.instructions < 200_000
+
+
+def test_work_between_two_looks_is_not_skipped(tmp_path):
+    """A loop that does something else in each turn gets as many turns as time has room for."""
+    text = (
+        SENSOR_ON
+        + """
+    int main(void)
+    {
+        uint32_t turns = 0;
+        spi_on();
+        sensor_on();
+        cycles_on();
+        const uint32_t a = CYCCNT;
+        while (!(GPIOC(0x10) >> 4 & 1)) {
+            for (volatile int i = 0; i < 30; i++) ;
+            turns++;
+        }
+        found[0] = (CYCCNT - a) / turns;
+        return 0;
+    }"""
+    )
+    machine = ran(text, tmp_path, 0.05)
+    assert came_to_its_end(machine)
+    assert 30 * 3 * 1.5 < found(machine)[0] < 30 * 8 * 1.5
+
+
 def test_a_host_that_is_held_loses_what_the_fifo_cannot_hold(tmp_path):
     """Held for a second: 256 samples wait, the others are gone, and the flag says so."""
     sensor = Asm330lhh(counting, keep=True)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 CORE_HZ = 168_000_000
 NEVER = math.inf
-TURN = 200  #: cycles; a loop that only waits has shorter turns
+TURN = 60  #: cycles; a loop that only waits has shorter turns, one that does something else meanwhile has longer ones
 
 
 class Event:
@@ -82,17 +82,21 @@ class Clock:
 
 
 class Poll:
-    """Notices a core that reads the same from a status register again and again, with nothing else done to that peripheral."""
+    """Notices a core that reads the same from a status register again and again, with nothing else done to that peripheral.
 
-    def __init__(self, clock: Clock) -> None:
-        self._clock, self._last, self._at = clock, -1, -NEVER
+    turns: after so many in a row it counts as a loop that only waits.
+    """
+
+    def __init__(self, clock: Clock, turns: int = 1) -> None:
+        self._clock, self._turns = clock, turns
+        self._last, self._at, self._same = -1, -NEVER, 0
 
     def again(self, value: int) -> bool:
-        """Whether it was the last value, too, and a moment ago."""
+        """Whether it was the last value, too, and a moment ago, often enough."""
         now = self._clock.now()
-        same = value == self._last and now - self._at < TURN
+        self._same = self._same + 1 if value == self._last and now - self._at < TURN else 0
         self._last, self._at = value, now
-        return same
+        return self._same >= self._turns
 
     def broken(self) -> None:
         """Something else was done."""

@@ -99,7 +99,7 @@ class Dma:
         self.started: dict[int, Callable[[], None]] = {}
         self.settle: dict[int, Callable[[], None]] = {}
         self.ends: dict[int, Callable[[], float]] = {}
-        self._poll = Poll(clock)
+        self._poll = Poll(clock, 3)
 
     def serving(self, peripheral: int, direction: int, wired: tuple[tuple[int, int], ...]) -> Stream | None:
         """The stream that serves a data register in a direction now; wired: (stream, channel) that the part has for it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from tinygc.simulation.stm32f405.clock import NEVER, Clock, Poll
 from tinygc.simulation.stm32f405.nvic import Nvic
 
 MODER, IDR, ODR, BSRR, AFRL, AFRH = 0x00, 0x10, 0x14, 0x18, 0x20, 0x24
@@ -12,10 +13,15 @@ EXTI_IRQS = {0: 6, 1: 7, 2: 8, 3: 9, 4: 10} | dict.fromkeys(range(5, 10), 23) | 
 
 
 class Gpio:
-    """inputs: pin -> its level now; outputs: pin -> told of its level.  An undriven pin is high."""
+    """inputs: pin -> its level now; outputs: pin -> told of its level.  An undriven pin is high.
 
-    def __init__(self, moder: int = 0) -> None:
+    changes: the next cycle at which an input may change, for a loop that waits for it.
+    """
+
+    def __init__(self, clock: Clock, moder: int = 0) -> None:
         self._words = {MODER: moder}
+        self._clock, self._poll = clock, Poll(clock, 8)
+        self.changes: Callable[[], float] = lambda: NEVER
         self.inputs: dict[int, Callable[[], bool]] = {}
         self.outputs: dict[int, Callable[[bool], None]] = {}
 
@@ -38,7 +44,11 @@ class Gpio:
     def read(self, offset: int) -> int:
         """A word."""
         if offset == IDR:
-            return sum(self.level(pin) << pin for pin in range(16))
+            value = sum(self.level(pin) << pin for pin in range(16))
+            if self._poll.again(value):
+                self._clock.skip_to(self.changes())
+            return value
+        self._poll.broken()
         return 0 if offset == BSRR else self._words.get(offset, 0)
 
     def write(self, offset: int, value: int) -> None:

@@ -99,7 +99,7 @@ class Machine:
         self.nvic = nvic = Nvic()
         self.core = Core(clock, nvic, self._ask_reset)
         self.exti = Exti(nvic, self._watch)
-        self.ports = {name: Gpio(0xA8000000 if name == "A" else 0) for name in "ABCDEFGHI"}
+        self.ports = {name: Gpio(clock, 0xA8000000 if name == "A" else 0) for name in "ABCDEFGHI"}
         self.dma = Dma(clock, self.cpu, nvic, bus.object)
         a = self.ports["A"]
         self.spi = spi.Spi(clock, bus, nvic, self.dma, a, self.device)
@@ -107,6 +107,7 @@ class Machine:
         self.usart2 = usart.Usart("USART2", 0x40004400, 38, 1, (), clock, bus, nvic, self.dma, lambda: a.alternate(2) == 7)
         a.outputs[CHIP_SELECT[1]] = self._chip_select
         self.ports[INT1[0]].inputs[INT1[1]] = lambda: self.device.int1(clock.now_s())
+        self.ports[INT1[0]].changes = lambda: self.device.int1_stays_until(clock.now_s()) * CORE_HZ + 1
         bus.blocks |= {0x40020000 + BLOCK * n: port for n, port in enumerate(self.ports.values())}
         bus.blocks |= {0x40011000: self.usart1, 0x40004400: self.usart2, spi.ADDRESS: self.spi, 0x40026400: self.dma}
         bus.blocks |= {0x40013C00: self.exti, 0x40013800: Syscfg(self.exti, self._watch), 0x40023C00: Kept()}

@@ -12,6 +12,7 @@ POSIX_ONLY = {
     for name in [
         "board",
         "decisions",
+        "emulated_board",
         "ending",
         "firmware",
         "record",

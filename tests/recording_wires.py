@@ -17,7 +17,7 @@ from session.recording.decoding import stream
 from session.recording.logwriter import LogWriter
 from session.recording.recorder import Recorder
 from session.stream.decoder import StreamDecoder
-from tinygc.simulation.board.board import Clock
+from tinygc.simulation.board.clock import Clock
 from tinygc.simulation.board.terminal import Terminal
 
 LEAD_S = 3  #: of the virtual boards

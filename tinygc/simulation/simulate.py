@@ -61,12 +61,17 @@ def simulate_session(
 ) -> Simulation:
     """Simulate a session; ``distort`` conceals physics of the gyro in it, ``disturb`` of the accelerometer; ``plan``: another movement
     than ``plan_of`` draws; ``unit``: another sensor than ``draw_unit`` draws.  The same arguments give the same registers."""
-    unit_rng, _, *signal_rngs = _streams(options)
-    unit, plan = unit or draw_unit(options, unit_rng), plan or plan_of(options)
+    _, _, *signal_rngs = _streams(options)
+    unit, plan = unit or unit_of(options), plan or plan_of(options)
     log_count, closure_count = (int(np.ceil(seconds * unit.odr_hz)) for seconds in (plan.log_s, options.closure_s))
     whole = _record(options, unit, plan, log_count + closure_count, distort, disturb, signal_rngs)
     log, closure = whole.part(0, log_count), whole.part(log_count, log_count + closure_count)
     return Simulation(options, plan, unit, log, closure if closure_count else None)
+
+
+def unit_of(options: SimulationOptions) -> SimulatedUnit:
+    """The sensor in the session of these options."""
+    return draw_unit(options, _streams(options)[0])
 
 
 def plan_of(options: SimulationOptions) -> Plan:

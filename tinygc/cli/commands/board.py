@@ -9,6 +9,7 @@ from dataclasses import replace
 from session.common.errors import CalibrationError
 from session.common.texts import printable
 from tinygc.cli.arguments import accel_full_scale, count, data_rate, gyro_full_scale, positive, seconds
+from tinygc.cli.commands._emulated import check_options, run_emulated, unit_of_the_model
 from tinygc.cli.commands._interruption import ended_by_signals
 from tinygc.cli.commands._results import write_json
 from tinygc.cli.paths import file_written, is_standard_output, path_read
@@ -32,6 +33,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         metavar="MG",
         help="one that nobody has calibrated: bias of so many mg (30), scale 1 %%, axes 5 mrad; --config then says nothing of it",
     )
+    command.add_argument(
+        "--firmware",
+        type=path_read,
+        metavar="ELF",
+        help="run this program on an emulated STM32F405 with a model of the ASM330LHH that feels the session (docs/emulated-board.md)",
+    )
     command.add_argument("--frames", action="store_true", help="send frames instead of text lines")
     command.add_argument("--physical", action="store_true", help="send text lines in dps, g and degC instead of registers")
     command.add_argument("--sensor", default="ASM330LHH", metavar="NAME", help="whose registers the simulated one has (%(default)s)")
@@ -41,7 +48,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--lead", type=seconds, default=10.0, metavar="S", help="still time before the session (%(default)g)")
     command.add_argument("--tail", type=seconds, metavar="S", help="still time behind it, then stop (go on for ever)")
     command.add_argument("--uptime", type=seconds, default=0.0, metavar="S", help="device time at the start (%(default)g)")
-    command.add_argument("--faults", default="", metavar="NAME=X,…", help="lost, torn, flip: probability; garbage: bytes; reset, unplug: s")
+    command.add_argument(
+        "--faults",
+        default="",
+        metavar="NAME=X,…",
+        help="lost, torn, flip: probability; garbage: bytes; reset, unplug: s; with --firmware the sensor's, as hang@20+0.5",
+    )
     command.add_argument(
         "--memory",
         type=count(1),
@@ -78,7 +90,9 @@ def _board(args: argparse.Namespace) -> int:
 
     if args.frames and args.physical:
         raise CalibrationError("board: frames hold registers; leave --frames or --physical out")
-    faults = Faults.parse(args.faults)
+    if args.firmware:
+        check_options(args)
+    faults = Faults() if args.firmware else Faults.parse(args.faults)
     if args.folder:
         source = recorded(args.folder)
     else:
@@ -88,11 +102,13 @@ def _board(args: argparse.Namespace) -> int:
         options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges)
         if raw := args.raw_accelerometer:  # its scale and axes are off by as much as any unit's: only nobody says how
             options = replace(options, accel_bias_mg=raw)
-        source = simulated(options, calibrated=not raw)
+        source = simulated(options, calibrated=not raw, unit=unit_of_the_model(options) if args.firmware else None)
     if args.config and source.config:
         write_text_whole(args.config, source.config)
     # A faster board must hold back more, for a host that is as fast as ever.
     with Terminal(args.link, args.memory or round(MEMORY_BYTES * max(1.0, args.speed))) as terminal:
+        if args.firmware:
+            return run_emulated(args, source, terminal, say)
         board = Board(
             source=source,
             terminal=terminal,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -11,6 +10,7 @@ import numpy as np
 from session.common.texts import comment
 from session.stream import frames
 from session.stream.form import HEADER
+from tinygc.simulation.board.clock import Clock
 from tinygc.simulation.board.faults import Faults, spoil
 from tinygc.simulation.board.source import Source
 from tinygc.simulation.board.terminal import Terminal
@@ -22,18 +22,6 @@ PHYSICAL_HEADER = "t_us,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g,temp_c"
 CATCH_UP_S = 0.02  #: of lateness made up for in a tick
 RESET_S = 0.5  #: a board starts up in about this time
 UNPLUGGED_S = 1.0  #: host time that a pulled cable stays out
-
-
-class Clock:
-    """The host's."""
-
-    def now_s(self) -> float:
-        """Seconds since any moment."""
-        return time.monotonic()
-
-    def sleep(self, seconds: float) -> None:
-        """Let so much time pass."""
-        time.sleep(seconds)
 
 
 @dataclass

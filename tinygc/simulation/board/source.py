@@ -19,6 +19,7 @@ from session.stream.events import Info
 from tinygc.simulation.board.mark import onto_the_mark
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import Recording, plan_of, simulate_session
+from tinygc.simulation.unit import SimulatedUnit
 
 #: the first and the last this much of a session is still
 STILL_S = 0.8
@@ -50,14 +51,14 @@ class Source:
         return self.rows[np.concatenate([before, np.arange(max(start, 0), min(max(stop, 0), len(self.rows))), behind]).astype(np.int64)]
 
 
-def simulated(options: SimulationOptions, calibrated: bool = True) -> Source:
+def simulated(options: SimulationOptions, calibrated: bool = True, unit: SimulatedUnit | None = None) -> Source:
     """A simulated session; before its closure run, if any, the table is set onto its index mark, and all follows without a break.
 
-    calibrated: whether session.toml holds the accelerometer's pre-calibration.
+    calibrated: whether session.toml holds the accelerometer's pre-calibration; unit: another sensor than the one that is drawn.
     """
     from tinygc.simulation.write import config_text
 
-    simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)))
+    simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)), unit=unit)
     parts = [part for part in (simulation.log, simulation.closure) if part is not None]
     info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.seed), options.sensor)
     return Source(np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False, calibrated=calibrated))

@@ -100,6 +100,14 @@ class Terminal:
                 self._waiting = self._waiting[os.write(self._master, self._waiting) :]
         return fits
 
+    def read(self) -> bytes:
+        """What the reader has sent meanwhile."""
+        data = b""
+        with contextlib.suppress(OSError):  # nothing more is there, or nobody
+            while self._master >= 0 and (part := os.read(self._master, 4096)):
+                data += part
+        return data
+
 
 def _usual_links() -> list[Path]:
     return [Path(tempfile.gettempdir()) / f"{VIRTUAL_STEM}{number or ''}" for number in range(100)]

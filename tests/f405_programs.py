@@ -1,0 +1,193 @@
+"""Small programs for the emulated STM32F405, compiled with the firmware's linker script; what they find lies at the start of the CCM."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from conftest import ROOT
+from processes import run
+
+from tinygc.simulation.asm330lhh.motion import Still
+from tinygc.simulation.asm330lhh.port import Port
+from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+from tinygc.simulation.stm32f405.cpu import CCM, missing
+from tinygc.simulation.stm32f405.machine import Machine
+
+HEAD = """
+#include <stdint.h>
+#define REG(a) (*(volatile uint32_t *)(a))
+#define BYTE(a) (*(volatile uint8_t *)(a))
+#define RCC_AHB1ENR REG(0x40023830)
+#define RCC_APB1ENR REG(0x40023840)
+#define RCC_APB2ENR REG(0x40023844)
+#define GPIOA(o) REG(0x40020000 + (o))
+#define GPIOC(o) REG(0x40020800 + (o))
+#define SPI(o) REG(0x40013000 + (o))
+#define DMA(o) REG(0x40026400 + (o))
+#define STREAM(n, o) REG(0x40026410 + 24 * (n) + (o))
+#define USART1(o) REG(0x40011000 + (o))
+#define EXTI(o) REG(0x40013C00 + (o))
+#define CYCCNT REG(0xE0001004)
+#define WFI() __asm volatile("wfi" ::: "memory")
+#define CS(high) (GPIOA(0x18) = (high) ? 1u << 4 : 1u << 20)
+extern volatile uint32_t found[64], milliseconds;
+int main(void);
+static inline void systick(uint32_t cycles) { REG(0xE000E014) = cycles - 1; REG(0xE000E018) = 0; REG(0xE000E010) = 7; }
+static inline void irq(int n) { REG(0xE000E100 + 4 * (n / 32)) = 1u << (n & 31); }
+static inline void priority(int n, int p) { BYTE(0xE000E400 + n) = (uint8_t)(p << 4); }
+static inline void cycles_on(void) { REG(0xE000EDFC) |= 1u << 24; REG(0xE0001000) |= 1; }
+static inline void spi_on(void)
+{
+    RCC_AHB1ENR |= 1u | 4u | 1u << 22;
+    RCC_APB2ENR |= 1u << 12 | 1u << 14 | 1u << 4;
+    CS(1);
+    GPIOA(0x00) |= 1u << 8 | 2u << 10 | 2u << 12 | 2u << 14 | 2u << 18 | 2u << 20;
+    GPIOA(0x20) |= 5u << 20 | 5u << 24 | 5u << 28;
+    GPIOA(0x24) |= 7u << 4 | 7u << 8;
+    SPI(0x00) = 1u << 9 | 1u << 8 | 3u << 3 | 1u << 2 | 3u;
+    SPI(0x00) |= 1u << 6;
+}
+static inline uint8_t spi_byte(uint8_t out)
+{
+    while (!(SPI(0x08) & 2)) ;
+    BYTE(0x4001300C) = out;
+    while (!(SPI(0x08) & 1)) ;
+    return BYTE(0x4001300C);
+}
+static inline void spi_wait(void) { while (SPI(0x08) & 0x80) ; }
+static inline uint8_t read_register(uint8_t address)
+{
+    CS(0);
+    spi_byte(0x80 | address);
+    const uint8_t value = spi_byte(0);
+    spi_wait();
+    CS(1);
+    return value;
+}
+static inline void write_register(uint8_t address, uint8_t value)
+{
+    CS(0);
+    spi_byte(address);
+    spi_byte(value);
+    spi_wait();
+    CS(1);
+}
+static inline void usart_on(void)
+{
+    RCC_AHB1ENR |= 1u | 1u << 22;
+    RCC_APB2ENR |= 1u << 4;
+    GPIOA(0x00) |= 2u << 18 | 2u << 20;
+    GPIOA(0x24) |= 7u << 4 | 7u << 8;
+    USART1(0x08) = 84000000u / 921600u;
+    USART1(0x0C) = 1u << 13 | 1u << 3 | 1u << 2;
+}
+"""
+
+START = (
+    HEAD
+    + """
+extern uint32_t data_start[], data_end[], data_load[], bss_start[], bss_end[], stack_top[];
+__attribute__((section(".ccm"), used)) volatile uint32_t found[64];
+volatile uint32_t milliseconds;
+void halt(void) { for (;;) ; }
+__attribute__((weak)) void SysTick_Handler(void) { milliseconds++; }
+__attribute__((weak)) void PendSV_Handler(void) {}
+__attribute__((weak)) void SVC_Handler(void) {}
+__attribute__((weak)) void EXTI4_Handler(void) {}
+__attribute__((weak)) void DMA_Rx_Handler(void) {}
+__attribute__((weak)) void USART1_Handler(void) {}
+void Reset_Handler(void)
+{
+    REG(0xE000ED88) |= 0xFu << 20;
+    for (uint32_t *to = data_start, *from = data_load; to < data_end;) *to++ = *from++;
+    for (uint32_t *to = bss_start; to < bss_end;) *to++ = 0;
+    REG(0x40023804) = 16u | 336u << 6 | 7u << 24; /* 168 MHz */
+    REG(0x40023808) = 5u << 10 | 4u << 13 | 2u;
+    main();
+    found[63] = 0x600D;
+    for (;;) WFI();
+}
+typedef void (*vector)(void);
+__attribute__((section(".vectors"), used)) static const vector VECTORS[98] = {
+    [0] = (vector)(void *)stack_top, [1] = Reset_Handler, [2] = halt, [3] = halt, [11] = SVC_Handler, [14] = PendSV_Handler,
+    [15] = SysTick_Handler, [16 + 10] = EXTI4_Handler, [16 + 56] = DMA_Rx_Handler, [16 + 37] = USART1_Handler,
+};
+"""
+)
+#: 833 Hz, +-500 dps, +-4 g; watermark of 32 words on INT1
+SENSOR_ON = """
+static void sensor_on(void)
+{
+    systick(168000);
+    while (milliseconds < 12) WFI(); /* it starts up */
+    write_register(0x12, 0x44);
+    write_register(0x07, 32);
+    write_register(0x09, 0x77);
+    write_register(0x0D, 0x08);
+    write_register(0x0A, 0x06);
+    write_register(0x10, 0x78);
+    write_register(0x11, 0x74);
+}
+"""
+#: a burst by DMA2 streams 0 and 3, channel 3
+BURST = """
+static volatile uint8_t out[600], in[600];
+static void burst_begin(unsigned count)
+{
+    out[0] = 0x80 | 0x78;
+    DMA(0x08) = 0x3D | 0x3D << 22;
+    STREAM(0, 8) = STREAM(3, 8) = 0x4001300C;
+    STREAM(0, 12) = (uint32_t)in;
+    STREAM(3, 12) = (uint32_t)out;
+    STREAM(0, 4) = STREAM(3, 4) = count;
+    STREAM(0, 0) = 3u << 25 | 1u << 10 | 1u << 4 | 1;
+    STREAM(3, 0) = 3u << 25 | 1u << 10 | 1u << 6 | 1;
+    CS(0);
+    SPI(4) = 3;
+}
+static void burst_end(void)
+{
+    spi_wait();
+    CS(1);
+    SPI(4) = 0;
+}
+"""
+
+
+def tools_missing() -> str:
+    """Empty, or what is not installed."""
+    if shutil.which("arm-none-eabi-gcc") is None:
+        return "not installed: arm-none-eabi-gcc (docs/firmware.md)"
+    return missing()
+
+
+def compiled(text: str, folder: Path, optimise: str = "-O2") -> Path:
+    """The ELF file of HEAD and a text with its ``main``."""
+    sources, elf = (folder / "program.c", folder / "start.c"), folder / "program.elf"
+    for source, content in zip(sources, (HEAD + text, START), strict=True):
+        source.write_text(content)
+    core = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
+    flags = ["-std=c11", optimise, "-ffreestanding", "-Wall", "-Werror", "-Wno-unused-function", "-nostartfiles", "--specs=nano.specs"]
+    script = ROOT / "firmware" / "stm32f405.ld"
+    made = run(["arm-none-eabi-gcc", *core, *flags, "-T", script, *sources, "-o", elf], capture_output=True, text=True)
+    assert made.returncode == 0, made.stderr
+    return elf
+
+
+def found(machine, count: int = 1) -> list[int]:
+    """The first numbers that the program has put down."""
+    return list(machine.cpu.words(CCM, count))
+
+
+def came_to_its_end(machine) -> bool:
+    return machine.cpu.words(CCM + 4 * 63, 1) == (0x600D,)
+
+
+def ran(text: str, folder: Path, t_s: float, sensor: Asm330lhh | None = None, **how) -> Machine:
+    """A program with a sensor, run up to a time: it did nothing that a board would not do."""
+    machine = Machine(compiled(text, folder), Port(sensor or Asm330lhh(Still())), **how)
+    machine.run_until(t_s)
+    assert machine.bus.objections == {}
+    assert machine.bus.strangers == set()
+    return machine

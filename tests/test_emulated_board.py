@@ -1,0 +1,273 @@
+"""The emulated board at the end of a cable, and the session that its sensor feels."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+import threading
+
+import numpy as np
+import pytest
+from asm330lhh_wire import GYRO, Wire, counting, data, words
+from conftest import ROOT
+from exported_models import MODELS
+from f405_programs import BURST, SENSOR_ON, compiled, found, ran, tools_missing
+from processes import CALIBRATE, PIPE, calibrate, started, until
+
+from session.recording.recorder import Recorder
+from session.stream.events import Info
+from tinygc.deploy.embedded.program import program
+from tinygc.deploy.embedded.register_input import Registers
+from tinygc.deploy.embedded.source import source_files
+from tinygc.simulation.asm330lhh.faults import Fault
+from tinygc.simulation.asm330lhh.motion import Still
+from tinygc.simulation.asm330lhh.readings import Oscillator
+from tinygc.simulation.asm330lhh.registers import CLOCK_HZ
+from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+from tinygc.simulation.board.source import Source
+from tinygc.simulation.board.terminal import Terminal
+from tinygc.simulation.emulated.replayed import Replayed, oscillator_of
+
+if MISSING := tools_missing():
+    pytest.skip(MISSING, allow_module_level=True)
+
+sys.path.insert(0, str(ROOT / "firmware"))
+import measure
+
+from tinygc.simulation.emulated.board import EmulatedBoard
+
+#: the FIFO of both sensors at 6667 Hz, 64 slots a burst; counts gyroscope words, adds up their first registers, and looks for gaps
+FAST = (
+    SENSOR_ON.replace("0x07, 32", "0x07, 128").replace("0x09, 0x77", "0x09, 0xAA").replace("0x78)", "0xA8)").replace("0x74)", "0xA4)")
+    + BURST.replace("600", "1000")
+    + """
+static volatile uint32_t done;
+void EXTI4_Handler(void) { EXTI(0x14) = 1u << 4; }
+void DMA_Rx_Handler(void) { DMA(0x08) = 0x3D; done = 1; }
+int main(void)
+{
+    uint32_t last = 0, first = 1;
+    spi_on();
+    REG(0x4001380C) = 2;
+    EXTI(0x08) = EXTI(0x00) = 1u << 4;
+    irq(10);
+    irq(56);
+    sensor_on();
+    for (;;) {
+        while (!(GPIOC(0x10) >> 4 & 1)) WFI();
+        done = 0;
+        burst_begin(1 + 7 * 128);
+        while (!done) WFI();
+        burst_end();
+        for (const volatile uint8_t *word = in + 1; word < in + 1 + 7 * 128; word += 7) {
+            if (word[0] >> 3 != 1) continue;
+            const uint32_t value = (uint32_t)(word[1] | word[2] << 8);
+            found[1] += !first && value != (last + 1) % 30000;
+            found[0]++;
+            last = value;
+            first = 0;
+        }
+    }
+}"""
+)
+
+
+def source(rows: np.ndarray, odr_hz: float) -> Source:
+    return Source(rows, Info(500.0, 4.0, odr_hz, "1", "ASM330LHH"))
+
+
+@pytest.mark.parametrize("odr_hz", [104.0, 416.7, 1667.0, 1702.3, 6400.0])
+def test_the_oscillator_of_a_unit_has_its_data_rate(odr_hz):
+    oscillator = oscillator_of(odr_hz)
+    coefficient = round(CLOCK_HZ / odr_hz)
+    assert oscillator.clock_hz() / 2 ** round(np.log2(coefficient)) == pytest.approx(odr_hz, rel=1e-12)
+    assert abs(oscillator.residual_ppm) < 800
+
+
+def test_every_row_of_a_session_is_felt_once_and_unchanged():
+    """Whenever the sensor is switched on: from register to physical unit and back, through the FIFO."""
+    odr_hz = 833.375 * 1.013
+    rows = np.random.default_rng(1).integers(-30000, 30000, (1500, 7)).astype(np.int16)
+    motion = Replayed(source(rows, odr_hz))
+    link = Wire(Asm330lhh(motion, oscillator_of(odr_hz)), 0.1234567)
+    for address, value in ((0x12, 0x44), (0x09, 0x77), (0x0A, 0x06), (0x10, 0x78), (0x11, 0x74)):
+        link.write(address, value)
+    link.wait(0.7)
+    motion.start(1.5)
+    seen = []
+    for _ in range(20):
+        link.wait(0.13)
+        seen.append(data(words(link), GYRO))
+    seen = np.concatenate(seen)
+    (begin,) = (k for k in range(len(seen)) if (seen[k] == rows[0, :3]).all() and (seen[k + 1] == rows[1, :3]).all() and k > 600)
+    np.testing.assert_array_equal(seen[begin : begin + 1500], rows[:, :3])
+
+
+def test_another_rate_reads_what_lies_between():
+    """Half a turn of a sine at 100 Hz, read at 833 Hz: on the lines between its samples."""
+    rows = np.zeros((100, 7), np.int16)
+    rows[:, 0] = np.rint(20000 * np.sin(np.pi * np.arange(100) / 99))
+    motion = Replayed(source(rows, 100.0))
+    motion(np.array([0.0]))
+    motion.start(1.0)
+    t_s = 1.0 + np.arange(0, 0.99, 1 / 833)
+    rate, _, _ = motion(t_s)
+    expected = np.interp((t_s - 1.0) * 100, np.arange(100), rows[:, 0]) * np.radians(0.0175)
+    np.testing.assert_allclose(rate[:, 0], expected, atol=1e-3 * np.radians(20000 * 0.0175))
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_samples_at_6667_hz_and_none_is_lost(tmp_path):
+    """None twice, none missing, by their numbers; asleep for most of the time."""
+
+    def number(t_s):
+        rate, force, temp = counting(t_s)
+        rate[:, 0] = np.rint(t_s * clock_hz) % 30000 * np.radians(0.0175)
+        return rate, force, temp
+
+    oscillator = Oscillator(7, 7)
+    clock_hz = oscillator.clock_hz()
+    sensor = Asm330lhh(number, oscillator)
+    machine = ran(FAST, tmp_path, 15.3, sensor)
+    samples, gaps = found(machine, 2)
+    assert samples > 100_000
+    assert gaps == 0
+    assert sensor.fifo.lost == 0
+    assert sensor.samples - samples <= 2 * 64
+    assert machine.load < 0.1
+
+
+def test_the_firmware_is_recorded_through_a_pseudo_terminal(tmp_path):
+    """The repository's own: its stand-in streams at its pace, and the recorder loses nothing."""
+    if trouble := measure.tools_missing():
+        pytest.skip(trouble)
+    for file, text in source_files(program(MODELS["linear"]), Registers(), "A test.", {}).items():
+        (tmp_path / file).write_text(text)
+    elf = measure.build("tinygc.elf", tmp_path, tmp_path / "build", SERIAL="12")
+    with Terminal(tmp_path / "port", 10**8) as terminal:
+        board = EmulatedBoard(elf, Asm330lhh(Still()), terminal, speed=4.0, lead_s=0.0, tail_s=8.0)
+        thread = threading.Thread(target=board.run, daemon=True)
+        thread.start()
+        recorder = Recorder(tmp_path / "session", str(tmp_path / "port"))
+        until(lambda: recorder.decoder.samples >= 800, recorder.poll, "800 samples")
+        recorder.close()
+        thread.join(60)
+    assert not thread.is_alive()
+    assert (recorder.decoder.lost, recorder.decoder.resets) == (0, 0)
+    assert recorder.decoder.info.serial == "12"
+    assert board.machine.bus.objections == {}
+
+
+def test_what_the_host_sends_arrives(tmp_path):
+    """Through the cable and back, byte by byte."""
+
+    class Cable:
+        has_reader = True
+        sent, heard = bytearray(), [b"abc", b"", bytes(range(250))]
+
+        def write(self, data):
+            self.sent += data
+            return True
+
+        def read(self):
+            return self.heard.pop(0) if self.heard else b""
+
+    text = """
+    void USART1_Handler(void) { if (USART1(0) & 0x20) USART1(4) = USART1(4); }
+    int main(void) { usart_on(); USART1(0x0C) |= 0x20; irq(37); for (;;) WFI(); }"""
+    board = EmulatedBoard(compiled(text, tmp_path), Asm330lhh(Still()), Cable(), speed=None, lead_s=0.0, tail_s=0.05)
+    board.run()
+    assert bytes(Cable.sent) == b"abc" + bytes(range(250))
+
+
+def test_time_passes_as_the_clock_says(tmp_path):
+    """Paced: as many slices as the clock allows; what cannot be made up for is given up and counted."""
+
+    class Host:
+        def __init__(self, slow_s):
+            self.t_s, self.slow_s, self.slept_s = 0.0, slow_s, 0.0
+
+        def now_s(self):
+            self.t_s += self.slow_s
+            return self.t_s
+
+        def sleep(self, seconds):
+            self.t_s += seconds
+            self.slept_s += seconds
+
+    class Cable:
+        has_reader = True
+        write = read = staticmethod(lambda *data: b"")
+
+    elf = compiled("int main(void) { return 0; }", tmp_path)
+    for slow_s, late in ((0.001, False), (0.05, True)):
+        host = Host(slow_s)
+        board = EmulatedBoard(elf, Asm330lhh(Still()), Cable(), lead_s=0.0, tail_s=1.0, clock=host)
+        board.run()
+        assert (board.late_s > 0) == late
+        assert (host.slept_s > 0) != late
+        if not late:
+            assert host.t_s == pytest.approx(1.0, abs=0.02)
+
+
+# The command
+
+
+@pytest.fixture(scope="module")
+def firmware(tmp_path_factory):
+    """One that sends a line each second and echoes what it hears."""
+    text = """
+    static void say(const char *text) { for (; *text; text++) { while (!(USART1(0) & 0x80)) ; USART1(4) = (uint8_t)*text; } }
+    int main(void)
+    {
+        spi_on();
+        usart_on();
+        systick(168000);
+        for (uint32_t second = 0;; second++) {
+            while (milliseconds < 100 * second) WFI();
+            say(read_register(0x0F) == 0x6B ? "a sensor\\r\\n" : "none\\r\\n");
+        }
+    }"""
+    return compiled(text, tmp_path_factory.mktemp("firmware"))
+
+
+def test_the_command_runs_a_program_until_its_tail_is_over(firmware, tmp_path):
+    where = ["--firmware", firmware, "--link", tmp_path / "port", "--json", tmp_path / "told.json", "--faults", "identity@3"]
+    how = ["--segments", 1, "--rate", 104, "--speed", 1000, "--lead", 0.5, "--tail", 0.1]
+    with started([*CALIBRATE, "board", *where, *how], stderr=PIPE, stdout=PIPE, text=True) as board:
+        assert board.stdout.readline() == f"{tmp_path / 'port'}\n"
+        port = os.open(tmp_path / "port", os.O_RDONLY | os.O_NOCTTY)
+        heard = bytearray()
+        with contextlib.suppress(OSError):  # the cable is gone at the end
+            while part := os.read(port, 4096):
+                heard += part
+        os.close(port)
+        _, said = board.communicate()
+    assert board.returncode == 0, said
+    assert {b"a sensor", b"none"} <= set(bytes(heard).split(b"\r\n"))
+    assert "0 samples made, 0 words overrun" in said
+    assert json.loads((tmp_path / "told.json").read_text())["starts"] == 1
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--frames"], "leave --frames out"),
+        (["--faults", "lost=0.1"], "no fault; expected KIND@S"),
+        (["--faults", "fire@3"], "no fault 'fire'"),
+        ([], "no program for ARM"),
+    ],
+)
+def test_what_cannot_be_run_is_one_line(more, said, tmp_path):
+    (tmp_path / "x.elf").write_bytes(bytes(100))
+    done = calibrate("board", "--firmware", tmp_path / "x.elf", "--segments", 1, "--rate", 104, "--link", tmp_path / "port", *more)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_faults_are_said_in_a_word():
+    assert Fault.parse("hang@20+0.5") == Fault("hang", 20.0, 0.5)
+    assert Fault.parse(" parity@10x3") == Fault("parity", 10.0, words=3)

@@ -1,5 +1,11 @@
 """session.toml of a recording: written from what the board says, never over a user's own, and never against it."""
 
+import contextlib
+import os
+import shutil
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -99,3 +105,25 @@ def test_nominal_rates():
 
 def test_a_nominal_rate_that_is_written_is_one_that_check_takes():
     assert NEAREST_WITHIN <= ODR_WRONG
+
+
+@pytest.mark.parametrize("module", ["session.log.additions", "session.recording.session_file"])
+def test_what_a_file_said_is_known_from_the_moment_that_somebody_can_remove_it(module, tmp_path, monkeypatch):
+    """The folder goes in the very moment in which the file, or its note, gets its name."""
+    folder, saved = tmp_path / "s", tmp_path / "saved"
+    file = SessionFile(folder, None, 416.0, 500.0, 4.0, notes={"operator": "Mara"})
+    replace, texts = os.replace, []
+
+    def and_gone(fresh, path):
+        replace(fresh, path)
+        if sys._getframe(1).f_globals["__name__"] == module:
+            texts.append(Path(path).read_text())
+            shutil.rmtree(folder)
+
+    monkeypatch.setattr(os, "replace", and_gone)
+    with contextlib.suppress(CalibrationError):  # there may be no file any more to add the note to
+        file.configure(None, 10.0)
+    saved.mkdir()
+    file.save_copy(saved)
+    assert [(saved / "session.toml").read_text()] == texts
+    assert ("Mara" in texts[0]) == (module == "session.log.additions")

@@ -31,8 +31,9 @@ def exclude_text(rows: tuple[LeftOut, ...]) -> str:
     return "".join(f"\n[[exclude]]\n{line('log', row.log)}{line('at_s', row.at_s)}" for row in rows)
 
 
-def add_notes(path: Path, notes: Mapping[str, Note]) -> None:
-    """Add to ``[notes]``.  What is there already in the same words is left; FormatError where it says something else."""
+def add_notes(path: Path, notes: Mapping[str, Note]) -> str:
+    """Add to ``[notes]``, and give the file's text, which its folder may not outlive.  What is there already in the same words is left;
+    FormatError where it says something else."""
     text, table = _read(path)
     notes = {unicode_text(name): unicode_text(value) if isinstance(value, str) else value for name, value in notes.items()}
     there = table.get("notes", {})
@@ -41,7 +42,7 @@ def add_notes(path: Path, notes: Mapping[str, Note]) -> None:
         if name in there and there[name] != value:
             raise FormatError(f"{path}: notes.{name} is {value_text(there[name])} already; correct it there, or give another name")
     if not (fresh := {name: value for name, value in notes.items() if name not in there}):
-        return
+        return text
     lines = notes_text(fresh)
     header = HEADER.search(text)
     tried = []
@@ -52,14 +53,14 @@ def add_notes(path: Path, notes: Mapping[str, Note]) -> None:
         tried.append(kept + "\n" + lines + (text[len(kept) :].removeprefix("\r").removeprefix("\n") if after else ""))
         tried.append(_ended(text[: header.end()]) + lines + text[header.end() :].removeprefix("\r").removeprefix("\n"))
     tried.append(_ended(text) + f"\n[notes]\n{lines}")
-    _replace(path, tried, table | {"notes": there | fresh})
+    return _replace(path, tried, table | {"notes": there | fresh})
 
 
-def add_exclude(path: Path, row: LeftOut) -> None:
-    """Add a turn that does not count."""
+def add_exclude(path: Path, row: LeftOut) -> str:
+    """Add a turn that does not count, and give the file's text."""
     text, table = _read(path)
     more = {"log": unicode_text(row.log), "at_s": row.at_s}
-    _replace(path, [_ended(text) + exclude_text((row,))], table | {"exclude": [*table.get("exclude", []), more]})
+    return _replace(path, [_ended(text) + exclude_text((row,))], table | {"exclude": [*table.get("exclude", []), more]})
 
 
 def _ended(text: str) -> str:
@@ -75,7 +76,7 @@ def _parsed(text: str, where: str) -> dict:
     return parse_toml(text.removeprefix("\ufeff").replace("\r\n", "\n"), where)
 
 
-def _replace(path: Path, tried: list[str], wanted: dict) -> None:
+def _replace(path: Path, tried: list[str], wanted: dict) -> str:
     """The first text that says what is wanted becomes the file, in one step: no reader sees half of it."""
     for text in tried:
         try:
@@ -96,3 +97,4 @@ def _replace(path: Path, tried: list[str], wanted: dict) -> None:
     except OSError as error:
         fresh.unlink(missing_ok=True)
         raise StorageError(f"{path}: {error.strerror or error}; what was to be added is not in it") from None
+    return text

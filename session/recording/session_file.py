@@ -102,8 +102,7 @@ class SessionFile:
             self._own = config
         notes, self._notes = self._notes, {}
         if notes:
-            add_notes(self.path, notes)
-            self._text = self._read()
+            self._text = add_notes(self.path, notes).encode()
         return self._own
 
     def note(self, text: str, when: datetime) -> None:
@@ -114,8 +113,7 @@ class SessionFile:
             return
         for number in itertools.count(2):
             try:
-                add_notes(self.path, {name: text})
-                self._text = self._read()
+                self._text = add_notes(self.path, {name: text}).encode()
                 return
             except FormatError:  # two within a second
                 if number > MOST_A_SECOND:
@@ -124,8 +122,7 @@ class SessionFile:
 
     def exclude(self, log: str, at_s: float) -> None:
         """The turn that moved at that moment of the log's clock does not count."""
-        add_exclude(self.path, LeftOut(log, at_s))
-        self._text = self._read()
+        self._text = add_exclude(self.path, LeftOut(log, at_s)).encode()
 
     def excludes(self, log: str, at_s: float) -> bool:
         """Whether the file says so: a person may have taken it back."""
@@ -177,14 +174,14 @@ class SessionFile:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with fresh.open("w", encoding="utf-8") as file:
-                file.write(toml_text(config))
+                file.write(text := toml_text(config))
                 file.flush()
                 os.fsync(file.fileno())
             _require_readable(fresh, physical)
             if self.path.exists():  # somebody has put one there meanwhile
                 raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+            self._text = text.encode()  # before anybody can see the file, and remove it
             os.replace(fresh, self.path)
-            self._text = self._read()
         except OSError as error:
             raise StorageError(f"{self.path}: {error.strerror or error}; give --out another folder") from None
         except FormatError as error:

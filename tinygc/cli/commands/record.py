@@ -56,13 +56,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--like", type=path_read, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
     command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (calibrate.py sensors)")
     command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
-    command.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate, where the board does not say")
-    command.add_argument(
-        "--gyro-fs", dest="gyro_fs_dps", type=gyro_full_scale, metavar="DPS", help="full scale, where the board does not say"
-    )
-    command.add_argument(
-        "--accel-fs", dest="accel_fs_g", type=accel_full_scale, metavar="G", help="full scale, where the board does not say"
-    )
+    command.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate: set where the board takes commands, else what it is")
+    command.add_argument("--gyro-fs", dest="gyro_fs_dps", type=gyro_full_scale, metavar="DPS", help="full scale, likewise")
+    command.add_argument("--accel-fs", dest="accel_fs_g", type=accel_full_scale, metavar="G", help="full scale, likewise")
     command.add_argument("--no-coach", action="store_true", help="any turn will do")
     command.add_argument("--mute", action="store_true", help="no bell")
 
@@ -116,10 +112,13 @@ def _led(
     from session.guide.keys import Keys
     from session.recording.recorder import Recorder
     from session.recording.session_file import SessionFile
+    from session.recording.setting import Wanted
 
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note))
     tell(args, folder)
-    recorder = Recorder(folder, port, args.baud, args.header)
+    recorder = Recorder(folder, port, args.baud, args.header, Wanted(args.odr, args.gyro_fs_dps, args.accel_fs_g))
+    if recorder.setting.said and not args.quiet:
+        print(f"the board was set: {', '.join(recorder.setting.said)}", file=sys.stderr)
     guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)
     failed, problem, guided, interrupted = None, None, None, False
     try:

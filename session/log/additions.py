@@ -55,6 +55,15 @@ def add_notes(path: Path, notes: Mapping[str, Note]) -> None:
     _replace(path, tried, table | {"notes": there | fresh})
 
 
+def add_board(path: Path, board: Mapping[str, str | float]) -> None:
+    """Add ``[board]``, where there is none yet."""
+    text, table = _read(path)
+    if "board" in table:
+        return
+    lines = "".join(line(name, value) for name, value in board.items())
+    _replace(path, [_ended(text) + f"\n[board]\n{lines}"], table | {"board": dict(board)})
+
+
 def add_exclude(path: Path, row: LeftOut) -> None:
     """Add a turn that does not count."""
     text, table = _read(path)

@@ -37,7 +37,7 @@ class LogWriter:
         self.physical: bool | None = None  # what was written, once something was
         self._file: GrowingFile | None = None
         self._info: Info | None = None
-        self._board: Board | None = None  # of this connection; said once, it holds in every log
+        self.board: Board | None = None  # of this connection; said once, it holds in every log
         self._waiting: list[str] = []  # comments before the first sample
         self._left_out: Trouble | None = None  # the last of a kind, which may become more
         self._first_us: int | None = None  # of the samples since the last start
@@ -184,7 +184,7 @@ class LogWriter:
                 self._info = event
                 self._comment(event.text)
         elif isinstance(event, Board):
-            self._board = event
+            self.board = event
             if self._file is not None:
                 self._comment(event.text)
         elif isinstance(event, Faults):
@@ -194,7 +194,7 @@ class LogWriter:
             pass  # an answer to whoever asked
         elif event.kind in NEW_LOG:
             self._end()
-            self._board = None if event.kind == "reconnect" else self._board
+            self.board = None if event.kind == "reconnect" else self.board
 
     def _say_left_out(self) -> None:
         event, self._left_out = self._left_out, None
@@ -224,7 +224,7 @@ class LogWriter:
             raise FormatError(f"{packed}: a recording goes on in plain logs only; unpack it first (gunzip)")
         self._file = file = GrowingFile(path)
         self.paths.append(path)
-        for text in self._waiting + ([self._board.text] if self._board else []):
+        for text in self._waiting + ([self.board.text] if self.board else []):
             file.write(f"# {text}\n")
         file.write(form.log_header + "\n")
         self._waiting = []

@@ -107,7 +107,8 @@ class _Talk:
         self.board: Board | None = None
         self.info: Info | None = None
         self._infos = self._sequence = 0
-        self._answers: list[Done] = []
+        self._asked: tuple[int, int] | None = None  # sequence and command
+        self._answer: int | None = None  # to it
 
     @property
     def is_mute(self) -> bool:
@@ -127,17 +128,15 @@ class _Talk:
         """Send a command and wait for its answer."""
         for _ in range(TRIES):
             self._sequence += 1
-            self._answers = []
-            asked = (self._sequence, command)
+            self._answer, self._asked = None, (self._sequence, command)
             self.port.write(commands.encode_command(command, self._sequence, *values))
-            if self.listen(lambda asked=asked: any((done.sequence, done.command) == asked for done in self._answers), ANSWER_S):
-                result = next(done.result for done in self._answers if (done.sequence, done.command) == asked)
-                if result != commands.DONE:
-                    why = commands.REFUSALS.get(result, f"result {result}")
-                    raise CalibrationError(
-                        f"the board refuses {what}: {why}{f'; {hint}' if hint and result == commands.IMPOSSIBLE else ''}"
-                    )
+            self.listen(lambda: self._answer is not None, ANSWER_S)
+            if self._answer == commands.DONE:
                 return
+            if self._answer is not None:
+                why = commands.REFUSALS.get(self._answer, f"result {self._answer}")
+                more = f"; {hint}" if hint and self._answer == commands.IMPOSSIBLE else ""
+                raise CalibrationError(f"the board refuses {what}: {why}{more}")
         raise DeviceError(f"the board does not answer ({what}); is its receive line (PA10) connected? else switch it off and on")
 
     def _take(self, event: Event) -> None:
@@ -145,5 +144,5 @@ class _Talk:
             self.board = event
         elif isinstance(event, Info):
             self.info, self._infos = event, self._infos + 1
-        elif isinstance(event, Done):
-            self._answers.append(event)
+        elif isinstance(event, Done) and (event.sequence, event.command) == self._asked:
+            self._answer = event.result

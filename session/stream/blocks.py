@@ -67,7 +67,8 @@ def _others(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray, bad: np.nd
     """Those of the bad blocks that are whole frames of another type, with which nothing is wrong, and their bodies by block."""
     rows = np.flatnonzero(bad & (lengths >= frames.SHORTEST_OTHER) & (lengths <= frames.LONGEST_OTHER))
     rows = rows[frames.is_other(codes[ends[rows] - lengths[rows] + 1])]
-    found, said = [np.zeros(0, np.int64)], {}
+    found = [np.zeros(0, np.int64)]
+    said: dict[int, np.ndarray] = {}
     for length in np.unique(lengths[rows]).tolist():
         alike = rows[lengths[rows] == length]
         bodies, good = frames.decode_blocks(codes[ends[alike, None] + np.arange(-length, 0)])

@@ -124,7 +124,7 @@ def _led(
     try:
         with Keys() as keys, _view(args, f"{folder} · {port}") as view:
             typed = keys if keys.there else None
-            configure = lambda info, waited_s: session_file.configure(info, waited_s, recorder.logs.physical)  # noqa: E731
+            configure = lambda info, waited_s: session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board)  # noqa: E731
             guided = GuidedRecording(guide, recorder, configure, None if args.no_coach else _coach(), view, session_file, typed)
             guided.lead(wanted)
     except KeyboardInterrupt:

@@ -104,7 +104,7 @@ def heard(*data: bytes) -> list[str]:
 
 def test_a_fault_is_said_with_what_it_cost_and_what_to_do():
     (said,) = heard(faults_frame(), faults_frame(hang=1, lost=12))
-    assert "hung (1 times): 12 samples lost" in said
+    assert "hung (1×): 12 samples lost" in said
     assert "wires" in said
     (said,) = heard(faults_frame(crowded_out=5), faults_frame(crowded_out=5))
     assert said.startswith("before this recording")
@@ -137,7 +137,7 @@ def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():
     same.new_connection()
     same.require(said(433.0))
     same.new_connection()
-    with pytest.raises(OtherSensor, match="another board .it has no serial number."):
+    with pytest.raises(OtherSensor, match="it has no serial number"):
         same.require(said(433.0 * 1.027))
     with pytest.raises(OtherSensor):  # it stays another's
         same.require(said(433.0 * 1.027))
@@ -151,3 +151,10 @@ def test_a_serial_number_is_another_boards():
     same.require(said(421.06, "0"))
     with pytest.raises(OtherSensor, match="serial=78"):
         same.require(said(421.06, "78"))
+
+
+def test_what_a_fault_cost_is_said_once_the_sensor_is_back_and_what_a_setting_cost_is_not():
+    away, back = heard(faults_frame(), faults_frame(hang=1), faults_frame(hang=1, starts=1, lost=40))
+    assert "no sample lost so far" in away
+    assert back == "the sensor is back: 40 samples lost"
+    assert heard(faults_frame(), faults_frame(starts=1), faults_frame(starts=1, lost=400)) == []

@@ -39,10 +39,12 @@ class BoardWords:
         self.board: Board | None = None
         self.faults: Faults | None = None
         self._said = 0
+        self._open_fault = False  # one was said, and what it costs may be counted only once the sensor is back
 
     def new_connection(self) -> None:
         """What is said from here on may be another board's, or of one that was switched on again."""
         self.board = self.faults = None
+        self._open_fault = False
 
     def hear(self, said: Said) -> list[str]:
         """In words, where there is something to be said."""
@@ -55,8 +57,12 @@ class BoardWords:
             return []
         before_faults, self.faults = self.faults, said
         risen = said.since(before_faults)
-        if not risen or (before_faults is None and not set(risen) - set(COUNTED_APART)):
+        if not risen:
             return []
+        if not set(risen) - set(COUNTED_APART):  # without a fault it is what setting the sensor anew has cost
+            was_open, self._open_fault = self._open_fault and "lost" in risen, self._open_fault and "lost" not in risen
+            return [f"the sensor is back: {risen['lost']} samples lost"] if was_open else []
+        self._open_fault = True
         self._said += 1
         if self._said > MOST_SAID:
             return []
@@ -68,8 +74,9 @@ class BoardWords:
 
 def _words(risen: dict[str, int], since_power_up: bool) -> str:
     kinds = [name for name in risen if name not in COUNTED_APART]
-    what = "; ".join(f"{FAULT_SAYS[name][0]} ({risen[name]} times)" for name in kinds) or "the board lost samples"
+    what = "; ".join(f"{FAULT_SAYS[name][0]} ({risen[name]}×)" for name in kinds)
     lost = risen.get("lost", 0) + risen.get("crowded_out", 0)
-    how_many = f"{lost} samples lost" if lost else "no sample lost"
+    how_many = f"{lost} samples lost" if lost else "no sample lost so far"
     do = "; ".join(dict.fromkeys(FAULT_SAYS[name][1] for name in kinds))
-    return f"{'before this recording: ' if since_power_up else ''}{what}: {how_many}{f'; {do}' if do else ''}"
+    do = f"; {do}" if do else ""
+    return f"{'before this recording: ' if since_power_up else ''}{what}: {how_many}{do}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,12 @@ from streams import INFO, frame_list, sent
 from test_stream_board import board_frame, done_frame
 
 from session.common.errors import CalibrationError, DeviceError
+from session.log.config import BoardGiven, read_config
 from session.recording import setting
+from session.recording.session_file import SessionFile
 from session.recording.setting import BoardSetting, Wanted
 from session.stream import frames
+from session.stream.decoder import StreamDecoder
 
 
 class Wire:
@@ -110,3 +114,25 @@ def test_nothing_wanted_is_nothing_done():
     wire = Wire()
     assert BoardSetting(Wanted())(wire) == b""
     assert wire._turn == 0
+
+
+def test_a_resumed_recording_sets_the_board_as_its_session_toml_says(tmp_path):
+    asked = SessionFile(tmp_path, None, 1667.0, 500, 4)
+    board = StreamDecoder().feed(frames.encode_info(0, INFO) + board_frame(odr_hz=1667.0))[1]
+    said = replace(INFO, gyro_fs_dps=500.0, accel_fs_g=4.0)
+    assert asked.configure(said) is not None
+    assert read_config(asked.path).board == BoardGiven()
+    asked.configure(said, board=board)
+    assert read_config(asked.path).board == BoardGiven("sensor", "1.2.3", 0x6B, -4, board.registers.hex(), 1667)
+    assert SessionFile(tmp_path, None, None, None, None).wanted() == Wanted(1667, 500, 4)
+
+
+def test_a_file_of_a_users_own_is_left_as_it_is(tmp_path):
+    first = SessionFile(tmp_path, None, 1667.0, 500, 4)
+    first.configure(None, 3.0)
+    text = first.path.read_bytes()
+    board = StreamDecoder().feed(frames.encode_info(0, INFO) + board_frame())[1]
+    second = SessionFile(tmp_path, None, None, None, None)
+    second.configure(replace(INFO, gyro_fs_dps=500.0, accel_fs_g=4.0), board=board)
+    assert first.path.read_bytes() == text
+    assert second.wanted() == Wanted()

@@ -18,6 +18,7 @@ from session.log.config import Accelerometer, Config, LeftOut, Note, Protocol, S
 from session.log.toml_text import setting
 from session.log.truth_reading import TruthGiven
 from session.recording.session_text import toml_text
+from session.recording.setting import Wanted
 from session.sensor.known import DEFAULT, profile_of
 from session.stream.board import STANDIN, Board
 from session.stream.events import Info
@@ -34,6 +35,7 @@ FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-f
 BOARD = "the board"
 MOST_A_SECOND = 9  #: notes
 SAME_MOMENT_S = 1e-3
+SENSOR_SOURCE = "sensor"  #: of ``[board]``
 LONGEST_WORDS = 200  #: of serial and model
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
@@ -78,6 +80,18 @@ class SessionFile:
         """Of the folder's own file, else of the one that it is to be like, else the default."""
         known = self._own or self._like
         return known.protocol if known else Protocol()
+
+    def wanted(self) -> Wanted:
+        """What a board that takes commands is to be set to: what the user says, and in a recording that is resumed what it was set to."""
+        said = self._said
+        if self._own is not None and self._own.board.source == SENSOR_SOURCE and self._own.board.odr_hz is not None:
+            mine = {
+                "odr_hz": self._own.board.odr_hz,
+                "gyro_fs_dps": self._own.sensor.gyro_fs_dps,
+                "accel_fs_g": self._own.sensor.accel_fs_g,
+            }
+            said = {name: said[name] if said[name] is not None else value for name, value in mine.items()}
+        return Wanted(**said)
 
     def configure(
         self, info: Info | None, waited_s: float = 0.0, physical: bool | None = False, board: Board | None = None

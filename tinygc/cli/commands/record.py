@@ -112,11 +112,10 @@ def _led(
     from session.guide.keys import Keys
     from session.recording.recorder import Recorder
     from session.recording.session_file import SessionFile
-    from session.recording.setting import Wanted
 
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note))
     tell(args, folder)
-    recorder = Recorder(folder, port, args.baud, args.header, Wanted(args.odr, args.gyro_fs_dps, args.accel_fs_g))
+    recorder = Recorder(folder, port, args.baud, args.header, session_file.wanted())
     if recorder.setting.said and not args.quiet:
         print(f"the board was set: {', '.join(recorder.setting.said)}", file=sys.stderr)
     guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)

@@ -15,19 +15,21 @@ from typing import Protocol as Interface
 
 from session.common.errors import CalibrationError, OtherSensor, StorageError
 from session.guide.at_the_table import AtTheTable, Notebook
+from session.guide.board_words import BoardWords
 from session.guide.closure_guide import BEGIN
 from session.guide.guide import Guide
 from session.guide.incoming import joined_chunks, samples_of
 from session.guide.messages import Advice, Change, Kind, Progress, Stage
 from session.guide.own_accelerometer import OwnAccelerometer
+from session.guide.same_sensor import SameSensor
 from session.log.config import Config
 from session.recording.decisions import Decision
 from session.recording.logwriter import NEW_LOG, SHORT_STARTS, SHORT_US
 from session.recording.recorder import Recorder
+from session.stream.board import Board, Done, Faults, SelfTest
 from session.stream.events import Chunk, Event, Info, Trouble
 
 SILENT_S = 1.5
-NO_SERIAL = ("", "0")
 UNKNOWN_S = 10.0  #: of samples without a word of their ranges
 LAST_WORD_S = 5.0  #: that the coach may take at the end
 SHOW_EVERY_S = 0.1
@@ -80,7 +82,8 @@ class GuidedRecording:
         self._new_logs = 0
         self._live = False  # what an earlier recording left is not decided again
         self._resuming = False  # until the port is open
-        self._serial: str | None = None  # of the sensor in this recording
+        self.board = BoardWords()
+        self._same = SameSensor()
         self._landmarks = self._sound = 0  # new logs and infos taken; up to which of them nothing was wrong
         self._agreed = False  # whether an info was of this recording's sensor
         #: whether what an earlier recording left held another board's bytes: they are apart now, and a replay passes them over
@@ -155,6 +158,9 @@ class GuidedRecording:
             elif isinstance(event, Info):
                 self._landmarks += 1
                 self._hear_board(event)
+            elif isinstance(event, (Board, Faults, Done, SelfTest)):
+                for words in self.board.hear(event):
+                    self._say(Kind.WARNING, words)
             elif isinstance(event, Decision):
                 self._table.was_decided(event)
             elif isinstance(event, Trouble):
@@ -163,6 +169,9 @@ class GuidedRecording:
                     self._landmarks += 1
                     self._sound = self._landmarks
                     self._early = []
+                    if event.kind == "reconnect":
+                        self.board.new_connection()
+                        self._same.new_connection()
                     self._begin_behind()
                     self.guide.new_log()
                     self._say_new_log(event.kind)
@@ -186,10 +195,10 @@ class GuidedRecording:
 
         Another board's bytes are set apart, so that the recording can go on: all since the last word that was right.
         """
-        said = (info.gyro_fs_dps, info.accel_fs_g, info.serial)
+        said = (info.gyro_fs_dps, info.accel_fs_g, info.odr_hz, info.serial)
         again, self._last_said = said == self._last_said, said
         try:
-            self._require_same_sensor(info.serial)
+            self._same.require(info)
             self._know(info)
         except StorageError:
             raise
@@ -212,14 +221,6 @@ class GuidedRecording:
         more = f" and {len(logs) - 1} more" if len(logs) > 1 else ""
         kept = f"{self.recorder.raw.path.name}, {logs[0]}{more}" if logs else self.recorder.raw.path.name
         return f"; its bytes stay apart ({kept}); --resume goes on with the own board"
-
-    def _require_same_sensor(self, serial: str) -> None:
-        """In all of a recording, resumed or not: two sensors have two calibrations."""
-        if serial in NO_SERIAL:
-            return
-        if self._serial not in (None, serial):
-            raise OtherSensor(f"the board says serial={serial}, this recording is of {self._serial}; give another sensor another --out")
-        self._serial = serial
 
     def _know(self, info: Info | None, waited_s: float = 0.0) -> bool:
         """What the samples mean; asked again at each info, which may contradict it.  Whether that is known only now."""

@@ -56,6 +56,15 @@ def add_notes(path: Path, notes: Mapping[str, Note]) -> str:
     return _replace(path, tried, table | {"notes": there | fresh})
 
 
+def add_board(path: Path, board: Mapping[str, str | float]) -> str:
+    """Add ``[board]``, where there is none yet, and give the file's text."""
+    text, table = _read(path)
+    if "board" in table:
+        return text
+    lines = "".join(line(name, value) for name, value in board.items())
+    return _replace(path, [_ended(text) + f"\n[board]\n{lines}"], table | {"board": dict(board)})
+
+
 def add_exclude(path: Path, row: LeftOut) -> str:
     """Add a turn that does not count, and give the file's text."""
     text, table = _read(path)

@@ -68,6 +68,21 @@ class Sensor:
         return {name: getattr(self, name) for name in OWN_UNITS}
 
 
+@dataclass(frozen=True)
+class BoardGiven:
+    """What the board said of itself when it was recorded, as session.toml keeps it; empty, or None, where it said nothing.
+
+    source: sensor, or stand-in where there was none; registers: CTRL1_XL to CTRL10_C as hexadecimal digits.
+    """
+
+    source: str = ""
+    firmware: str = ""
+    who_am_i: float | None = None
+    freq_fine: float | None = None
+    registers: str = ""
+    odr_hz: float | None = None  #: nominal
+
+
 @dataclass(frozen=True, eq=False)
 class Accelerometer:
     """The accelerometer's pre-calibration, ``f = matrix @ (measured - bias)``: matrix (3, 3), bias (3,) m/s^2.
@@ -149,6 +164,7 @@ class Config:
     truth: TruthGiven = field(default_factory=TruthGiven)
     notes: Mapping[str, Note] = field(default_factory=dict)
     exclude: tuple[LeftOut, ...] = ()
+    board: BoardGiven = field(default_factory=BoardGiven)
 
 
 def _table(table: dict, name: str) -> dict:
@@ -212,7 +228,15 @@ def read_config(path: Path) -> Config:
         expected = '"gravity", "table" or "truth"'
         raise FormatError(f'{path}: protocol.reference is "{protocol.reference}", expected {expected}')
     truth, notes, exclude = _truth(reader), reader.notes(), tuple(LeftOut(*row) for row in reader.exclude())  # before what nobody has read
-    return Config(sensor, accelerometer, site, protocol, reader.unknown(), "model" in table["sensor"], truth, notes, exclude)
+    board = BoardGiven(
+        reader.text("board", "source", ""),
+        reader.text("board", "firmware", ""),
+        reader.number("board", "who_am_i", None, low=0, high=255),
+        reader.number("board", "freq_fine", None, low=-128, high=127),
+        reader.text("board", "registers", ""),
+        reader.number("board", "odr_hz", None, low=0.1, high=50000),
+    )
+    return Config(sensor, accelerometer, site, protocol, reader.unknown(), "model" in table["sensor"], truth, notes, exclude, board)
 
 
 def _truth(reader: TomlReader) -> TruthGiven:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from session.common.errors import FormatError, StorageError
 from session.recording.growing import GrowingFile, put_aside
+from session.stream.board import Board, Done, Faults, SelfTest
 from session.stream.events import Chunk, Comment, Event, Info, Trouble
 from session.stream.form import Form
 from session.stream.text import parse_info
@@ -36,6 +37,7 @@ class LogWriter:
         self.physical: bool | None = None  # what was written, once something was
         self._file: GrowingFile | None = None
         self._info: Info | None = None
+        self.board: Board | None = None  # of this connection; said once, it holds in every log
         self._waiting: list[str] = []  # comments before the first sample
         self._left_out: Trouble | None = None  # the last of a kind, which may become more
         self._first_us: int | None = None  # of the samples since the last start
@@ -181,8 +183,18 @@ class LogWriter:
             if event != self._info:
                 self._info = event
                 self._comment(event.text)
+        elif isinstance(event, Board):
+            self.board = event
+            if self._file is not None:
+                self._comment(event.text)
+        elif isinstance(event, Faults):
+            if any(event.counts):
+                self._comment(event.text)
+        elif isinstance(event, (Done, SelfTest)):
+            pass  # an answer to whoever asked
         elif event.kind in NEW_LOG:
             self._end()
+            self.board = None if event.kind == "reconnect" else self.board
 
     def _say_left_out(self) -> None:
         event, self._left_out = self._left_out, None
@@ -212,7 +224,7 @@ class LogWriter:
             raise FormatError(f"{packed}: a recording goes on in plain logs only; unpack it first (gunzip)")
         self._file = file = GrowingFile(path)
         self.paths.append(path)
-        for text in self._waiting:
+        for text in self._waiting + ([self.board.text] if self.board else []):
             file.write(f"# {text}\n")
         file.write(form.log_header + "\n")
         self._waiting = []

@@ -64,12 +64,20 @@ class Closed:
 class Port:
     """Reads from construction to ``close``; ``items`` is a queue of Received, Opened, Closed, or of the error that ended it.
 
+    prepare(port) is called each time that the port has been opened; it gives the first bytes of the connection, or raises what ends it.
     keep(item) is called in the reader thread before the item is queued: to store the bytes first.
     DeviceError where the port cannot be opened at the start.
     """
 
-    def __init__(self, name: str, baudrate: int = 921600, keep: Callable[[object], None] = lambda item: None):
-        self.name, self.baudrate, self._keep = name, baudrate, keep
+    def __init__(
+        self,
+        name: str,
+        baudrate: int = 921600,
+        keep: Callable[[object], None] = lambda item: None,
+        prepare: Callable[[serial.Serial], bytes] = lambda port: b"",
+    ):
+        self.name, self.baudrate, self._keep, self._prepare = name, baudrate, keep, prepare
+        self._first = b""
         self._identity, self._made = identity_of(name), _made(name)
         self.items: queue.SimpleQueue = queue.SimpleQueue()
         self._stop = threading.Event()
@@ -88,7 +96,19 @@ class Port:
     def _open(self) -> serial.Serial:
         if is_left_behind(self.name):  # before it is followed: opening a terminal already changes it
             raise serial.SerialException(LEFT_BEHIND)
-        return serial.Serial(self.name, self.baudrate, timeout=READ_S, exclusive=True)
+        port = serial.Serial(self.name, self.baudrate, timeout=READ_S, exclusive=True)
+        try:
+            self._first = self._prepare(port)
+        except BaseException:
+            _close(port)
+            raise
+        return port
+
+    def _opened(self) -> None:
+        self._hand_over(Opened(time.monotonic_ns(), self.name))
+        first, self._first = self._first, b""
+        if first:
+            self._hand_over(Received(time.monotonic_ns(), first))
 
     def _hand_over(self, item: object) -> None:
         self._keep(item)
@@ -96,7 +116,7 @@ class Port:
 
     def _read(self) -> None:
         try:
-            self._hand_over(Opened(time.monotonic_ns(), self.name))
+            self._opened()
             while not self._stop.is_set():
                 try:
                     data = self._serial.read(max(1, self._serial.in_waiting))
@@ -122,7 +142,7 @@ class Port:
                 # A board that comes back may come back as another device: ttyACM1 for ttyACM0.
                 self.name = name_of(self._identity) or self.name
                 continue
-            self._hand_over(Opened(time.monotonic_ns(), self.name))
+            self._opened()
             return
 
 

@@ -16,6 +16,7 @@ from session.recording.decoding import BLOCK, Piece, new_connection, stream
 from session.recording.logwriter import FOREIGN, NEW_LOG, LogWriter
 from session.recording.port import Closed, Opened, Port, Received
 from session.recording.rawfile import RAW, RawFile
+from session.recording.setting import BoardSetting, Wanted
 from session.recording.sorting import WORD, Sorting
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Chunk, Event, Trouble
@@ -31,7 +32,7 @@ class Recorder:
     are in the raw file, and whose samples are in no log, since somebody wanted to stop while they were being decoded.
     """
 
-    def __init__(self, folder: Path, name: str, baudrate: int = 921600, header: str | None = None):
+    def __init__(self, folder: Path, name: str, baudrate: int = 921600, header: str | None = None, wanted: Wanted | None = None):
         self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
         self._sorting = Sorting(self.decoder, self.logs)
         self.clock = ComparisonOfClocks()
@@ -43,7 +44,8 @@ class Recorder:
         try:
             if self.raw.size:
                 self._past = stream(folder / RAW, self.decoder, self.logs, self._sorting)
-            self.port = Port(name, baudrate, self._keep)
+            self.setting = BoardSetting(wanted or Wanted())
+            self.port = Port(name, baudrate, self._keep, self.setting)
         except BaseException:
             self.raw.discard()
             raise

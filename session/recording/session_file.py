@@ -13,11 +13,14 @@ from pathlib import Path
 
 from session.common.errors import CalibrationError, FormatError, OtherSensor, StorageError
 from session.files.reading import MOST_TOML, read_bytes
-from session.log.additions import add_exclude, add_notes
+from session.log.additions import add_board, add_exclude, add_notes
 from session.log.config import Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
+from session.log.toml_text import setting
 from session.log.truth_reading import TruthGiven
 from session.recording.session_text import toml_text
+from session.recording.setting import Wanted
 from session.sensor.known import DEFAULT, profile_of
+from session.stream.board import STANDIN, Board
 from session.stream.events import Info
 
 NAME = "session.toml"
@@ -32,6 +35,7 @@ FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-f
 BOARD = "the board"
 MOST_A_SECOND = 9  #: notes
 SAME_MOMENT_S = 1e-3
+SENSOR_SOURCE = "sensor"  #: of ``[board]``
 LONGEST_WORDS = 200  #: of serial and model
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
@@ -62,6 +66,7 @@ class SessionFile:
             like = like / NAME
         self._like = read_config(like) if like is not None else None
         self._info: Info | None = None  # the last that the board has said
+        self._written = False  # by this recording, and without its [board]: a user's own file is theirs
         self._text = self._read()
         if self._own is not None:
             for name, value in self._notes.items():
@@ -76,9 +81,24 @@ class SessionFile:
         known = self._own or self._like
         return known.protocol if known else Protocol()
 
-    def configure(self, info: Info | None, waited_s: float = 0.0, physical: bool | None = False) -> Config | None:
+    def wanted(self) -> Wanted:
+        """What a board that takes commands is to be set to: what the user says, and in a recording that is resumed what it was set to."""
+        said = self._said
+        if self._own is not None and self._own.board.source == SENSOR_SOURCE and self._own.board.odr_hz is not None:
+            mine = {
+                "odr_hz": self._own.board.odr_hz,
+                "gyro_fs_dps": self._own.sensor.gyro_fs_dps,
+                "accel_fs_g": self._own.sensor.accel_fs_g,
+            }
+            said = {name: said[name] if said[name] is not None else value for name, value in mine.items()}
+        return Wanted(**said)
+
+    def configure(
+        self, info: Info | None, waited_s: float = 0.0, physical: bool | None = False, board: Board | None = None
+    ) -> Config | None:
         """The configuration, and the file written; None while not enough is known.  waited_s: seconds of samples without an info;
-        physical: whether the samples are in physical units, None while there are none.
+        physical: whether the samples are in physical units, None while there are none; board: what it
+        says of its sensor, for ``[board]`` of a file that is written here.
 
         OtherSensor where the board contradicts the file, CalibrationError the command line; StorageError where it cannot be written.
         """
@@ -99,7 +119,9 @@ class SessionFile:
             known = _for_another(self._like) if self._like else Config(sensor, Accelerometer(source="none"), Site(), Protocol())
             config = replace(known, sensor=sensor, unknown=(), notes={}, exclude=())  # notes are of one session alone
             self._write(config, bool(physical))
-            self._own = config
+            self._own, self._written = config, True
+        if board is not None and self._written:
+            self._text, self._written = add_board(self.path, _board_keys(board)).encode(), False
         notes, self._notes = self._notes, {}
         if notes:
             self._text = add_notes(self.path, notes).encode()
@@ -214,6 +236,19 @@ def nominal_hz(odr_hz: float, model: str = DEFAULT) -> float:
     if profile is None or nearest is None:
         return odr_hz
     return nearest if abs(nearest / odr_hz - 1) < (DIVIDED_WITHIN if profile.divided else NEAREST_WITHIN) else odr_hz
+
+
+def _board_keys(board: Board) -> dict[str, str | float]:
+    """``[board]`` of what it says; a stand-in has no registers."""
+    keys: dict[str, str | float] = {"source": board.source_name, "firmware": board.firmware}
+    if board.source == STANDIN:
+        return keys
+    return keys | {
+        "who_am_i": board.who_am_i,
+        "freq_fine": board.freq_fine,
+        "registers": board.registers.hex(),
+        "odr_hz": setting(board.odr_hz),
+    }
 
 
 def _same_model(one: str, other: str) -> bool:

@@ -64,7 +64,7 @@ def convert_raw(
                 "text in physical units that does not say its header needs --header t_us,gx_dps,…"
             )
         with naming(out):
-            assumed = _configure(raw_path, out, decoder, bool(logs.physical), odr_hz, gyro_fs_dps, accel_fs_g, sensor)
+            assumed = _configure(raw_path, out, decoder, logs, odr_hz, gyro_fs_dps, accel_fs_g, sensor)
     except (CalibrationError, OSError):
         for path in [*logs.paths, out / NAME]:
             path.unlink(missing_ok=True)
@@ -94,7 +94,7 @@ def _configure(
     raw_path: Path,
     out: Path,
     decoder: StreamDecoder,
-    physical: bool,
+    logs: LogWriter,
     odr_hz: float | None,
     gyro_fs_dps: float | None,
     accel_fs_g: float | None,
@@ -107,6 +107,6 @@ def _configure(
         return False
     rate_hz = odr_hz or (None if decoder.info else decoder.measured_odr_hz)
     file = SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g, sensor)
-    if file.configure(decoder.info, PATIENCE_S, physical) is None:
+    if file.configure(decoder.info, PATIENCE_S, bool(logs.physical), logs.board) is None:
         raise FormatError(f"{raw_path}: the board does not say its ranges, and no {NAME} lies beside it; give --gyro-fs DPS --accel-fs G")
     return file.assumed

@@ -14,7 +14,8 @@ from session.stream.text import LONGEST_LINE
 @dataclass(frozen=True, eq=False)
 class Blocks:
     """Of b blocks.  readings (n,) frames.SAMPLE and the blocks they are of, rows (n,); damaged (n,) bool, whether something unreadable
-    came since the one before; behind: whether it did behind the last one; infos: bodies by block; left_over (b,) bytes of each that
+    came since the one before; behind: whether it did behind the last one; infos, others: bodies by block, of info frames and
+    of what else a board says; left_over (b,) bytes of each that
     are neither; crc_errors: blocks of the right length whose check is wrong."""
 
     readings: np.ndarray
@@ -22,6 +23,7 @@ class Blocks:
     damaged: np.ndarray
     behind: bool
     infos: dict[int, np.ndarray]
+    others: dict[int, np.ndarray]
     left_over: np.ndarray
     crc_errors: int
 
@@ -50,25 +52,29 @@ def take_apart(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bloc
         bad[candidates[good]] = False
         good &= bodies[:, 0] == frames.INFO_TYPE
         infos = dict(zip(candidates[good].tolist(), bodies[good], strict=True))
-    bad[_others(codes, ends, lengths, bad)] = False
+    passed, others = _others(codes, ends, lengths, bad)
+    bad[passed] = False
     wrong = bad & ((lengths == sample) | (lengths == info))
     left_over = np.where(bad & ~wrong, lengths, 0)
     left_over[rows] = lengths[rows] - sample
     spoilt = np.cumsum(bad | (left_over > 0))
     damaged = np.diff(spoilt[rows], prepend=0) > 0
     behind = len(spoilt) > 0 and int(spoilt[-1]) > (int(spoilt[rows[-1]]) if len(rows) else 0)
-    return Blocks(readings, rows, damaged, behind, infos, left_over, int(np.count_nonzero(wrong)))
+    return Blocks(readings, rows, damaged, behind, infos, others, left_over, int(np.count_nonzero(wrong)))
 
 
-def _others(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray, bad: np.ndarray) -> np.ndarray:
-    """Those of the bad blocks that are whole frames of another type: nothing is wrong with them, and nothing here needs them."""
+def _others(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray, bad: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+    """Those of the bad blocks that are whole frames of another type, with which nothing is wrong, and their bodies by block."""
     rows = np.flatnonzero(bad & (lengths >= frames.SHORTEST_OTHER) & (lengths <= frames.LONGEST_OTHER))
     rows = rows[frames.is_other(codes[ends[rows] - lengths[rows] + 1])]
     found = [np.zeros(0, np.int64)]
+    said: dict[int, np.ndarray] = {}
     for length in np.unique(lengths[rows]).tolist():
         alike = rows[lengths[rows] == length]
-        found.append(alike[frames.decode_blocks(codes[ends[alike, None] + np.arange(-length, 0)])[1]])
-    return np.concatenate(found)
+        bodies, good = frames.decode_blocks(codes[ends[alike, None] + np.arange(-length, 0)])
+        found.append(alike[good])
+        said.update(zip(alike[good].tolist(), bodies[good], strict=True))
+    return np.concatenate(found), said
 
 
 def frame_ending_at(codes: np.ndarray, places: np.ndarray, tried: np.ndarray, lengths: np.ndarray) -> tuple[int | None, int]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from session.stream import frames
 from session.stream.blocks import frame_ending_at, take_apart
+from session.stream.board import BoardFrames
 from session.stream.collector import Collector
 from session.stream.continuity import Continuity
 from session.stream.events import Chunk, Comment, Event, Info, Trouble
@@ -22,10 +23,9 @@ from session.stream.lines import Garbage, LineReader, Rows
 from session.stream.readings import Accepted, Readings
 from session.stream.remarks import Changes, Remarks
 from session.stream.steps import StepFilter
-from session.stream.text import LONGEST_LINE, Looks, parse_comment
+from session.stream.text import LONGEST_LINE as LONGEST  # neither a frame nor a line is longer
+from session.stream.text import Looks, parse_comment
 
-#: neither a frame nor a line is longer
-LONGEST = LONGEST_LINE
 #: bytes looked at in one go: few behind a change of mode, since another may follow, then twice as many each time
 NARROW, WIDE = 1024, 65_536
 
@@ -52,7 +52,7 @@ class StreamDecoder:
         self._torn = False  # whether, without a mode, what is kept begins within a line
         self._behind_zero = False  # whether, in text, a zero byte is right before what is kept
         self._passing_over = False  # whether, in frames, what comes up to the next zero byte is none
-        self._remarks, self._changes = Remarks(), Changes()
+        self._remarks, self._changes, self._board = Remarks(), Changes(), BoardFrames()
         self._text_lines = LineReader(self._told, self._remarks)
         self._form = self._text_lines.form  # of the lines that are taken now
         self._continuity, self._steps = Continuity(), StepFilter(self._form)
@@ -98,8 +98,7 @@ class StreamDecoder:
         self._begin()
         return out.events()
 
-    # Each of the three takes what it can from the beginning of a block, and returns how much, and whether another mode is to go on.
-
+    # Each of the three takes what it can of a block from its beginning; returned: how much, and whether another mode is to go on.
     def _search(self, block: bytes, out: Collector) -> tuple[int, bool]:
         """No mode yet: look at every delimiter for a frame or a line that ends there."""
         codes = np.frombuffer(block, np.uint8)
@@ -167,36 +166,37 @@ class StreamDecoder:
         if len(rows):
             blocks.damaged[0] |= damaged_before
         begin = earned = 0
-        said = sorted({*blocks.infos, *remarks})
+        others = self._board.fresh(blocks.others)
+        said = sorted({*blocks.infos, *others, *remarks})
         for row, stop in zip(said, np.searchsorted(rows, said).tolist(), strict=True):
             self._remarks.earn(stop - earned)
             earned = stop
-            if row in blocks.infos and not self._remarks.spend():
+            if (row in blocks.infos or row in others) and not self._remarks.spend():
                 continue
             if stop > begin:
                 self._take(blocks.part(begin, stop), out)
             begin = stop
-            if row in blocks.infos:
-                self._info_frame(blocks.infos[row], out)
+            if row in others:
+                out.add(others[row])
             else:
-                self._remark(data[starts[row] : ends[row]], out)
+                self._word(blocks.infos.get(row), data[starts[row] : ends[row]], out)
         self._remarks.earn(len(rows) - earned)
         if len(rows) > begin:
             self._take(blocks.part(begin, len(rows)), out)
         self._damaged = blocks.behind or (damaged_before and not len(rows))
 
-    def _info_frame(self, body: np.ndarray, out: Collector) -> None:
+    def _word(self, body: np.ndarray | None, block: bytes, out: Collector) -> None:
+        """An info frame's body; without one, text: a board that starts up may say something before its first frame."""
+        if body is None:
+            for line in block.split(b"\n")[:-1]:
+                if line.startswith(b"#") and self._remarks.spend() and (comment := parse_comment(line.rstrip(b"\r"))):
+                    out.add(Comment(comment))
+            return
         info = frames.decode_info(body.tobytes())
         self._continuity.info(int(body[1]) | int(body[2]) << 8)
         if info is not None:
             self.info = info
             out.add(info)
-
-    def _remark(self, block: bytes, out: Collector) -> None:
-        """A board that starts up may say something in text before its first frame."""
-        for line in block.split(b"\n")[:-1]:
-            if line.startswith(b"#") and self._remarks.spend() and (comment := parse_comment(line.rstrip(b"\r"))):
-                out.add(Comment(comment))
 
     def _text(self, block: bytes, out: Collector) -> tuple[int, bool]:
         """Lines.  A zero byte ends what is before it, as a line's end does: behind a line's end it says nothing (firmware that sends

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.stream.board import Board, Done, Faults, SelfTest
 from session.stream.form import REGISTERS, Form
 
 
@@ -64,4 +65,4 @@ class Trouble:
     t_us: int | None = None
 
 
-Event = Chunk | Info | Comment | Trouble
+Event = Chunk | Info | Comment | Trouble | Board | Faults | Done | SelfTest

@@ -56,13 +56,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--like", type=path_read, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
     command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (calibrate.py sensors)")
     command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
-    command.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate, where the board does not say")
-    command.add_argument(
-        "--gyro-fs", dest="gyro_fs_dps", type=gyro_full_scale, metavar="DPS", help="full scale, where the board does not say"
-    )
-    command.add_argument(
-        "--accel-fs", dest="accel_fs_g", type=accel_full_scale, metavar="G", help="full scale, where the board does not say"
-    )
+    command.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate: set where the board takes commands, else what it is")
+    command.add_argument("--gyro-fs", dest="gyro_fs_dps", type=gyro_full_scale, metavar="DPS", help="full scale, likewise")
+    command.add_argument("--accel-fs", dest="accel_fs_g", type=accel_full_scale, metavar="G", help="full scale, likewise")
     command.add_argument("--no-coach", action="store_true", help="any turn will do")
     command.add_argument("--mute", action="store_true", help="no bell")
 
@@ -119,13 +115,15 @@ def _led(
 
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note))
     tell(args, folder)
-    recorder = Recorder(folder, port, args.baud, args.header)
+    recorder = Recorder(folder, port, args.baud, args.header, session_file.wanted())
+    if recorder.setting.said and not args.quiet:
+        print(f"the board was set: {', '.join(recorder.setting.said)}", file=sys.stderr)
     guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)
     failed, problem, guided, interrupted = None, None, None, False
     try:
         with Keys() as keys, _view(args, f"{folder} · {port}") as view:
             typed = keys if keys.there else None
-            configure = lambda info, waited_s: session_file.configure(info, waited_s, recorder.logs.physical)  # noqa: E731
+            configure = lambda info, waited_s: session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board)  # noqa: E731
             guided = GuidedRecording(guide, recorder, configure, None if args.no_coach else _coach(), view, session_file, typed)
             guided.lead(wanted)
     except KeyboardInterrupt:

@@ -4,5 +4,5 @@ reaches the recording.
 ``view.PageView`` is told what the screen is told; ``attitude`` follows the board, ``state`` puts it into JSON, ``server`` sends it to
 whoever knows the address, ``files`` are the page.
 
-May import: common, log, detect, guide.
+May import: common, log, guide.
 """

@@ -25,7 +25,7 @@ SLOW_S = 3.0  #: a browser that takes nothing for so long, or asks nothing, is d
 ALIVE_S = 2.0  #: between two events there is never more: a browser that has gone is noticed
 MOST_CONNECTIONS = 24  #: a page takes six at first and one later
 SEND_BUFFER = 32768  #: bytes that the system holds for a browser: some ten states, so that one that hangs is noticed
-TYPES = {"html": "text/html; charset=utf-8", "css": "text/css; charset=utf-8", "js": "text/javascript; charset=utf-8"}
+TYPES = {"html": "text/html; charset=utf-8", "css": "text/css; charset=utf-8", "js": "text/javascript; charset=utf-8", "svg": "image/svg+xml"}
 PAGE = "page.html"
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; "

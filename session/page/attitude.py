@@ -10,6 +10,8 @@ from session.log.samples import Samples
 from session.page.turning import NONE, Quaternion, exp, inverse, levelled, multiply, normalised, rotated, UP
 
 STEP_S = 0.002  #: in which the rate counts as constant: coning inside it stays below 0.01°
+SETTLES_S = 0.2  #: in which a rest's gravity takes the gyro's place: the noise of single samples is not to be seen
+HEAD_OVER: Quaternion = (0.0, 1.0, 0.0, 0.0)  #: z down: of all ways to stand on the head always the same
 
 
 class Attitude:
@@ -33,11 +35,14 @@ class Attitude:
             self.q = carried(self.q, gyro - self.zero_rps, np.diff(t_ns, prepend=self._last_ns) * NS)
         else:  # the first samples, or a clock that has begun anew: how it was turned meanwhile nobody knows
             self._level = False
+        gap_s = float(t_ns[-1] - (t_ns[0] if self._last_ns is None else self._last_ns)) * NS
         self._last_ns = int(t_ns[-1])
         self.rate, self.peak_rps = gyro.mean(axis=0), float(np.abs(gyro).max())
         force = np.asarray(samples.accel).mean(axis=0)
-        if (resting or not self._level) and np.linalg.norm(force) > 0:
-            self.q, self._level = levelled(self.q, force), True
+        if not self._level:
+            self.q, self._level = levelled(NONE if force[2] >= 0 else HEAD_OVER, force), True
+        elif resting:
+            self.q = levelled(self.q, force, 1 - float(np.exp(-max(gap_s, 0.0) / SETTLES_S)))
 
 
 def carried(q: Quaternion, rate: np.ndarray, dt_s: np.ndarray) -> Quaternion:

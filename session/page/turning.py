@@ -49,12 +49,12 @@ def inverse(q: Quaternion) -> Quaternion:
     return (q[0], -q[1], -q[2], -q[3])
 
 
-def levelled(q: Quaternion, force: np.ndarray) -> Quaternion:
-    """q, turned on the shortest way so that the specific force (3,) of a rest points up; the heading stays as it was."""
-    up = rotated(q, force / np.linalg.norm(force))
+def levelled(q: Quaternion, force: np.ndarray, part: float = 1.0) -> Quaternion:
+    """q, turned on the shortest way, or a part of it, so that the specific force (3,) of a rest points up; the heading stays as it was."""
+    up = rotated(q, force / max(float(np.linalg.norm(force)), 1e-9))
     axis, cosine = np.cross(up, UP), float(up @ UP)
     sine = float(np.linalg.norm(axis))
     if sine < 1e-9:
         return q if cosine > 0 else normalised(multiply((0.0, 1.0, 0.0, 0.0), q))
-    x, y, z = axis * math.atan2(sine, cosine) / sine
+    x, y, z = axis * part * math.atan2(sine, cosine) / sine
     return normalised(multiply(exp(x, y, z), q))

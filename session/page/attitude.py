@@ -7,7 +7,7 @@ import numpy as np
 from session.common.units import DEG, NS
 from session.guide.messages import AcceptedTurn
 from session.log.samples import Samples
-from session.page.turning import NONE, Quaternion, exp, inverse, levelled, multiply, normalised, rotated, UP
+from session.page.turning import NONE, UP, Quaternion, exp, inverse, levelled, multiply, normalised, rotated
 
 STEP_S = 0.002  #: in which the rate counts as constant: coning inside it stays below 0.01°
 SETTLES_S = 0.2  #: in which a rest's gravity takes the gyro's place: the noise of single samples is not to be seen
@@ -16,13 +16,13 @@ HEAD_OVER: Quaternion = (0.0, 1.0, 0.0, 0.0)  #: z down: of all ways to stand on
 
 class Attitude:
     """q: takes the board's axes to a frame with z up, whose heading is the one of the first sample; rate (3,) rad/s and its largest
-    part of the last samples; zero_rps: what the gyro reads at rest."""
+    part of the last samples; zero_rps: what the gyro reads at rest, None before the first rest that counts."""
 
     def __init__(self) -> None:
         self.q: Quaternion = NONE
         self.rate = np.zeros(3)
         self.peak_rps = 0.0
-        self.zero_rps = np.zeros(3)
+        self.zero_rps: np.ndarray | None = None
         self._last_ns: int | None = None
         self._level = False
 
@@ -32,7 +32,9 @@ class Attitude:
             return
         t_ns, gyro = np.asarray(samples.t_ns), np.asarray(samples.gyro)
         if self._last_ns is not None and self._last_ns < t_ns[0]:
-            self.q = carried(self.q, gyro - self.zero_rps, np.diff(t_ns, prepend=self._last_ns) * NS)
+            if self.zero_rps is not None or not resting:  # a bias that nobody knows yet is no turn
+                zero_rps = 0.0 if self.zero_rps is None else self.zero_rps
+                self.q = carried(self.q, gyro - zero_rps, np.diff(t_ns, prepend=self._last_ns) * NS)
         else:  # the first samples, or a clock that has begun anew: how it was turned meanwhile nobody knows
             self._level = False
         gap_s = float(t_ns[-1] - (t_ns[0] if self._last_ns is None else self._last_ns)) * NS

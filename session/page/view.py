@@ -45,7 +45,7 @@ class PageView:
     def watch(self, guide: Guide, samples: Samples) -> None:
         """Samples that the guide has just had."""
         stills = guide.taken.stills
-        self._attitude.feed(samples, resting=bool(stills) and not guide.turn.moving)
+        self._attitude.feed(samples, resting=not guide.turn.moving)
         if len(stills) != self._stills:
             self._stills, self._still = len(stills), self._attitude.q
             self._attitude.zero_rps = stills[-1].gyro_mean

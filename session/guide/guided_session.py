@@ -11,7 +11,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Protocol as Interface
 
 from session.common.errors import CalibrationError, OtherSensor, StorageError
 from session.guide.at_the_table import AtTheTable, Notebook
@@ -22,7 +21,9 @@ from session.guide.incoming import joined_chunks, samples_of
 from session.guide.messages import Advice, Change, Kind, Progress, Stage
 from session.guide.own_accelerometer import OwnAccelerometer
 from session.guide.same_sensor import SameSensor
+from session.guide.view import View
 from session.log.config import Config
+from session.log.samples import Samples
 from session.recording.decisions import Decision
 from session.recording.logwriter import NEW_LOG, SHORT_STARTS, SHORT_US
 from session.recording.recorder import Recorder
@@ -39,23 +40,15 @@ CLOCK_AFTER_S = 20.0  #: of comparison: arrivals are late by some 10 ms
 
 Coach = Callable[[Progress], Advice]
 Configure = Callable[[Info | None, float], Config | None]
-
-
-class View(Interface):
-    """A screen, or lines."""
-
-    def change(self, change: Change) -> None:
-        """Something has changed."""
-
-    def show(self, guide: Guide) -> None:
-        """Draw the present state."""
+Watch = Callable[[Guide, Samples], None]
 
 
 class GuidedRecording:
     """``lead`` until the guide is done.
 
     configure(info or None, seconds of samples without one) gives the session's configuration, or None while that is not enough; it raises
-    CalibrationError where the board contradicts what is known.  keys: gives what was typed since it was last asked; None: there are none.
+    CalibrationError where the board contradicts what is known.  keys: gives what was typed since it was last asked; None: there are none.  watch: is shown all
+    samples, after the guide.
     """
 
     def __init__(
@@ -67,8 +60,9 @@ class GuidedRecording:
         view: View,
         notebook: Notebook | None = None,
         keys: Callable[[], str] | None = None,
+        watch: Watch | None = None,
     ):
-        self.guide, self.recorder, self._configure, self._coach, self._view = guide, recorder, configure, coach, view
+        self.guide, self.recorder, self._configure, self._coach, self._view, self._watch = guide, recorder, configure, coach, view, watch
         self._table = AtTheTable(guide, recorder, self._tell, notebook, keys)
         self.config: Config | None = None
         guide.coached = coach is not None
@@ -188,7 +182,10 @@ class GuidedRecording:
                 )
             self.guide.waits(Stage.CHECK_STREAM, "the board has not yet said its ranges (an info frame, or a # line)")
             return
-        self._tell(self.guide.feed(samples_of(chunk, self.config)))
+        samples = samples_of(chunk, self.config)
+        self._tell(self.guide.feed(samples))
+        if self._watch is not None:
+            self._watch(self.guide, samples)
 
     def _hear_board(self, info: Info) -> None:
         """What it says of itself.  A contradiction counts when it is said twice running: a line of text carries no check.

@@ -86,14 +86,25 @@ class Progress:
 
 
 @dataclass(frozen=True)
+class Movement:
+    """A part of the next movement: axis, a unit vector in the board as it lies before, and the angle about it."""
+
+    axis: tuple[float, float, float]
+    angle_rad: float
+
+
+@dataclass(frozen=True)
 class Advice:
     """What the coach says after a segment.
 
     words: the next movement; reason: the parameter that it helps, with its sigma beside the target; reached: whether every
-    parameter has reached its target; missing: what has not, in words, worst first.
+    parameter has reached its target; missing: what has not, in words, worst first; movements: the words' turns, one behind the
+    other; sigmas: of each parameter its name and its sigma beside its target.
     """
 
     words: str
     reason: str
     reached: bool = False
     missing: tuple[str, ...] = ()
+    movements: tuple[Movement, ...] = ()
+    sigmas: tuple[tuple[str, float], ...] = ()

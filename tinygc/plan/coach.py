@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common.units import DEG, DEG_PER_HOUR
-from session.guide.messages import AcceptedTurn, Advice, Progress
+from session.guide.messages import AcceptedTurn, Advice, Movement, Progress
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.bias_wander import BiasWander
@@ -63,9 +63,11 @@ class Coach:
         worst = np.argsort(-sigma)
         missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
         if not missing:
-            return Advice("", f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it", reached=True)
+            reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
+            return Advice("", reason, reached=True, sigmas=_named(sigma))
         turn = self.best_turn(progress.turns[-1].segment.stills[1].accel_mean)
-        return Advice(turn.words, f"it helps the {_said(worst[0], sigma[worst[0]])}", missing=missing)
+        movements = tuple(Movement(tuple(part.axis.tolist()), part.angle_rad) for part in turn.parts)
+        return Advice(turn.words, f"it helps the {_said(worst[0], sigma[worst[0]])}", False, missing, movements, _named(sigma))
 
     def look(self, progress: Progress) -> None:
         """Take in what the session has so far."""
@@ -164,6 +166,13 @@ class Coach:
 def _said(parameter: int, sigma: float) -> str:
     """A parameter and how far it is from its target."""
     far = "not seen in any turn yet" if sigma >= UNSEEN else f"{sigma:.1f} times its target"
+    return f"{_name(parameter)} ({far})"
+
+
+def _name(parameter: int) -> str:
     gyro = parameter < linear.PARAMETERS
-    name = parameter_words(linear.NAMES[parameter]) if gyro else JOINT_NAMES[parameter - linear.PARAMETERS]
-    return f"{name} ({far})"
+    return parameter_words(linear.NAMES[parameter]) if gyro else JOINT_NAMES[parameter - linear.PARAMETERS]
+
+
+def _named(sigma: np.ndarray) -> tuple[tuple[str, float], ...]:
+    return tuple((_name(i), float(each)) for i, each in enumerate(sigma))

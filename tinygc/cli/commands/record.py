@@ -13,15 +13,17 @@ from session.common.texts import printable, shell_word
 from tinygc.cli.arguments import accel_full_scale, closure_seconds, count, data_rate, gyro_full_scale, note, stream_header
 from tinygc.cli.commands._interruption import Interruption
 from tinygc.cli.commands._results import complain, output, write_json
+from tinygc.cli.commands._views import LOOPBACK, page_address, views
 from tinygc.cli.paths import folder_written, path_read
 
 if TYPE_CHECKING:
     from session.common.errors import CalibrationError
     from session.guide.guide import Guide
     from session.guide.messages import Advice, Progress
-    from session.guide.screen import LiveScreen, PlainLines
+    from session.log.config import Config
     from session.recording.recorder import Recorder
     from session.recording.session_file import SessionFile
+    from session.stream.events import Info
     from tinygc.plan.coach import Coach
 
 SUMMARY = "record a guided session from a serial port"
@@ -61,6 +63,14 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--accel-fs", dest="accel_fs_g", type=accel_full_scale, metavar="G", help="full scale, likewise")
     command.add_argument("--no-coach", action="store_true", help="any turn will do")
     command.add_argument("--mute", action="store_true", help="no bell")
+    command.add_argument(
+        "--view",
+        type=page_address,
+        nargs="?",
+        const=page_address(LOOPBACK),
+        metavar="ADDRESS",
+        help="show a page in a browser: the board, where it is wanted, what to do (this computer alone; or HOST:PORT to listen on)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -121,10 +131,13 @@ def _led(
     guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)
     failed, problem, guided, interrupted = None, None, None, False
     try:
-        with Keys() as keys, _view(args, f"{folder} · {port}") as view:
+        with Keys() as keys, views(args, f"{folder} · {port}") as (view, watch):
             typed = keys if keys.there else None
-            configure = lambda info, waited_s: session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board)  # noqa: E731
-            guided = GuidedRecording(guide, recorder, configure, None if args.no_coach else _coach(), view, session_file, typed)
+
+            def configure(info: Info | None, waited_s: float) -> Config | None:
+                return session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board)
+
+            guided = GuidedRecording(guide, recorder, configure, None if args.no_coach else _coach(), view, session_file, typed, watch)
             guided.lead(wanted)
     except KeyboardInterrupt:
         interrupted = True
@@ -200,15 +213,6 @@ def _say_what_was_asked(args: argparse.Namespace, folder: Path) -> None:
         if words and not args.quiet:
             print(printable(f"explain asks ({place}): {words}"), file=sys.stderr)
             return
-
-
-def _view(args: argparse.Namespace, title: str) -> LiveScreen | PlainLines:
-    """The live screen in a terminal, lines elsewhere, nothing where quiet."""
-    from session.common.console import PlainConsole
-    from session.guide.screen import LiveScreen, PlainLines
-
-    console = PlainConsole(stderr=True, quiet=args.quiet)
-    return LiveScreen(title, args.mute, console) if console.is_terminal and not args.quiet else PlainLines(console)
 
 
 def _coach() -> Callable[[Progress], Advice]:

@@ -1,0 +1,174 @@
+"""The page's server: only who knows the address sees anything, and no browser, however it behaves, holds the recording up."""
+
+import contextlib
+import http.client
+import json
+import socket
+import time
+from email.message import Message
+from typing import NamedTuple
+
+import pytest
+
+from session.common.errors import CalibrationError
+from session.page import server as page_server
+from session.page.newest import Newest
+from session.page.server import MOST_CONNECTIONS, PageServer
+
+
+@pytest.fixture
+def server():
+    running = PageServer()
+    running.start()
+    yield running
+    running.close()
+
+
+class Answer(NamedTuple):
+    """What came back."""
+
+    status: int
+    headers: Message
+    text: str
+
+
+def asked(server, path, host=None, method="GET") -> Answer:
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)) as connection:
+        connection.request(method, path, headers={"Host": host} if host else {})
+        answer = connection.getresponse()
+        return Answer(answer.status, answer.headers, answer.read().decode())
+
+
+def until(true, seconds=10.0):
+    end_s = time.monotonic() + seconds
+    while not true() and time.monotonic() < end_s:
+        time.sleep(0.01)
+    assert true()
+
+
+def following(server) -> socket.socket:
+    """A browser that has asked for the events, and reads none of them yet."""
+    made = socket.create_connection(("127.0.0.1", server.server_port), timeout=10)
+    made.sendall(f"GET /{server.token}/events HTTP/1.1\r\nHost: 127.0.0.1:{server.server_port}\r\n\r\n".encode())
+    return made
+
+
+@pytest.mark.parametrize("name", ["", "page.js", "board.js", "page.css"])
+def test_with_the_token_there_is_a_page_that_may_load_nothing_else(server, name):
+    answer = asked(server, f"/{server.token}/{name}")
+    assert answer.status == 200
+    assert len(answer.text) > 500
+    policy = answer.headers["Content-Security-Policy"]
+    assert policy.startswith("default-src 'none'")
+    assert "unsafe" not in policy
+    assert "http" not in policy
+    assert answer.headers["Referrer-Policy"] == "no-referrer"
+
+
+@pytest.mark.parametrize("path", ["/", "/page.html", "/events", "/x/", "/x/events", "//", "/%00/", "/events/x"])
+def test_without_the_token_there_is_nothing(server, path):
+    answer = asked(server, path)
+    assert answer.status == 403
+    assert server.token not in answer.text
+
+
+def test_a_token_is_long_and_another_each_time(server):
+    other = PageServer()
+    other.server_close()
+    assert server.token != other.token
+    assert len(server.token) >= 24
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1", "127.0.0.1.evil.example:{port}", "[::1]:{port}"]
+)
+def test_another_hosts_name_is_refused_even_with_the_token(server, host):
+    assert asked(server, f"/{server.token}/", host.format(port=server.server_port)).status == 421
+
+
+@pytest.mark.parametrize("name", ["../server.py", "..%2fserver.py", "/etc/passwd", "server.py", "page.html/", "__init__.py"])
+def test_nothing_but_the_pages_files_is_served(server, name):
+    assert asked(server, f"/{server.token}/{name}").status == 404
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
+def test_it_can_only_be_read(server, method):
+    assert asked(server, f"/{server.token}/", method=method).status == 501
+
+
+def test_who_comes_gets_the_present_state_at_once_and_then_what_follows(server):
+    server.publish("state", {"stage": "turn", "number": 1})
+    with following(server) as client, client.makefile("rb") as lines:
+        while lines.readline() != b"\r\n":
+            pass
+        assert lines.readline() == b"event: state\n"
+        assert json.loads(lines.readline().removeprefix(b"data: "))["number"] == 1
+        lines.readline()
+        server.publish("pose", {"q": [1, 0, 0, 0]})
+        assert lines.readline() == b"event: pose\n"
+
+
+def test_a_browser_that_reads_nothing_is_dropped_and_holds_nobody_up(server, monkeypatch):
+    monkeypatch.setattr(page_server.Handler, "timeout", 0.5)
+    with following(server) as slow:
+        until(lambda: server.clients == 1)
+        slow.settimeout(None)
+        content, longest_s = {"text": "x" * 20_000}, 0.0
+        end_s = time.monotonic() + 20
+        while server.clients and time.monotonic() < end_s:
+            began_s = time.perf_counter()
+            server.publish("state", content)
+            longest_s = max(longest_s, time.perf_counter() - began_s)
+            time.sleep(0.001)
+        assert server.clients == 0
+        assert longest_s < 0.25  # a send to it waits 0.5 s: the publisher never does
+    assert asked(server, f"/{server.token}/").status == 200
+
+
+def test_a_browser_that_goes_is_forgotten(server):
+    following(server).close()
+    for _ in range(1000):
+        server.publish("pose", {"q": [1, 0, 0, 0]})
+        time.sleep(0.001)
+    until(lambda: server.clients == 0)
+
+
+def test_half_a_request_is_not_waited_for_for_ever_and_too_many_are_turned_away(server, monkeypatch):
+    monkeypatch.setattr(page_server.Handler, "timeout", 1.0)
+    hanging = [socket.create_connection(("127.0.0.1", server.server_port), timeout=10) for _ in range(MOST_CONNECTIONS + 6)]
+    for each in hanging:
+        each.sendall(b"GET /")
+    assert sum(each.recv(1) == b"" for each in hanging) == len(hanging)
+    until(lambda: asked_quietly(server) == 200)
+    for each in hanging:
+        each.close()
+
+
+def asked_quietly(server):
+    try:
+        return asked(server, f"/{server.token}/").status
+    except (OSError, http.client.HTTPException):
+        return None
+
+
+def test_of_each_kind_only_the_newest_waits():
+    waiting = Newest()
+    for number in range(1000):
+        waiting.put("state", b"%d" % number)
+        waiting.put("pose", b"p%d" % number)
+    assert waiting.take(0.0) == {"state": b"999", "pose": b"p999"}
+    assert waiting.take(0.0) == {}
+    waiting.put("state", b"last")
+    waiting.close()
+    assert waiting.take(0.0) == {"state": b"last"}
+    assert waiting.take(0.0) is None
+
+
+def test_a_port_that_is_taken_is_said_in_a_line(server):
+    with pytest.raises(CalibrationError, match="leave the address out"):
+        PageServer(port=server.server_port)
+
+
+def test_it_listens_on_this_computer_alone(server):
+    assert server.server_address[0] == "127.0.0.1"
+    assert server.address.startswith("http://127.0.0.1:")

@@ -9,7 +9,7 @@ from guided_streams import guide_of, play, simulated
 
 from session.guide.messages import Advice, Movement
 from session.page.attitude import Attitude, closure_deg
-from session.page.turning import NONE, exp, inverse, multiply, rotated
+from session.page.turning import exp, inverse, multiply, rotated
 from session.page.view import PageView
 
 
@@ -94,7 +94,7 @@ def test_the_state_says_what_the_guide_says():
     advice = Advice(
         "turn about x", "it helps", movements=(Movement((1.0, 0.0, 0.0), np.pi / 2),), sigmas=(("scale of x", 3.25), ("bias of x", 0.5))
     )
-    page, server, states = watched(guide, samples, advice)
+    _, server, states = watched(guide, samples, advice)
     last = states[-1]
     assert last["stage"] == "done"
     assert last["accepted"] == last["wanted"] == 3

@@ -47,8 +47,8 @@ class GuidedRecording:
     """``lead`` until the guide is done.
 
     configure(info or None, seconds of samples without one) gives the session's configuration, or None while that is not enough; it raises
-    CalibrationError where the board contradicts what is known.  keys: gives what was typed since it was last asked; None: there are none.  watch: is shown all
-    samples, after the guide.
+    CalibrationError where the board contradicts what is known.  keys: gives what was typed since it was last asked; None: there are none.
+    watch: is shown all samples, after the guide.
     """
 
     def __init__(

@@ -11,7 +11,9 @@ from html_pages import QUICK, WHOLE, parsed, report_of
 
 import calibrate
 from session.common.units import DEG
+from session.log.config import BoardGiven
 from tinygc.report.html import numbers
+from tinygc.report.html.sections.provenance import board_said
 
 
 @pytest.fixture(scope="module")
@@ -194,6 +196,14 @@ def test_what_a_session_lacks_is_said(tmp_path):
     parsed(page)
     assert "Not observable here:" in page
     assert 'id="runs"' not in page
+
+
+def test_what_the_board_said_of_itself_is_kept():
+    sensor = BoardGiven("sensor", "1.0.0", 0x6B, -7, "8c88", 417.0)
+    said = board_said(sensor)
+    assert said == "firmware 1.0.0; WHO_AM_I 0x6B, which siblings of the sensor share; INTERNAL_FREQ_FINE −7; CTRL1_XL to CTRL10_C 8c88"
+    assert "it had no sensor" in board_said(BoardGiven("stand-in", "1.0.0"))
+    assert board_said(BoardGiven()) == "said nothing of itself"
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from session.log.truth_reading import TruthGiven
 from session.recording.session_text import toml_text
 from session.recording.setting import Wanted
 from session.sensor.known import DEFAULT, profile_of
-from session.stream.board import STANDIN, Board
+from session.stream.board import SENSOR_NAME, STANDIN, Board
 from session.stream.events import Info
 
 NAME = "session.toml"
@@ -35,7 +35,6 @@ FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-f
 BOARD = "the board"
 MOST_A_SECOND = 9  #: notes
 SAME_MOMENT_S = 1e-3
-SENSOR_SOURCE = "sensor"  #: of ``[board]``
 LONGEST_WORDS = 200  #: of serial and model
 PATIENCE_S = 3.0  #: of samples, for a board that says its ranges once a second
 
@@ -84,7 +83,7 @@ class SessionFile:
     def wanted(self) -> Wanted:
         """What a board that takes commands is to be set to: what the user says, and in a recording that is resumed what it was set to."""
         said = self._said
-        if self._own is not None and self._own.board.source == SENSOR_SOURCE and self._own.board.odr_hz is not None:
+        if self._own is not None and self._own.board.source == SENSOR_NAME and self._own.board.odr_hz is not None:
             mine = {
                 "odr_hz": self._own.board.odr_hz,
                 "gyro_fs_dps": self._own.sensor.gyro_fs_dps,

@@ -10,6 +10,7 @@ import numpy as np
 
 BOARD_TYPE, FAULTS_TYPE, DONE_TYPE, TESTED_TYPE = 0x05, 0x06, 0x07, 0x08
 STANDIN, SENSOR = 0, 1
+STANDIN_NAME, SENSOR_NAME = "stand-in", "sensor"
 #: counts of a faults frame, in its order
 FAULTS = (
     "overrun",
@@ -60,7 +61,7 @@ class Board:
     @property
     def source_name(self) -> str:
         """In a word."""
-        return {STANDIN: "stand-in", SENSOR: "sensor"}.get(self.source, str(self.source))
+        return {STANDIN: STANDIN_NAME, SENSOR: SENSOR_NAME}.get(self.source, str(self.source))
 
     @property
     def text(self) -> str:

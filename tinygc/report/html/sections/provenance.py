@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from session.log.config import Config, Note
+from session.log.config import BoardGiven, Config, Note
+from session.stream.board import STANDIN_NAME
 from tinygc.report.fit_text import TITLES
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, escape, facts, paragraph, table
@@ -35,6 +36,7 @@ def section(evidence: Evidence) -> Section:
             ("Latitude", "not given" if site.latitude_deg is None else f"{site.latitude_deg:g}°"),
             ("Gravity", "not given" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s²"),
             ("Heading", "not given" if site.heading_deg is None else f"{site.heading_deg:g}°"),
+            ("Board", board_said(config.board)),
             ("Registers", _registers(evidence)),
         ]
     )
@@ -68,6 +70,22 @@ def noted(config: Config) -> str:
     for row in config.exclude:
         html += paragraph(f"Left out in session.toml: the turn of {escape(row.log)} that moved at {row.at_s:g} s of its clock.")
     return html
+
+
+def board_said(board: BoardGiven) -> str:
+    """What the board said of itself when it was recorded."""
+    if not board.source:
+        return "said nothing of itself"
+    if board.source == STANDIN_NAME:
+        return f"firmware {board.firmware}; it had no sensor: the samples are made up, or were played to it"
+    said = [f"firmware {board.firmware}"]
+    if board.who_am_i is not None:
+        said.append(f"WHO_AM_I 0x{int(board.who_am_i):02X}, which siblings of the sensor share")
+    if board.freq_fine is not None:
+        said.append(f"INTERNAL_FREQ_FINE {board.freq_fine:g}".replace("-", "−"))
+    if board.registers:
+        said.append(f"CTRL1_XL to CTRL10_C {board.registers}")
+    return "; ".join(said)
 
 
 def _noted(value: Note) -> str:

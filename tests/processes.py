@@ -33,6 +33,11 @@ def environment(**more: str) -> dict[str, str]:
     return os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)} | more
 
 
+def wait() -> None:
+    """The shortest of waits, for what is asked many times."""
+    time.sleep(0.0005)
+
+
 def until(condition: Callable[[], Any], poll: Callable[[], Any] = lambda: time.sleep(0.005), what: str = "what must happen") -> Any:
     """Wait until it holds; what it then gives."""
     deadline = time.monotonic() + PATIENCE_S

@@ -6,12 +6,11 @@ import contextlib
 import os
 import pty
 import threading
-import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from processes import CALIBRATE, DEVNULL, PIPE, heard, started, until
+from processes import CALIBRATE, DEVNULL, PIPE, heard, started, until, wait
 
 from session.recording.decoding import stream
 from session.recording.logwriter import LogWriter
@@ -56,10 +55,6 @@ def virtual_boards(folder: Path) -> Iterator[Callable[..., Path]]:
         yield start
 
 
-def _wait() -> None:
-    time.sleep(0.0005)  # there are many waits, each of them short
-
-
 class CountedTerminal(Terminal):
     """taken: bytes, since the cable was last plugged, that the system has for a reader, who may not have read them yet."""
 
@@ -96,11 +91,11 @@ class PatientClock(Clock):
         self._now_s += seconds
         terminal = self._terminal
         if not os.path.lexists(terminal.name):
-            until(lambda: not self._recorder.connected, _wait, "noticing")
+            until(lambda: not self._recorder.connected, wait, "noticing")
             self._before = self._recorder.raw.size
             return
-        until(lambda: terminal.has_reader, _wait, "a reader")
-        until(self._all_is_read, _wait, "its reading")
+        until(lambda: terminal.has_reader, wait, "a reader")
+        until(self._all_is_read, wait, "its reading")
 
     def _all_is_read(self) -> bool:
         self._terminal.write(b"")

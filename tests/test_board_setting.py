@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import struct
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from processes import wait
 from streams import INFO, frame_list, sent
 from test_stream_board import board_frame, done_frame
 
@@ -37,7 +37,7 @@ class Wire:
 
     def read(self, count: int) -> bytes:
         self._turn += 1
-        time.sleep(0.001)
+        wait()
         status = self._say() if self._turn % 4 == 1 else b""
         out, self._out = self._out + self._samples[self._turn % 20_000] + status, b""
         out = out if self.baudrate == self.baud else bytes(byte ^ 0x55 or 1 for byte in out)

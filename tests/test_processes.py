@@ -134,7 +134,6 @@ FORBIDDEN = {
     },
     "time": {
         "processes.py": "waits for what must happen",
-        "recording_wires.py": "the shortest of waits, for a condition",
     },
 }
 

@@ -5,6 +5,7 @@ Files with the most ``slow`` tests begin, so that no worker is left with a long 
 
 from __future__ import annotations
 
+import os
 import random
 import sys
 import threading
@@ -23,6 +24,12 @@ _DRAWN: dict[int, tuple[np.random.Generator, dict]] = {}  # generators of the te
 
 def pytest_addoption(parser):
     parser.addoption("--shuffle", type=int, metavar="SEED", help="files, and the tests of each, in an order drawn from this seed")
+
+
+def pytest_xdist_auto_num_workers(config):
+    """One more than there are cores: a test that waits for a board leaves its core to the others."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return cores + 1
 
 
 def pytest_collection_modifyitems(config, items):

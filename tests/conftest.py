@@ -26,6 +26,7 @@ from any_order import (  # noqa: E402, F401  # hooks and a fixture of all tests
     pytest_collection_finish,
     pytest_collection_modifyitems,
     pytest_runtest_setup,
+    pytest_xdist_auto_num_workers,
 )
 from posix_only import pytest_pycollect_makemodule  # noqa: E402, F401
 

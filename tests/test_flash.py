@@ -1,0 +1,104 @@
+"""``make flash``: what the flashers are asked to do.  They are scripts here that note how they were called."""
+
+from __future__ import annotations
+
+import shutil
+import stat
+import struct
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from processes import environment, run
+
+if shutil.which("make") is None or sys.platform == "win32":
+    pytest.skip("needs make and a shell", allow_module_level=True)
+
+sys.path.insert(0, str(ROOT / "firmware"))
+import measure
+
+CALLS = {
+    "dfu-util": "-a 0 -s 0x08000000:leave -D {build}/{name}.bin",
+    "openocd": "-f interface/stlink.cfg -f target/stm32f4x.cfg -c program {build}/{name}.elf verify reset exit",
+    "st-flash": "--reset write {build}/{name}.bin 0x08000000",
+}
+#: of make and of its recipes
+NEEDED = ("sh", "make", "mkdir", "cmp", "echo")
+COMPILER = 'while [ "$#" -gt 1 ]; do [ "$1" = -o ] && : > "$2"; shift; done'
+OBJCOPY = ': > "$4"'
+
+
+def script(path: Path, text: str) -> None:
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """``bench(tools, *words)``: make with these flashers on the PATH and no others; compilers write empty files."""
+    tools = tmp_path / "tools"
+    tools.mkdir()
+    for name in NEEDED:
+        (tools / name).symlink_to(shutil.which(name))
+    script(tools / "compiler", COMPILER)
+    script(tools / "objcopy", OBJCOPY)
+    (tmp_path / "model").mkdir()
+    for ending in "ch":
+        (tmp_path / "model" / f"tinygc_model.{ending}").touch()
+
+    def make(flashers, *words):
+        for name in flashers:
+            script(tools / name, f'echo "$*" >> "{tmp_path}/{name}.calls"')
+        options = [f"BUILD={tmp_path}/build", f"MODEL={tmp_path}/model", "CC=compiler", "OBJCOPY=objcopy", "SIZE=:"]
+        command = ["make", "-s", "-C", ROOT / "firmware", *options, *words]
+        ran = run(command, capture_output=True, text=True, env=environment(PATH=str(tools)))
+        calls = {path.stem: path.read_text().splitlines() for path in tmp_path.glob("*.calls")}
+        return ran, calls, tmp_path / "build"
+
+    return make
+
+
+@pytest.mark.parametrize(("target", "name"), [("flash", "tinygc"), ("flash-recorder", "recorder")])
+@pytest.mark.parametrize("tool", CALLS)
+def test_whichever_is_installed_is_called_as_it_wants(bench, tool, target, name):
+    ran, calls, build = bench([tool], target)
+    assert ran.returncode == 0, ran.stderr
+    assert calls == {tool: [CALLS[tool].format(build=build, name=name)]}
+    assert (build / f"{name}.elf").exists()
+    assert (build / f"{name}.bin").exists()
+    assert tool in ran.stdout
+
+
+def test_of_several_the_first_unless_another_is_named(bench):
+    assert set(bench(CALLS, "flash-recorder")[1]) == {"dfu-util"}
+    assert set(bench(CALLS, "flash-recorder", "FLASH=st-flash")[1]) == {"dfu-util", "st-flash"}
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ([], "none of dfu-util openocd st-flash is installed"),
+        (["FLASH=hammer"], "FLASH=hammer is unknown: give one of dfu-util openocd st-flash"),
+    ],
+)
+def test_without_a_flasher_one_line_and_nothing_is_built(bench, words, says):
+    ran, calls, build = bench([], "flash-recorder", *words)
+    assert ran.returncode == 2
+    assert says in ran.stderr
+    assert ran.stderr.count("\n") == 1
+    assert calls == {}
+    assert not (build / "recorder.elf").exists()
+
+
+def test_the_bytes_that_are_flashed_begin_with_stack_and_reset(tmp_path):
+    """At 0x08000000 the core looks for its stack and its first instruction, a Thumb address in the flash."""
+    if trouble := measure.tools_missing():
+        pytest.skip(trouble)
+    image = measure.build("recorder.bin", tmp_path / "none", tmp_path / "build").read_bytes()
+    stack, reset = struct.unpack_from("<II", image)
+    assert 0x20000000 < stack <= 0x20000000 + 128 * 1024
+    assert stack % 8 == 0
+    assert reset % 2 == 1
+    assert 0x08000000 < reset < 0x08000000 + len(image)
+    assert 8_000 < len(image) < 64_000

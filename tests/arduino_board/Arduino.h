@@ -1,0 +1,23 @@
+/* As much of an Arduino as the sketch of firmware/arduino needs, on this machine and in simulated time (board.cpp). */
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+
+unsigned long micros();
+unsigned long millis();
+void delay(unsigned long ms);
+
+/* A port whose bytes leave at its baud rate; whoever writes into a full buffer waits. */
+struct HardwareSerial {
+    void begin(unsigned long baud);
+    size_t write(uint8_t byte);
+    size_t print(const char *text);
+    size_t print(char letter);
+    size_t print(unsigned long number);
+    size_t print(double number, int digits = 2);
+    size_t println(const char *text);
+    size_t println();
+};
+
+extern HardwareSerial Serial;

@@ -4,7 +4,8 @@
  * burst counts only where the registers that are read behind it are those that were set: what is not certain is left out and counted,
  * never guessed.  Every wait has a bound.
  *
- * WHO_AM_I is 0x6B in the ASM330LHHX, ASM330LHHXG1 and ISM330DHCX as well: it tells that somebody of the family is there, not who. */
+ * WHO_AM_I is 0x6B in the ASM330LHHX, ASM330LHHXG1, ASM330LHB, ISM330DHCX, LSM6DSR and LSM6DSRX as well: it tells that somebody of the
+ * family is there, not who. */
 #ifndef ASM330LHH_H
 #define ASM330LHH_H
 

@@ -39,6 +39,9 @@ enum {
     I2C_DISABLE = 1 << 2,        /* CTRL4_C */
     ST_XL_POSITIVE = 1 << 0,     /* CTRL5_C */
     ST_G_POSITIVE = 1 << 2,      /* CTRL5_C */
+    FTYPE = 7,                   /* CTRL6_C */
+    HP_EN_G = 1 << 6,            /* CTRL7_G */
+    HP_XL = 1 << 2 | 1 << 4,     /* CTRL8_XL: high pass instead of low pass, reference mode */
     DEVICE_CONF = 1 << 1,        /* CTRL9_XL; the family's application notes ask for it */
     TIMESTAMP_EN = 1 << 5,       /* CTRL10_C */
     XLDA = 1 << 0,               /* STATUS_REG */

@@ -76,7 +76,11 @@ int asm330lhh_as_set(const struct asm330lhh *sensor)
 {
     const struct asm330lhh_settings *settings = &sensor->settings;
     const uint8_t *kept = sensor->kept - WHO_AM_I, rate = (uint8_t)(settings->odr << 4);
-    return kept[CTRL1_XL] >> 4 == settings->odr && (kept[CTRL1_XL] >> 2 & 3) == code_of(ACCEL_FS, settings->accel_fs_g) &&
+    const int lpf2 = code_of(LPF2, settings->accel_lpf2_divisor), lpf1 = settings->gyro_lpf1 != LPF1_OFF;
+    const int filters = !(kept[CTRL1_XL] & LPF2_XL_EN) == (lpf2 < 0) && kept[CTRL8_XL] >> 5 == (lpf2 > 0 ? lpf2 : 0) &&
+                        !(kept[CTRL4_C] & LPF1_SEL_G) == !lpf1 && (!lpf1 || (kept[CTRL6_C] & FTYPE) == settings->gyro_lpf1) &&
+                        !(kept[CTRL7_G] & HP_EN_G) && !(kept[CTRL8_XL] & HP_XL);
+    return filters && kept[CTRL1_XL] >> 4 == settings->odr && (kept[CTRL1_XL] >> 2 & 3) == code_of(ACCEL_FS, settings->accel_fs_g) &&
            kept[CTRL2_G] == (rate | code_of(GYRO_FS, settings->gyro_fs_dps)) && kept[CTRL3_C] == (BDU | IF_INC) &&
            (kept[CTRL10_C] & TIMESTAMP_EN) && !kept[CTRL5_C];
 }

@@ -12,6 +12,7 @@ enum { ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES };
 
 struct asm330lhh sensor;
 uint8_t registers[128];
+uint8_t stuck; /* a register that takes nothing, or 0 */
 uint8_t fine, warmth; /* INTERNAL_FREQ_FINE and the temperature's upper byte, which a reset does not change */
 uint8_t bytes[MOST_WORDS][FIFO_WORD_BYTES];
 uint32_t words_in, words_out, now_us, transfers, logged, breaks_after;
@@ -79,7 +80,8 @@ static uint8_t answer(void)
 static void take(uint8_t value)
 {
     note(at.address, value);
-    registers[at.address] = value;
+    if (!stuck || at.address != stuck)
+        registers[at.address] = value;
     if (at.address == CTRL3_C && (value & SW_RESET))
         reset_registers();
     at.address++;
@@ -137,7 +139,7 @@ void attach(uint16_t gyro_fs_dps, uint16_t accel_fs_g, uint8_t odr, uint8_t lpf1
 {
     const struct asm330lhh_settings settings = {gyro_fs_dps, accel_fs_g, odr, lpf1, lpf2};
     behaviour = ANSWERS;
-    fine = warmth = 0;
+    fine = warmth = stuck = 0;
     now_us = transfers = logged = words_in = words_out = breaks_after = 0;
     overrun = busy_polls = pushed = 0;
     reset_registers();

@@ -27,8 +27,10 @@ def frame(body: bytes) -> bytes:
     return frames.encode_blocks(np.frombuffer(body, np.uint8)[None]).tobytes()
 
 
-def board_frame(source: int = 1, sequence: int = 0, baud: int = 921600, odr_hz: float = 417.0, freq_fine: int = -4) -> bytes:
-    state = struct.pack("<BBBBBBb", source, 3, 1, 2, 3, 0x6B, freq_fine)
+def board_frame(
+    source: int = 1, sequence: int = 0, baud: int = 921600, odr_hz: float = 417.0, freq_fine: int = -4, who: int = 0x6B
+) -> bytes:
+    state = struct.pack("<BBBBBBb", source, 3, 1, 2, 3, who, freq_fine)
     return frame(struct.pack("<BH", 0x05, sequence) + state + REGISTERS + struct.pack("<If", baud, odr_hz))
 
 
@@ -122,8 +124,18 @@ def test_a_loose_wire_does_not_say_it_for_ever():
 
 
 def test_a_stand_in_is_said():
-    assert heard(board_frame(source=0), board_frame(source=0, baud=1)) == [NO_SENSOR]
+    assert heard(board_frame(source=0, who=0), board_frame(source=0, who=0, baud=1)) == [NO_SENSOR]
     assert heard(board_frame(source=1)) == []
+
+
+@pytest.mark.parametrize(
+    ("who", "says"), [(0x6C, "a chip that is no ASM330LHH answers"), (0x6B, "a sensor answers on its bus, but did not start")]
+)
+def test_a_stand_in_beside_a_chip_that_answers_says_which(who, says):
+    (words,) = heard(board_frame(source=0, who=who))
+    assert words.startswith(NO_SENSOR)
+    assert f"{says}" in words
+    assert words.endswith(f"WHO_AM_I 0x{who:02X}")
 
 
 def said(odr_hz: float, serial: str = "0") -> Info:

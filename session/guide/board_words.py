@@ -26,8 +26,10 @@ FAULT_SAYS = {
 COUNTED_APART = ("lost", "starts")
 NO_SENSOR = (
     "the board has no sensor (source 0): what comes is made up, or played to it, and calibrates no sensor; "
-    "look at the wiring, then switch the board on again"
+    "look at the wiring, then switch the board on again (it looks for its sensor when it is switched on)"
 )
+#: WHO_AM_I of a bus on which nobody answers, and of the sensor and its siblings
+NOBODY, FAMILY = (0x00, 0xFF), 0x6B
 #: times that faults are said; a sensor with a loose wire would say nothing else
 MOST_SAID = 20
 
@@ -50,7 +52,7 @@ class BoardWords:
         """In words, where there is something to be said."""
         if isinstance(said, Board):
             before, self.board = self.board, said
-            return [NO_SENSOR] if said.source == STANDIN and (before is None or before.source != STANDIN) else []
+            return [_no_sensor(said)] if said.source == STANDIN and (before is None or before.source != STANDIN) else []
         if isinstance(said, SelfTest):
             return [f"the sensor's self-test failed (bits 0x{said.failed:X})"] if said.failed else []
         if not isinstance(said, Faults):
@@ -70,6 +72,13 @@ class BoardWords:
         if self._said == MOST_SAID:
             words.append(f"this was the {MOST_SAID}th fault, and they are said no more; the logs' comments have all")
         return words
+
+
+def _no_sensor(board: Board) -> str:
+    if board.who_am_i in NOBODY:
+        return NO_SENSOR
+    who = "a sensor answers on its bus, but did not start" if board.who_am_i == FAMILY else "a chip that is no ASM330LHH answers on its bus"
+    return f"{NO_SENSOR}; {who}: WHO_AM_I 0x{board.who_am_i:02X}"
 
 
 def _words(risen: dict[str, int], since_power_up: bool) -> str:

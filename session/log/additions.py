@@ -56,12 +56,12 @@ def add_notes(path: Path, notes: Mapping[str, Note]) -> str:
     return _replace(path, tried, table | {"notes": there | fresh})
 
 
-def add_board(path: Path, board: Mapping[str, str | float]) -> str:
-    """Add ``[board]``, where there is none yet, and give the file's text."""
+def add_board(path: Path, board: Mapping[str, str | float], remarks: Mapping[str, str]) -> str:
+    """Add ``[board]``, where there is none yet, and give the file's text.  remarks: comments, each before the key that it is of."""
     text, table = _read(path)
     if "board" in table:
         return text
-    lines = "".join(line(name, value) for name, value in board.items())
+    lines = "".join((f"# {remarks[name]}\n" if name in remarks else "") + line(name, value) for name, value in board.items())
     return _replace(path, [_ended(text) + f"\n[board]\n{lines}"], table | {"board": dict(board)})
 
 

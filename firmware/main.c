@@ -60,6 +60,7 @@ int main(void)
     board_start(BAUD);
     status_start(BAUD);
     sensor_start();
+    status_say(); /* whose samples follow, before the first of them */
     for (;;) {
         int busy = 0;
         for (int port = 0; port < PORTS; port++)

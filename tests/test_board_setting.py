@@ -124,6 +124,7 @@ def test_a_resumed_recording_sets_the_board_as_its_session_toml_says(tmp_path):
     assert read_config(asked.path).board == BoardGiven()
     asked.configure(said, board=board)
     assert read_config(asked.path).board == BoardGiven("sensor", "1.2.3", 0x6B, -4, board.registers.hex(), 1667)
+    assert "# 107 is 0x6B: an ASM330LHH, or a sibling of it (" in asked.path.read_text(encoding="utf-8")
     assert SessionFile(tmp_path, None, None, None, None).wanted() == Wanted(1667, 500, 4)
 
 

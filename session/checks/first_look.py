@@ -26,6 +26,7 @@ from session.checks.quantised import check_quantised, check_repeated_gravity
 from session.checks.rate import check_length, check_rate, check_warming
 from session.checks.rests import check_rests
 from session.checks.samples import check_comments, check_reading, check_registers, check_stamps
+from session.checks.standin import check_standin
 from session.checks.stills import (
     accel_unit_factor,
     check_gravity,
@@ -142,8 +143,9 @@ def _rests_alone(folder: Path) -> list[Finding] | None:
 def check_session(session: Session, found: SessionStills | None = None) -> list[Finding]:
     """The first look at every log and closure run of a session that could be read; ``found`` is what others will ask for its stills."""
     found = found or SessionStills(session)
-    findings, all_stills = check_keys(session.config) + check_copies((*session.logs, *session.closures)), []
-    for log in (*session.logs, *session.closures):
+    logs, all_stills = (*session.logs, *session.closures), []
+    findings = check_keys(session.config) + check_copies(logs) + check_standin(logs)
+    for log in logs:
         here = found.of(log)
         unused = here.unused if log in session.logs and session.truths is None else ()
         findings += first_look(session, log, here.stills, here.noise, unused)

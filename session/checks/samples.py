@@ -36,9 +36,6 @@ def check_comments(log: Log, sensor: Sensor) -> list[Finding]:
         if said is not None and abs(said / declared - 1) > 1e-6:
             says = f"the log says {key}={said:g}, session.toml {declared:g}"
             findings.append(Finding("error", log.path.name, "full scale", says, f"correct {key} in session.toml"))
-    if log.comments.get("source") == "stand-in":
-        says = "the board had no sensor: these samples are made up, or were played to it"
-        findings.append(Finding("warning", log.path.name, "sensor", says, "look at the board's wiring, and record again"))
     serial = log.comments.get("serial")
     if serial and sensor.serial and serial != sensor.serial:
         says = f"the log is of sensor {serial}, session.toml says {sensor.serial}"

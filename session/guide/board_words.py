@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from session.stream.board import STANDIN, Board, Faults, Said, SelfTest
+from session.stream.board import SENSOR, STANDIN, Board, Faults, Said, SelfTest
 
 WIRES = "look at supply, wires and their length"
 #: what happened, and what to do
@@ -28,6 +28,10 @@ NO_SENSOR = (
     "the board has no sensor (source 0): what comes is made up, or played to it, and calibrates no sensor; "
     "look at the wiring, then switch the board on again (it looks for its sensor when it is switched on)"
 )
+FOUND = (
+    "the board has found its sensor: a new log begins; "
+    "those before it hold no sensor's samples: take them out of the folder (check names them)"
+)
 #: WHO_AM_I of a bus on which nobody answers, and of the sensor and its siblings
 NOBODY, FAMILY = (0x00, 0xFF), 0x6B
 #: times that faults are said; a sensor with a loose wire would say nothing else
@@ -48,10 +52,17 @@ class BoardWords:
         self.board = self.faults = None
         self._open_fault = False
 
+    def changes_source(self, board: Board) -> bool:
+        """Whether the samples are another's from here on: the sensor's, and not what stood in for it."""
+        return self.board is not None and board.source != self.board.source
+
     def hear(self, said: Said) -> list[str]:
         """In words, where there is something to be said."""
         if isinstance(said, Board):
+            found = self.changes_source(said) and said.source == SENSOR
             before, self.board = self.board, said
+            if found:
+                return [FOUND]
             return [_no_sensor(said)] if said.source == STANDIN and (before is None or before.source != STANDIN) else []
         if isinstance(said, SelfTest):
             return [f"the sensor's self-test failed (bits 0x{said.failed:X})"] if said.failed else []

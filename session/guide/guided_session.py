@@ -153,6 +153,8 @@ class GuidedRecording:
                 self._landmarks += 1
                 self._hear_board(event)
             elif isinstance(event, (Board, Faults, Done, SelfTest)):
+                if isinstance(event, Board) and self.board.changes_source(event):
+                    self.guide.new_log()
                 for words in self.board.hear(event):
                     self._say(Kind.WARNING, words)
             elif isinstance(event, Decision):

@@ -184,6 +184,8 @@ class LogWriter:
                 self._info = event
                 self._comment(event.text)
         elif isinstance(event, Board):
+            if self.board is not None and event.source != self.board.source:
+                self._end()  # a log is of a sensor, or of what stood in for it
             self.board = event
             if self._file is not None:
                 self._comment(event.text)

@@ -33,9 +33,7 @@ NEAREST_WITHIN = 0.1  #: of a rate that is taken for it: beyond ``session.checks
 DIVIDED_WITHIN = 0.05  #: where a divider makes many rates, the next one is hardly farther
 FLAGS = {"odr_hz": "--odr", "gyro_fs_dps": "--gyro-fs", "accel_fs_g": "--accel-fs"}
 BOARD = "the board"
-BOARD_REMARKS = {
-    "who_am_i": "107 is 0x6B: an ASM330LHH, or a sibling of it (ASM330LHHX, ISM330DHCX, LSM6DSR …); no register says which, sensor.model does"
-}
+BOARD_REMARKS = {"who_am_i": "107 is 0x6B: an ASM330LHH, or a sibling of it (ASM330LHHX, ISM330DHCX, LSM6DSR …); no register says which"}
 MOST_A_SECOND = 9  #: notes
 SAME_MOMENT_S = 1e-3
 LONGEST_WORDS = 200  #: of serial and model

@@ -1,0 +1,108 @@
+"""What a board without a sensor sends never passes for a sensor's: it is said, kept in a log of its own, and refused beside a sensor's."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT, Table
+from f405_programs import tools_missing
+
+from session.checks.standin import check_standin
+from session.guide.board_words import FOUND, NO_SENSOR, BoardWords
+from session.log.logfile import Log
+from session.recording.logwriter import LogWriter
+from session.stream import commands
+from session.stream.board import SENSOR, STANDIN, Board
+from session.stream.decoder import StreamDecoder
+from tinygc.simulation.asm330lhh.faults import Fault
+from tinygc.simulation.asm330lhh.motion import Still
+from tinygc.simulation.asm330lhh.port import Port
+from tinygc.simulation.asm330lhh.sensor import Asm330lhh
+
+
+def log(name: str, source: str | None) -> Log:
+    samples = Table().rest(0.1).samples()
+    return Log(Path(name), samples, comments={} if source is None else {"source": source})
+
+
+def test_a_log_without_a_sensor_is_a_warning_and_beside_one_an_error():
+    real, made, foreign = log("log0001.csv", "sensor"), log("log0002.csv", "stand-in"), log("log0003.csv", None)
+    assert check_standin((real, foreign)) == []
+    (alone,) = check_standin((made, foreign))
+    assert (alone.level, alone.where) == ("warning", "log0002.csv")
+    (mixed,) = check_standin((real, made, foreign))
+    assert (mixed.level, mixed.where) == ("error", "log0002.csv")
+    assert "log0001.csv is a sensor's; take it out of the folder" in mixed.line
+
+
+@pytest.fixture(scope="module")
+def board(tmp_path_factory):
+    """``board(*faults)``: a machine with the recorder and a sensor."""
+    if trouble := tools_missing():
+        pytest.skip(trouble)
+    sys.path.insert(0, str(ROOT / "firmware"))
+    import measure
+
+    from tinygc.simulation.stm32f405.machine import Machine
+
+    folder = tmp_path_factory.mktemp("recorder")
+    elf = measure.build("recorder.elf", folder, folder / "build", ODR_HZ="208")
+    return lambda *faults: Machine(elf, Port(Asm330lhh(Still(), faults=faults)))
+
+
+ABSENT = Fault("hang", 0.0, 2.0)
+
+
+def logs_of(streams, folder) -> list[str]:
+    decoder, logs = StreamDecoder(), LogWriter(folder)
+    for stream in streams:
+        logs.write(decoder.feed(stream))
+    logs.write(decoder.finish())
+    logs.close()
+    return [path.read_text() for path in logs.paths]
+
+
+def assert_apart(texts: list[str]) -> None:
+    """Two logs: the stand-in's, whose gravity is 8197 upside down, and the sensor's; each says whose it is."""
+    first, second = texts
+    assert "source=stand-in" in first
+    assert "source=sensor" not in first
+    assert "source=sensor" in second
+    assert "source=stand-in" not in second
+    rows = [np.array([line.split(",") for line in text.splitlines() if line[0].isdigit()], int) for text in texts]
+    assert min(map(len, rows)) > 400
+    assert np.abs(rows[0][:, 6] + 8197).max() <= 8
+    assert np.all(rows[1][:, 6] == 8197)
+
+
+def test_a_sensor_that_comes_late_begins_a_log_of_its_own(board, tmp_path):
+    """Not there at power-up, found by the next command that sets something, within one count of samples and of microseconds."""
+    machine = board(ABSENT)
+    machine.run_until(3.0)
+    made_up = machine.usart1.take()
+    machine.usart1.feed(commands.encode_command(commands.RANGES, 1, 500, 4))
+    machine.run_until(6.0)
+    assert machine.bus.objections == {}
+    assert_apart(logs_of([made_up, machine.usart1.take()], tmp_path))
+
+
+def test_a_board_that_is_switched_on_again_says_whose_samples_follow(board, tmp_path):
+    """Before the first of them: at the same port, its adapter never lost its cable."""
+    streams = []
+    for machine in (board(ABSENT), board()):
+        machine.run_until(3.0)
+        streams.append(machine.usart1.take())
+    assert_apart(logs_of(streams, tmp_path))
+
+
+def test_whoever_turns_the_table_is_told():
+    words = BoardWords()
+    boards = [Board(source, True, True, "1.0.0", 0x6B * source, 0, bytes(10), 921600, 208.0) for source in (STANDIN, SENSOR)]
+    assert words.hear(boards[0]) == [NO_SENSOR]
+    assert not words.changes_source(boards[0])
+    assert words.changes_source(boards[1])
+    assert words.hear(boards[1]) == [FOUND]
+    assert words.hear(boards[1]) == []

@@ -38,7 +38,7 @@ from tinygc.problem.problem import Problem
 
 #: what a calibration that is given is good for, at zero g and at one g, where session.toml states no sigma
 GIVEN_SIGMA_MG = 0.1
-#: of one that nobody has made: 2 % of scale, 1 % of shear, 60 mg of zero (SENSOR.md's siblings: 2 %, 0.5 %, 65 mg)
+#: of one that nobody has made: 2 % of scale, 1 % of shear, 60 mg of zero (docs/sensor.md, siblings: 2 %, 0.5 %, 65 mg)
 SPREAD_MPS2 = np.zeros(PARAMETERS)
 SPREAD_MPS2[SCALES], SPREAD_MPS2[SHEARS], SPREAD_MPS2[BIASES] = 20 * MG, 10 * MG, 60 * MG
 #: sigma of gravity's length at the site, beside a calibration that has a scale of its own

@@ -1,0 +1,85 @@
+"""What docs/boards.md tells somebody with a soldering iron is what the code does: pins, frames on the wire, lines, baud rates."""
+
+from __future__ import annotations
+
+import binascii
+import re
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from session.stream import commands, frames
+from session.stream.decoder import StreamDecoder
+from session.stream.events import Info
+
+PAGE = (ROOT / "docs" / "boards.md").read_text(encoding="utf-8")
+FIRMWARE = ROOT / "firmware"
+BAUDS = (115200, 230400, 460800, 921600, 2_000_000, 3_000_000)
+TO_SPARE = 1.15
+HEX = re.compile(r"^```\n((?:[0-9a-f]{2} )+00)\n```", re.M)
+
+
+def test_the_two_frames_and_the_lines_say_the_same():
+    """The page's sample as bytes and as text, and its info."""
+    sample, info = (bytes.fromhex(text) for text in HEX.findall(PAGE))
+    (text,) = re.findall(r"^```\n(# gyro_fs_dps.*?)```", PAGE, re.S | re.M)
+    rows = np.array([line.split(",") for line in text.splitlines()[2:]], int)
+    assert np.diff(rows[:, 0]) == pytest.approx(1e6 / 417, abs=0.6)
+    assert StreamDecoder().feed(info) == [Info(500.0, 4.0, 417.0, "4711")]
+    lines = StreamDecoder()
+    lines.feed(text.encode())
+    assert lines.info == Info(500.0, 4.0, 417.0, "4711", "ASM330LHH")
+    assert frames.encode_samples(np.array([1]), rows[:1, 0], rows[:1, 1:].astype(np.int16)).tobytes() == sample
+    inside = "".join(re.findall(r"^\| `((?:[0-9a-f]{2} ?)+)` \|", PAGE, re.M))
+    assert uncobs(sample[:-1]) == bytes.fromhex(inside)
+    assert binascii.crc_hqx(bytes.fromhex(inside)[:-2], 0xFFFF) == int.from_bytes(bytes.fromhex(inside)[-2:], "little")
+
+
+def uncobs(coded: bytes) -> bytes:
+    decoded = b""
+    while coded:
+        decoded += coded[1 : coded[0]] + (b"\0" if coded[0] < len(coded) else b"")
+        coded = coded[coded[0] :]
+    return decoded
+
+
+def test_baud_rates_follow_from_the_bytes():
+    table = re.findall(r"^\| (\d+) \| (\d+|none) \| (\d+|none) \| (\d+|none) \|$", PAGE, re.M)
+    assert [int(row[0]) for row in table] == [104, 208, 417, 833, 1667, 3333, 6667]
+    for row in table:
+        for length, said in zip((25, 61, 82), row[1:], strict=True):
+            needed = TO_SPARE * (10 * length * int(row[0]) + commands.OTHER_BITS)
+            assert said == str(next((baud for baud in BAUDS if baud >= needed), "none"))
+    assert commands.SAMPLE_BITS == 250
+
+
+def test_the_longest_lines():
+    registers = ",".join(["4294967295", *["-32768"] * 7]) + "\r\n"
+    floats = [-32768 / 65.5] * 3 + [-32768 / 8192] * 3 + [-32768 / 340 + 36.53]
+    assert len(registers) == 61
+    assert len(",".join(["4294967295", *(f"{value:.5f}" for value in floats)]) + "\r\n") == 82
+    assert (115200 // 10 // 61, 115200 // 10 // 82) == (188, 140)
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("board_spi.h", "SPI1 on PA5 to PA7 with the chip select on PA4, 5.25 MHz, mode 3"),
+        ("board.c", "USART1 on PA9/PA10 (host), USART2 on PA2/PA3 (played sensor)"),
+        ("defaults.h", "#define BAUD 921600"),
+    ],
+)
+def test_the_pins_are_those_of_the_firmware(file, said):
+    assert said in (FIRMWARE / file).read_text(encoding="utf-8")
+    for pin in ("PA4", "PA5", "PA6", "PA7", "PA9", "PA10"):
+        assert len(re.findall(rf"^\| {pin} \|", PAGE, re.M)) == 1  # the F405's table
+        assert len(re.findall(rf"\| {pin} \| [AD]\d+", PAGE)) == 1  # the Nucleo's
+
+
+def test_the_flashers_are_called_as_the_page_says():
+    makefile = (FIRMWARE / "Makefile").read_text(encoding="utf-8")
+    for tool, ending in (("dfu-util", "bin"), ("openocd", "elf"), ("st-flash", "bin")):
+        (called,) = re.findall(rf"^with-{tool} = (.*)$", makefile, re.M)
+        assert f"`{called.replace('$(1)', 'build/recorder')}`" in PAGE
+        assert f"$(1).{ending}" in called

@@ -28,6 +28,8 @@ python -m pip install -e . -c constraints.txt && python calibrate.py fit data/se
 python -m pip install -e '.[test]' -c constraints.txt && python -m pytest                  # install, and the tests
 ```
 """
+#: endings of what is written in a programming language
+CODE = (".py", ".c", ".h", ".ino")
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 
 
@@ -61,6 +63,15 @@ def test_every_link_inside_the_project_leads_somewhere(page):
         assert path.is_relative_to(ROOT), f"{page.name}: {target} is outside the project"
         if anchor:
             assert anchor in anchors(path.read_text(encoding="utf-8")), f"{page.name}: {target}#{anchor}"
+
+
+def test_every_page_that_the_code_names_is_there():
+    """By its name: a comment, a docstring or a message that leads nowhere is worse than none."""
+    there = {path.name for path in PAGES}
+    code = [path for part in ("session", "tinygc", "firmware", "benchmarks") for path in (ROOT / part).rglob("*") if path.suffix in CODE]
+    named = {(path.name, name) for path in code for name in re.findall(r"[\w-]+\.md\b", path.read_text(encoding="utf-8"))}
+    assert len(named) > 50
+    assert {pair for pair in named if pair[1] not in there} == set()
 
 
 @each_page

@@ -57,7 +57,7 @@ static int wait_for(volatile const uint32_t *reg, uint32_t mask, uint32_t value)
 static void start_clock(void)
 {
     FLASH_ACR = 5u | 7u << 8; /* 5 wait states, prefetch and caches: before the clock is raised */
-    RCC_PLLCFGR = 16u | 336u << 6 | 0u << 16 | 7u << 24;
+    RCC_PLLCFGR = 16u | 336u << 6 | 0u << 16 | 7u << 24 | 2u << 28; /* the last as it is after reset: reserved, or the F446's PLLR */
     RCC_CR |= 1u << 24;
     if (!wait_for(&RCC_CR, 1u << 25, 1u << 25))
         return;

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, Table
+from conftest import ROOT, Table, write_session
 from f405_programs import tools_missing
 
+import calibrate
 from session.checks.standin import check_standin
 from session.guide.board_words import FOUND, NO_SENSOR, BoardWords
 from session.log.logfile import Log
@@ -106,3 +107,14 @@ def test_whoever_turns_the_table_is_told():
     assert words.changes_source(boards[1])
     assert words.hear(boards[1]) == [FOUND]
     assert words.hear(boards[1]) == []
+
+
+def test_fit_refuses_a_folder_with_both(tmp_path, capsys):
+    for name, source in (("log0001.csv", "stand-in"), ("log0002.csv", "sensor")):
+        write_session(tmp_path, Table().tumble(6, seed=len(source)).samples(seed=len(source)), name)
+        text = (tmp_path / name).read_text()
+        (tmp_path / name).write_text(f"# board source={source} firmware=1.0.0\n{text}")
+    assert calibrate.main(["fit", str(tmp_path), "--methods", "least_squares", "--quiet"]) == 2
+    said = capsys.readouterr().err
+    assert "log0001.csv: sensor: the board had no sensor" in said
+    assert "log0002.csv is a sensor's" in said

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from conftest import DEG, config, session_of
+from conftest import config, session_of
 from guided_streams import guide_of, play, simulated
 
 from session.guide.messages import Progress
-from tinygc.attitude import rotation
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.models import linear
 from tinygc.plan.coach import Coach
@@ -62,37 +61,12 @@ def test_unobserved_parameters_are_not_taken_for_known(taken):
     assert np.sum(coach.sigma > 100) >= 6
 
 
-def test_the_words_name_the_turn():
-    """z towards x: the turn takes the sensor's z arrow to where its x arrow was; left is against the clock, seen from above."""
-    force = np.array([9.8, 0.0, 0.0])  # x up
-    singles = [turn for turn in turns_from(force) if len(turn.parts) == 1]
-    for turn in singles:
-        (part,) = turn.parts
-        assert f" by {part.angle_rad / DEG:.0f}°; about 3 s" in turn.words
-        quarter = rotation.matrix(rotation.exp(part.axis * 90 * DEG))
-        if "vertical" in turn.words:
-            assert "(x axis up)" in turn.words
-            assert ("left" in turn.words) == (part.axis[0] > 0)
-            np.testing.assert_allclose(turn.carries(force), force, atol=1e-12)
-        else:
-            before, after = turn.words.split("(")[1].split(")")[0].split(" towards ")
-            np.testing.assert_allclose(quarter @ np.eye(3)["xyz".index(before)], np.eye(3)["xyz".index(after)], atol=1e-12)
-    assert len(singles) == 3 * 2 * 4
-
-
-def test_two_turns_in_one_go_are_said_one_after_the_other():
-    """The second is about an axis as it lies after the first: z up, tipped by a quarter about y (z towards x), leaves -x up."""
-    words = "turn about the sensor's y axis (z towards x) by 90°, then at once left about the vertical (-x axis up) by 180°; about 4 s"
-    (turn,) = [turn for turn in turns_from(np.array([0.0, 0.0, 9.8])) if turn.words == words]
-    np.testing.assert_allclose(turn.carries(np.array([0.0, 0.0, 9.8])), [-9.8, 0, 0], atol=1e-12)
-
-
 def test_what_a_turn_tells_is_what_mechanics_says():
     """A full turn about the level x axis shows its scale by 2 pi; half a turn about the vertical z axis shows E_xz and E_yz by 2."""
     up = np.array([0.0, 0.0, 9.8])
     turns = {turn.words: turn for turn in turns_from(up)}
-    full = turns["turn about the sensor's x axis (y towards z) by 360°; about 3 s"]
-    half = turns["turn left about the vertical (z axis up) by 180°; about 3 s"]
+    full = turns["turn 360° about the board's x axis (level), y comes up first, until z is up; about 3 s"]
+    half = turns["turn 180° to the left about the board's z axis, z stays up; about 3 s"]
     J = columns(up, [full, half])
     at = {name: i for i, name in enumerate(linear.NAMES)}
     assert np.linalg.norm(J[0][:, at["E_xx"]]) == pytest.approx(2 * np.pi, rel=1e-3)

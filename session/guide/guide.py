@@ -9,6 +9,7 @@ from __future__ import annotations
 from session.common.units import DEG, NS
 from session.detect.excluded import moved_at
 from session.detect.stills import MIN_STILL_FRACTION
+from session.guide.asked_for import SETTLING_S, AskedFor
 from session.guide.closure_guide import MARK_WORDS, ClosureGuide
 from session.guide.health import Health
 from session.guide.instructions import instruction_of
@@ -24,10 +25,8 @@ from session.log.samples import Samples
 from session.recording.decisions import Decision
 
 HOLD_STILLS = 1.5  #: times the protocol's still_s are asked for: a still serves two turns
-SETTLING_S = 0.3  #: quiet for so long, a turn is over
 EXAMINE_EVERY_S = 0.2
 STIR_DEG = 2.0  #: what moves less was no turn
-COACH_S = 2.0  #: how long the coach is waited for before any turn will do
 
 
 class Guide:
@@ -35,7 +34,7 @@ class Guide:
     closure run with so much turning; 0: none.
 
     instruction is what to do now; accepted counts segments, rejected those that were not, dropped those that the person took back;
-    health, taken, advice are for the screen and the coach; closure is the run, once it is its turn.
+    health, taken, advice, asked_for are for the screen and the coach; closure is the run, once it is its turn.
     """
 
     def __init__(self, protocol: Protocol, segments: int = 40, stop_at_target: bool = False, closure_s: float = 0.0):
@@ -43,14 +42,14 @@ class Guide:
         self.sensor: Sensor | None = None
         self.closure: ClosureGuide | None = None
         self.stage, self.health, self.taken = Stage.FIND_PORT, Health(), Taken()
-        self.advice: Advice | None = None
+        self.advice: Advice | None = None  #: the last
+        self.asked_for = AskedFor()
         self.coached = False  #: whether advice is to be expected after each accepted segment
         self.rejected = self.dropped = self.log = 0
         self._before_s = 0.0  # in earlier logs
         self.keys = ""  # the screen's last line
         self.waits_for = ""  # what the port or the stream lacks
         self._changes: list[Change] = []
-        self._asked_s: float | None = None
         self._new_log()
 
     def begin(self, sensor: Sensor, own: OwnAccelerometer | None = None) -> None:
@@ -93,10 +92,11 @@ class Guide:
                 self._block(block)
         return self._changes
 
-    def advise(self, advice: Advice | None) -> list[Change]:
-        """The coach's word on the segments so far; it may come later than the segment it speaks of."""
+    def advise(self, advice: Advice | None, stills: int | None = None) -> list[Change]:
+        """The coach's word, given at so many stills: what it asks for counts only where the board still lies so."""
         self._changes, self.advice = [], advice
-        self._asked_s = None
+        if stills in (None, len(self.taken.stills)) and self.turn.path_rad < STIR_DEG * DEG:
+            self.asked_for.answered(advice)
         if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE and self.closure is None:
             self._segments_done("every parameter has reached its target")
         return self._changes
@@ -165,7 +165,7 @@ class Guide:
     @property
     def coach_is_asked(self) -> bool:
         """Whether its word on the last turn is still awaited, for a while."""
-        return self._asked_s is not None and self.here.now_s - self._asked_s < COACH_S and not self.turn.moving
+        return bool(self.taken.turns) and self.asked_for.awaited(self.here.now_s) and not self.turn.moving
 
     @property
     def turn(self) -> TurnInProgress:
@@ -174,7 +174,7 @@ class Guide:
 
     def _new_log(self) -> None:
         self.here = PresentLog()
-        self._asked_s = None
+        self.asked_for.ends()
         self.objection = ""
         self._examined_s = 0.0
 
@@ -214,7 +214,7 @@ class Guide:
     def _turning(self) -> None:
         if self.turn.path_rad < STIR_DEG * DEG:
             self.here.window.rest(self.turn.still_s)
-        elif max(self.turn.still_s, self.turn.restless_s) >= SETTLING_S:
+        elif max(self.turn.still_s, self.turn.restless_s) >= self.asked_for.settling_s(self.turn.path_rad, self.protocol.still_s):
             self.stage, self.objection = Stage.HOLD_STILL, ""
             self._say(Kind.STAGE, f"turned {self.turn.path_rad / DEG:.0f}°: now hold still")
 
@@ -247,6 +247,7 @@ class Guide:
         assert still is not None
         self.here.accept(examined)
         self.stage, self.objection = Stage.TURN, ""
+        self.asked_for.ends(self.here.now_s if self.coached else None)
         if self.taken.add_still(still) and (own := self.taken.own) is not None:
             self._say(Kind.WARNING if own.problem else Kind.STAGE, f"the accelerometer is known: {own.problem or own.words}")
         if segment is None:
@@ -268,7 +269,6 @@ class Guide:
         self.taken.add(turn)
         note = f"; {segment.note}" if segment.note else ""
         said = f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}"
-        self._asked_s = self.here.now_s if self.coached else None
         self._say(Kind.ACCEPTED, said, turn)
         if self.accepted >= self.segments:
             self._segments_done(f"{self.accepted} segments")
@@ -281,6 +281,7 @@ class Guide:
             self._say(Kind.STAGE, "this turn will not count; its data stay")
             return
         self.dropped, self.here.refused = self.dropped + 1, True
+        self.asked_for.ends(self.here.now_s if self.coached else None)
         said = f"the last turn is dropped ({turn.segment.turn_deg:.0f}° in {turn.segment.turn_s:.1f} s): left out, its data stay"
         self._say(Kind.STAGE, said, dropped=turn)
 

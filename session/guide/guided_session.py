@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import Future, ThreadPoolExecutor
 
 from session.common.errors import CalibrationError, OtherSensor, StorageError
 from session.guide.at_the_table import AtTheTable, Notebook
 from session.guide.board_words import BoardWords
 from session.guide.closure_guide import BEGIN
+from session.guide.coach_thread import Coach, CoachThread
 from session.guide.guide import Guide
 from session.guide.incoming import joined_chunks, samples_of
-from session.guide.messages import Advice, Change, Kind, Progress, Stage
+from session.guide.messages import Change, Kind, Stage
 from session.guide.own_accelerometer import OwnAccelerometer
 from session.guide.same_sensor import SameSensor
 from session.guide.view import View
@@ -38,7 +38,6 @@ CLOCK_RATIO = 0.005  #: by which the board's second may differ from the host's; 
 CLOCK_RATIO_MOST = 0.25  #: a board whose second is that much longer is no sensor's, but a virtual one that was told to hurry
 CLOCK_AFTER_S = 20.0  #: of comparison: arrivals are late by some 10 ms
 
-Coach = Callable[[Progress], Advice]
 Configure = Callable[[Info | None, float], Config | None]
 Watch = Callable[[Guide, Samples], None]
 
@@ -62,14 +61,11 @@ class GuidedRecording:
         keys: Callable[[], str] | None = None,
         watch: Watch | None = None,
     ):
-        self.guide, self.recorder, self._configure, self._coach, self._view, self._watch = guide, recorder, configure, coach, view, watch
+        self.guide, self.recorder, self._configure, self._view, self._watch = guide, recorder, configure, view, watch
         self._table = AtTheTable(guide, recorder, self._tell, notebook, keys)
         self.config: Config | None = None
-        guide.coached = coach is not None
+        guide.coached, self._coach = coach is not None, CoachThread(coach)
         self._early: list[Chunk] = []  # samples whose ranges nobody has told yet
-        self._to_be_coached = False
-        self._coaching: Future | None = None
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="coach")
         self._heard_s = self._shown_s = time.monotonic()
         self._clock_said = False
         self._last_said: tuple | None = None
@@ -105,11 +101,11 @@ class GuidedRecording:
                 self._table.obey(self.config is not None)
                 self._look_at_port()
                 self._look_at_clock()
-                self._hear_coach()
+                self._tell(self._coach.hear(self.guide))
                 self._show()
             self._last_word()
         finally:
-            self._thread.shutdown(wait=False, cancel_futures=True)
+            self._coach.close()
             self._view.show(self.guide)
 
     def _catch_up(self, interrupted: Callable[[], bool]) -> bool:
@@ -141,8 +137,6 @@ class GuidedRecording:
     def _tell(self, changes: list[Change]) -> None:
         for change in changes:
             self._view.change(change)
-            if change.accepted is not None or change.dropped is not None:
-                self._to_be_coached = self._coach is not None
 
     def _take(self, events: Iterable[Event | Decision]) -> None:
         for event in joined_chunks(events):
@@ -270,28 +264,11 @@ class GuidedRecording:
             )
             self._say(Kind.WARNING, again)
 
-    def _hear_coach(self) -> None:
-        """Take the coach's last word, and give it what has come since."""
-        if self._coaching is not None and self._coaching.done():
-            coaching, self._coaching = self._coaching, None
-            if (error := coaching.exception()) is not None:  # whatever it is, it must not end a recording
-                self._say(Kind.WARNING, f"the coach has failed ({type(error).__name__}: {error}); any turn will do")
-                self._coach, self._to_be_coached, self.guide.coached = None, False, False
-            else:
-                self._tell(self.guide.advise(coaching.result()))
-        if self._coaching is None and self._to_be_coached and self._coach is not None:
-            self._to_be_coached = False
-            progress = self.guide.taken.progress
-            if progress.turns:
-                self._coaching = self._thread.submit(self._coach, progress)
-            else:
-                self.guide.advise(None)
-
     def _last_word(self) -> None:
         """Of the coach, on all segments; it has had all but the last one before."""
         until_s = time.monotonic() + LAST_WORD_S
-        while (self._coaching is not None or self._to_be_coached) and time.monotonic() < until_s:
-            self._hear_coach()
+        while self._coach.busy(self.guide) and time.monotonic() < until_s:
+            self._tell(self._coach.hear(self.guide))
             time.sleep(0.01)
 
 

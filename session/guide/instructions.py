@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import Protocol
 
 from session.common.units import DEG
+from session.guide.asked_for import AskedFor
 from session.guide.closure_guide import ClosureGuide
-from session.guide.messages import Advice, Instruction, Stage
+from session.guide.messages import Instruction, Stage
 from session.guide.present_log import PresentLog
 from session.guide.stream_check import CHECK_S
 from session.guide.turn_in_progress import TurnInProgress
 from session.log.config import Sensor
 
 PEAK_FULL_SCALE = 0.85
-ANY_TURN = "turn by 90° to 300° to another attitude, about any axis but the vertical alone, in about 3 s"
+ANY_TURN = "turn the board onto another side: by 90°, 180° or 270° about an axis of it that is level, in about 3 s"
 
 
 class Leader(Protocol):
@@ -25,7 +26,7 @@ class Leader(Protocol):
     objection: str
     here: PresentLog
     closure: ClosureGuide | None
-    advice: Advice | None
+    asked_for: AskedFor
     sensor: Sensor | None
 
     @property
@@ -74,10 +75,10 @@ def _hold(guide: Leader) -> Instruction:
 
 
 def _turn(guide: Leader) -> Instruction:
-    turn, advice = guide.turn, guide.advice
+    turn, advice = guide.turn, guide.asked_for.advice
     if guide.coach_is_asked:
         return Instruction(guide.stage, "one moment: the coach looks at the last turn", "for some 2 s at most")
-    do = advice.words if advice and advice.words else ANY_TURN
+    do = advice.words if advice else ANY_TURN
     if not turn.moving:
         why = advice.reason if advice and advice.reason else f"segment {guide.accepted + 1} of {guide.segments}"
         return Instruction(guide.stage, do, f"waiting for the turn; {why}")

@@ -87,7 +87,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Movement:
-    """A part of the next movement: axis, a unit vector in the board as it lies before, and the angle about it."""
+    """A part of the next movement: axis, a unit vector in the board, upright or level before the movement, and the angle about it."""
 
     axis: tuple[float, float, float]
     angle_rad: float
@@ -99,7 +99,8 @@ class Advice:
 
     words: the next movement; reason: the parameter that it helps, with its sigma beside the target; reached: whether every
     parameter has reached its target; missing: what has not, in words, worst first; movements: the words' turns, one behind the
-    other; sigmas: of each parameter its name and its sigma beside its target.
+    other; sigmas: of each parameter its name and its sigma beside its target; up: what of the board points up where the movements
+    begin, a unit vector: the board as it lies, set straight.
     """
 
     words: str
@@ -108,3 +109,4 @@ class Advice:
     missing: tuple[str, ...] = ()
     movements: tuple[Movement, ...] = ()
     sigmas: tuple[tuple[str, float], ...] = ()
+    up: tuple[float, float, float] | None = None

@@ -14,7 +14,7 @@ from session.guide.guide import Guide
 from session.guide.health import WARM_C_PER_MIN
 from session.guide.messages import Advice, Stage
 from session.page.attitude import Attitude
-from session.page.turning import Quaternion, exp, multiply, rotated
+from session.page.turning import Quaternion, exp, levelled, multiply, rotated
 
 MOST_STILLS = 200  #: on the sphere: the last of them
 
@@ -60,10 +60,11 @@ def state_of(guide: Guide, still: Quaternion, said: Collection[tuple[int, str, f
 
 def _target(guide: Guide, still: Quaternion) -> dict[str, Any] | None:
     """Where the coach wants the board, and the turns that lead there, each about an axis of the frame with z up."""
-    if guide.stage is not Stage.TURN or guide.coach_is_asked or guide.advice is None or not guide.advice.movements:
+    advice = guide.asked_for.advice
+    if guide.stage is not Stage.TURN or advice is None or not advice.movements:
         return None
-    q, turns = still, []
-    for movement in guide.advice.movements:
+    q, turns = still if advice.up is None else levelled(still, np.array(advice.up)), []
+    for movement in advice.movements:
         axis = np.array(movement.axis)
         turns.append({"from": _rounded(q, 4), "axis": _rounded(rotated(q, axis), 4), "angle_deg": round(movement.angle_rad / DEG, 1)})
         q = multiply(q, exp(*(movement.angle_rad * axis).tolist()))

@@ -25,7 +25,7 @@ from tinygc.models import linear
 from tinygc.plan import accelerometer as accel
 from tinygc.plan.accelerometer import OwnAccelerometer, as_known, length_information
 from tinygc.plan.proposals import TARGETS, parameter_words
-from tinygc.plan.turns import HALVES, QUARTERS, Turn, columns, ends, turns_from
+from tinygc.plan.turns import EIGHTHS, QUARTERS, Turn, columns, ends, turns_from
 
 UNKNOWN = 10.0  #: times its target: while something is as uncertain, the volume of all uncertainty is made small (D-optimality)
 UNSEEN = 100.0
@@ -65,9 +65,11 @@ class Coach:
         if not missing:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
             return Advice("", reason, reached=True, sigmas=_named(sigma))
-        turn = self.best_turn(progress.turns[-1].segment.stills[1].accel_mean)
-        movements = tuple(Movement(tuple(part.axis.tolist()), part.angle_rad) for part in turn.parts)
-        return Advice(turn.words, f"it helps the {_said(worst[0], sigma[worst[0]])}", False, missing, movements, _named(sigma))
+        # The board lies where the last still was, which need not be the end of a turn that counts.
+        lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.last
+        turn = self.best_turn(lies.accel_mean)
+        reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
+        return Advice(turn.words, reason, False, missing, _movements(turn), _named(sigma), _vector(turn.up))
 
     def look(self, progress: Progress) -> None:
         """Take in what the session has so far."""
@@ -110,7 +112,7 @@ class Coach:
         force = measured if self._own is None else self._own.accelerometer.correct(measured)
         covariance = self.covariance / np.outer(self.targets, self.targets)
         information, sigma = np.linalg.inv(covariance), np.sqrt(np.diag(covariance))
-        turns = turns_from(force, QUARTERS if self._own is None else HALVES)
+        turns = turns_from(force, QUARTERS if self._own is None else EIGHTHS)
         rows = self._rows(force, turns) * self.targets
         after = information + rows.swapaxes(-1, -2) @ rows
         if sigma.max() > UNKNOWN:
@@ -161,6 +163,15 @@ class Coach:
             at_ends = self._own.tilt_rows(there[:1], there[1:], attitudes[:, 0], attitudes[:, -1])[0]
             design = np.concatenate([design, at_ends], axis=1)
         return _Seen(turn, force, design, own + tilt * np.eye(2))
+
+
+def _movements(turn: Turn) -> tuple[Movement, ...]:
+    return tuple(Movement(_vector(part.axis), part.angle_rad) for part in turn.parts)
+
+
+def _vector(vector: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
 
 
 def _said(parameter: int, sigma: float) -> str:

@@ -75,7 +75,6 @@ def test_temperature_and_its_slope():
     warm = Samples(samples.t_ns, samples.gyro, samples.accel, samples.temp_c + samples.t_s * 0.6 / 60)
     play(guide, warm)
     assert guide.health.temp_slope == pytest.approx(0.6, abs=0.05)
-    assert guide.health.warming
     assert guide.health.odr_hz == pytest.approx(208, rel=1e-4)
 
 

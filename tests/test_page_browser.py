@@ -19,7 +19,7 @@ SPILLED = "[...document.querySelectorAll('main *')].filter(e => e.getBoundingCli
 DRAWN = """['board', 'sphere'].map(id => { const c = document.getElementById(id);
   return new Set(new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer)).size })"""
 #: its address as the browser takes it: what ``open`` wants is a file
-FIRST = Advice("turn about the sensor's x axis (y towards z) by 90°", "it helps", movements=(Movement((1.0, 0.0, 0.0), np.pi / 2),))
+FIRST = Advice("turn 90° about the board's x axis (level) until y is up", "it helps", movements=(Movement((1.0, 0.0, 0.0), np.pi / 2),))
 
 
 class Silent:

@@ -12,7 +12,8 @@ from session.guide.screen import LiveScreen, PlainLines, view
 from session.log.samples import Samples
 
 LONG = Advice(
-    "turn left about the vertical (-x axis up) by 270°, then at once about the sensor's y axis (z towards x) by 180°; about 4 s",
+    "turn 180° about the board's y axis (level), -x comes up first, until -z is up, then at once 180° to the left about its z axis, "
+    "-z stays up; about 4 s",
     "it helps the misalignment of z towards y (12.3 times its target)",
 )
 

@@ -253,8 +253,7 @@ class Guide:
         if segment is None:
             self._say(Kind.READY, f"the first still holds ({still.duration_s:.1f} s): turn")
             return
-        number = self.accepted + self.rejected + self.dropped + 1
-        problem = why_not(segment)
+        number, problem = self.accepted + self.rejected + self.dropped + 1, why_not(segment)
         self.here.refused = True
         if any(moved_at(segment, examined.samples, at_ns * NS) for at_ns in self.here.dropped_ns):
             self.dropped += 1

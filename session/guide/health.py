@@ -9,11 +9,11 @@ import numpy as np
 from session.common.units import NS
 from session.detect.pace import Pace
 from session.detect.segments import GAP_PERIODS
+from session.guide.warmth import Warmth
 from session.log.samples import Samples
 
 SLOPE_OVER_S = 60.0
 LEAST_SLOPE_S = 10.0
-WARM_C_PER_MIN = 0.2  #: times a data sheet's 0.015 dps/°C: 1 mdps in the 20 s that three segments take
 TEMP_EVERY_S = 1.0
 
 
@@ -25,6 +25,7 @@ class Health:
         self.troubles: Counter[str] = Counter()
         self._extra = 0  # periods that the steps hold beyond one each
         self.temp_c: float | None = None
+        self.warmth = Warmth()
         self.info_odr_hz: float | None = None  #: what the board says
         self.clock_ratio: float | None = None  #: seconds of device time in one of the host's
         self._periods, self._periods_s = 0, 0.0
@@ -54,6 +55,7 @@ class Health:
         """The device's clock has begun anew."""
         self._last_ns = None
         self._temps.clear()
+        self.warmth.new_log()
 
     @property
     def missing(self) -> int:
@@ -79,13 +81,8 @@ class Health:
         centred = t_s - t_s.mean()
         return float(60 * (centred @ temp_c) / (centred @ centred))
 
-    @property
-    def warming(self) -> bool:
-        """Whether the temperature still moves by more than it should."""
-        slope = self.temp_slope
-        return slope is not None and abs(slope) > WARM_C_PER_MIN
-
     def _feel(self, t_s: float, temp_c: float) -> None:
         self.temp_c = temp_c if self.temp_c is None else 0.9 * self.temp_c + 0.1 * temp_c
         if not self._temps or t_s - self._temps[-1][0] >= TEMP_EVERY_S:
             self._temps.append((t_s, temp_c))
+        self.warmth.feed(t_s, temp_c)

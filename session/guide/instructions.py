@@ -7,10 +7,13 @@ from typing import Protocol
 from session.common.units import DEG
 from session.guide.asked_for import AskedFor
 from session.guide.closure_guide import ClosureGuide
+from session.guide.health import Health
 from session.guide.messages import Instruction, Stage
 from session.guide.present_log import PresentLog
 from session.guide.stream_check import CHECK_S
+from session.guide.taken import Taken
 from session.guide.turn_in_progress import TurnInProgress
+from session.guide.warmth import Wait
 from session.log.config import Sensor
 
 PEAK_FULL_SCALE = 0.85
@@ -28,6 +31,8 @@ class Leader(Protocol):
     closure: ClosureGuide | None
     asked_for: AskedFor
     sensor: Sensor | None
+    health: Health
+    taken: Taken
 
     @property
     def accepted(self) -> int:
@@ -61,6 +66,13 @@ def instruction_of(guide: Leader) -> Instruction:
     if stage is Stage.CLOSURE and guide.closure is not None:
         return guide.closure.instruction(guide.turn)
     return _turn(guide) if stage is Stage.TURN else _hold(guide)
+
+
+def wait_of(guide: Leader) -> Wait | None:
+    """Whether it pays to let the board become warm before going on."""
+    if guide.stage not in (Stage.HOLD_STILL, Stage.TURN):
+        return None
+    return guide.health.warmth.wait(guide.taken.turns, guide.taken.stills, guide.segments - guide.accepted)
 
 
 def _hold(guide: Leader) -> Instruction:

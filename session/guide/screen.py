@@ -17,7 +17,8 @@ from rich.text import Text
 from session.common.console import PlainConsole
 from session.common.texts import printable
 from session.guide.guide import Guide
-from session.guide.health import WARM_C_PER_MIN, Health
+from session.guide.health import Health
+from session.guide.instructions import wait_of
 from session.guide.messages import Change, Kind, Stage
 
 BELLS = {Kind.READY: 1, Kind.ACCEPTED: 1, Kind.REJECTED: 2, Kind.WARNING: 2, Kind.DONE: 3}
@@ -127,7 +128,7 @@ def _state(guide: Guide) -> Table:
         table.add_row("gravity", guide.taken.own.words)
     table.add_row("stream", _stream(health))
     table.add_row("faults", _faults(health))
-    table.add_row("warmth", _warmth(health))
+    table.add_row("warmth", _warmth(guide))
     stills = guide.taken.coverage.stills
     table.add_row("up in stills", Text.assemble(*(_count(f"{face} {count}", count) for face, count in stills.items())))
     turned = guide.taken.coverage.turned_deg.items()
@@ -174,13 +175,14 @@ def _faults(health: Health) -> Text:
     return text
 
 
-def _warmth(health: Health) -> Text:
+def _warmth(guide: Guide) -> Text:
+    health = guide.health
     if health.temp_c is None:
         return Text("–")
     slope = health.temp_slope
     text = Text(f"{health.temp_c:.1f} °C")
     if slope is not None:
         text.append(f", {slope:+.2f} °C/min")
-    if health.warming:
-        text.append(f": more than ±{WARM_C_PER_MIN:g}, its bias moves; better wait", style="yellow")
+    if (wait := wait_of(guide)) is not None:
+        text.append(f": {wait.words}", style="yellow")
     return text

@@ -11,7 +11,7 @@ import numpy as np
 from session.common.texts import printable
 from session.common.units import DEG
 from session.guide.guide import Guide
-from session.guide.health import WARM_C_PER_MIN
+from session.guide.instructions import wait_of
 from session.guide.messages import Advice, Stage
 from session.page.attitude import Attitude
 from session.page.turning import Quaternion, exp, levelled, multiply, rotated
@@ -49,8 +49,7 @@ def state_of(guide: Guide, still: Quaternion, said: Collection[tuple[int, str, f
         "sigmas": _sigmas(guide.advice),
         "closure_deg": None if closure_deg is None else round(closure_deg, 3),
         "temp_c": None if health.temp_c is None or not math.isfinite(health.temp_c) else round(health.temp_c, 1),
-        "warming": health.warming,
-        "warm_bar_c_per_min": WARM_C_PER_MIN,
+        "wait": None if (wait := wait_of(guide)) is None else wait.words,
         "odr_hz": None if health.odr_hz is None else round(health.odr_hz, 2),
         "samples": health.samples,
         "lost": health.troubles["lost"],

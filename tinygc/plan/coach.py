@@ -66,7 +66,7 @@ class Coach:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
             return Advice("", reason, reached=True, sigmas=_named(sigma))
         # The board lies where the last still was, which need not be the end of a turn that counts.
-        lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.last
+        lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
         turn = self.best_turn(lies.accel_mean)
         reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
         return Advice(turn.words, reason, False, missing, _movements(turn), _named(sigma), _vector(turn.up))

@@ -29,7 +29,9 @@ from tinygc.fitting.stated_noise import stated_noise
 from tinygc.fitting.stated_sigmas import stated_joint_covariance
 from tinygc.models import linear
 from tinygc.plan import accelerometer
+from tinygc.plan.lying import SIDES, up_words
 from tinygc.plan.requested import requested_by_explain
+from tinygc.plan.turns import parts_from
 from tinygc.problem.build import build_problem
 from tinygc.problem.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, tilt_columns
 from tinygc.problem.problem import Problem
@@ -39,8 +41,7 @@ from tinygc.problem.recalibrated import recalibrated
 TARGETS = np.array([50e-6] * 9 + [2e-3 * DEG] * 3)
 #: of a scale that was given: what that is taken to be good for, since gravity's length tells the scale that all axes share no better
 GIVEN_SCALE = 1e-3 * GIVEN_SIGMA_MG
-#: of a turn -> how it ends
-TURNS_DEG = {270.0: "", 225.0: " on the edge"}
+TURNS_DEG = (270, 225)  #: which end on a side, and on an edge
 TURN_S, STILL_S, RATE_HZ = 3.0, 1.0, 100.0
 
 
@@ -161,28 +162,20 @@ def _rows(move: Move, known: Known) -> np.ndarray:
 def _moves() -> list[Move]:
     """Six stills, three axes, two senses; three quarters of a turn, which end on a side, and five eighths, which end on an edge."""
     found = []
-    for up, sign, axis, sense, (turn_deg, ends) in product(range(3), (1, -1), range(3), (1, -1), TURNS_DEG.items()):
-        force = np.zeros(3)
-        force[up] = sign  # an accelerometer reads +g along the axis that points up
-        upright = up == axis  # about the vertical: it ends as it began
-        words = (
-            f"start still with {'+-'[sign < 0]}{'xyz'[up]} up, turn {turn_deg:.0f}° {'positively' if sense > 0 else 'negatively'} "
-            f"about the sensor's {'xyz'[axis]} axis in about {TURN_S:.0f} s, hold still{'' if upright else ends}"
-        )
-        turn = np.zeros(3)
-        turn[axis] = sense * turn_deg * DEG
-        start = rotation.from_gravity(force)
-        q_tb = np.array([start, rotation.multiply(start, rotation.exp(turn))])
-        ending = rotation.matrix(rotation.exp(turn)).T @ force
-        found.append(Move(words, q_tb, np.array([force, ending]), _columns(start, axis, sense * turn_deg * DEG)))
+    for up, turn_deg in product(SIDES, TURNS_DEG):
+        for part in parts_from(up, turn_deg, TURN_S):
+            words = f"from a still with {up_words(up)} up, turn {part.words}; about {TURN_S:.0f} s"
+            start = rotation.from_gravity(up)  # an accelerometer reads +g along the axis that points up
+            turn = part.axis * part.angle_rad
+            q_tb = np.array([start, rotation.multiply(start, rotation.exp(turn))])
+            found.append(Move(words, q_tb, np.array([up, part.up]), _columns(start, turn)))
     return found
 
 
-def _columns(start: np.ndarray, axis: int, angle_rad: float) -> np.ndarray:
+def _columns(start: np.ndarray, turn: np.ndarray) -> np.ndarray:
     t = np.arange(0, TURN_S + 2 * STILL_S, 1 / RATE_HZ)
     phase = np.clip((t - STILL_S) / TURN_S, 0, 1)
-    rate = np.zeros((1, len(t), 3))
-    rate[0, :, axis] = angle_rad / TURN_S * 2 * np.sin(np.pi * phase) ** 2
+    rate = (turn / TURN_S * 2 * np.sin(np.pi * phase)[:, None] ** 2)[None]
     dt = np.full((1, len(t) - 1), 1 / RATE_HZ)
     batch = Batch(rate, dt, np.zeros_like(rate), start[None], start[None], yaw_known=False)
     return linear.columns(closure.sensitivity(batch, rate), rate)[0, :2]

@@ -69,12 +69,12 @@ def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS) -> li
     """All turns from a still in which the accelerometer reads accel (3,); singles_deg: angles of those that stand alone."""
     up = nearest_up(accel, with_edges=singles_deg != QUARTERS)
     straightened = _straightened(accel / np.linalg.norm(accel), up)
-    singles = [Turn(straightened, (part,)) for degrees in singles_deg for part in _parts(up, degrees, SINGLE_S, "the board's")]
+    singles = [Turn(straightened, (part,)) for degrees in singles_deg for part in parts_from(up, degrees, SINGLE_S)]
     pairs = [
         Turn(straightened, (first, second))
         for one, other in PAIRS
-        for first in _parts(up, one, PAIR_S * one / (one + other), "the board's")
-        for second in _parts(first.up, other, PAIR_S * other / (one + other), "its")
+        for first in parts_from(up, one, PAIR_S * one / (one + other))
+        for second in parts_from(first.up, other, PAIR_S * other / (one + other), "its")
         if abs(first.axis @ second.axis) < LEVEL  # about the same axis it would be one turn
     ]
     return singles + pairs
@@ -125,7 +125,7 @@ def _straightened(lies: np.ndarray, up: np.ndarray) -> TurnPart:
     return TurnPart(axis, angle, STRAIGHT_S, words, up)
 
 
-def _parts(up: np.ndarray, degrees: int, seconds: float, whose: str) -> list[TurnPart]:
+def parts_from(up: np.ndarray, degrees: int, seconds: float, whose: str = "the board's") -> list[TurnPart]:
     """About what stands upright, and about what is level, both ways.  up (3,): what points up before."""
     angle, found = degrees * DEG, []
     if degrees % 90 == 0:

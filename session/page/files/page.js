@@ -37,7 +37,7 @@ function showState() {
   write("stills", String(state.up.length));
   showSigmas(state.sigmas);
   showSaid(state.said);
-  const warm = state.temp_c === null ? "" : `; ${state.temp_c} °C${state.warming ? ", warming up" : ""}`;
+  const warm = state.temp_c === null ? "" : `; ${state.temp_c} °C${state.wait ? `: ${state.wait}` : ""}`;
   write("stream", `${state.odr_hz ?? "–"} Hz; ${state.samples} samples, ${state.lost} lost${warm}`);
 }
 

@@ -2,8 +2,9 @@
 
 Both are simulated sessions of one hand on one three-gimbal table, with the same sensor and the same noise.  Random turning is the
 simulator's own hand: one to three gimbals at once, by 90 to 300 degrees each, either way.  "One axis" is a hand that turns one gimbal at a
-time, as random.  The coached hand does what it is told, as well as a hand does: angles off by 10 % (1 sigma), times by 13 %, all gimbals
-astray by 5 degrees; where no gimbal points the way that is asked for, another one is turned about the vertical first.  Compared is the
+time, as random.  The coached hand does what it is told, as well as a hand does: it turns about the axis until the side that was named is
+up, all gimbals astray by 5 degrees (1 sigma), times off by 13 %; where no gimbal points the way that is asked for, another one is turned
+about the vertical first.  ``--by-angle``: it turns by the angle alone, off by 10 %, and never looks which side is up.  Compared is the
 worst sigma beside its target, of ``parameter_covariance`` on the recorded session.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -49,8 +51,8 @@ NOISE = Noise(np.full(3, 5 * MDPS), np.full(3, 0.06 * MG))
 class CoachedHand:
     """Three gimbals, outer middle inner, and a hand that does what it is told.  own: an accelerometer that nobody has calibrated."""
 
-    def __init__(self, options: SimulationOptions, own: OwnAccelerometer | None = None):
-        self.own, self._unit = own, simulate_unit(options)
+    def __init__(self, options: SimulationOptions, own: OwnAccelerometer | None = None, by_angle: bool = False):
+        self.own, self._unit, self._by_angle = own, simulate_unit(options), by_angle
         self._taken_turns, self._stills = [], []
         self._options, self._rng = options, np.random.default_rng([options.seed, 77])
         random = plan_of(options)
@@ -75,11 +77,28 @@ class CoachedHand:
             movement = self._part(part, angles, begin_s, seconds)
             for one in movement:
                 angles[one.gimbal] += one.change_rad
+            if not self._by_angle:
+                missing = self._missing(angles, part.up)
+                movement = movement + [stroke(gimbal, begin_s, seconds, missing[gimbal - 1], self._rng) for gimbal in (1, 2)]
+                angles[1:] += missing
             strokes, begin_s = strokes + movement, begin_s + seconds
         seconds = begin_s - self._clock_s
         for gimbal in range(3):
             strokes.append(stroke(gimbal, self._clock_s, seconds, STRAY_RAD * self._rng.standard_normal(), self._rng))
         return not_faster(strokes, PEAK_RPS), seconds
+
+    @staticmethod
+    def _missing(angles: np.ndarray, up: np.ndarray) -> np.ndarray:
+        """(2,) what the middle and the inner gimbal must still turn by, so that what points up is ``up``."""
+        found = np.zeros(2)
+        for _ in range(8):
+            there, *moved = (
+                motion.table_to_body((angles + np.append(0, found + step))[:, None], np.array([0.0, 0.0, -1.0]))[0]
+                for step in (np.zeros(2), *(1e-6 * np.eye(2)))
+            )
+            slope = (np.array(moved) - there).T / 1e-6
+            found += np.clip(np.linalg.lstsq(slope, up - there, rcond=1e-3)[0], -0.5, 0.5)
+        return found
 
     def _part(self, part: TurnPart, angles: np.ndarray, begin_s: float, seconds: float) -> list:
         strokes = []
@@ -91,7 +110,7 @@ class CoachedHand:
             begin_s, seconds = begin_s + seconds / 3, seconds * 2 / 3
             along = self._axes(angles + np.array([0, 0, about_x])) @ part.axis
         gimbal = int(np.argmax(np.abs(along)))
-        angle = part.angle_rad * (1 + ANGLE_SPREAD * self._rng.standard_normal())
+        angle = part.angle_rad * (1 + (ANGLE_SPREAD * self._rng.standard_normal() if self._by_angle else 0.0))
         return [*strokes, stroke(gimbal, begin_s, seconds, angle * np.sign(along[gimbal]), self._rng)]
 
     def _do(self, strokes, seconds: float) -> None:
@@ -169,10 +188,11 @@ def one_axis(options: SimulationOptions) -> Plan:
     return replace(plan, strokes=tuple(one for one in plan.strokes if (one.start_s, one.stop_s) in {(a, b) for a, b in plan.turns}))
 
 
-def one_seed(seed: int) -> list[list[float]]:
+def one_seed(seed: int, by_angle: bool = False) -> list[list[float]]:
     """Worst sigmas of random, of one-axis and of coached turning."""
     options = SimulationOptions(segments=max(COUNTS), closure_s=0.0, seed=seed)
-    return [worst_sigmas(options, plan) for plan in (None, one_axis(options), CoachedHand(options).plan(max(COUNTS)))]
+    coached = CoachedHand(options, by_angle=by_angle).plan(max(COUNTS))
+    return [worst_sigmas(options, plan) for plan in (None, one_axis(options), coached)]
 
 
 def simulate_unit(options: SimulationOptions) -> SimulatedUnit:
@@ -206,11 +226,12 @@ def main() -> None:
     command.add_argument("--seeds", type=int, default=50)
     command.add_argument("--first", type=int, default=1000, help="first seed")
     command.add_argument("--raw-accelerometer", action="store_true", help="sigmas of a session that calibrates its accelerometer, too")
+    command.add_argument("--by-angle", action="store_true", help="the coached hand heeds the angle, and not the side that is to be up")
     args = command.parse_args()
     if args.raw_accelerometer:
         print_falling(np.array(in_parallel(falling, range(args.first, args.first + args.seeds), "seed")))
         return
-    found = np.array(in_parallel(one_seed, range(args.first, args.first + args.seeds), "seed"))
+    found = np.array(in_parallel(partial(one_seed, by_angle=args.by_angle), range(args.first, args.first + args.seeds), "seed"))
     rows = []
     for i, count in enumerate(COUNTS):
         random, single, coached = found[:, :, i].T

@@ -65,8 +65,8 @@ def test_what_a_turn_tells_is_what_mechanics_says():
     """A full turn about the level x axis shows its scale by 2 pi; half a turn about the vertical z axis shows E_xz and E_yz by 2."""
     up = np.array([0.0, 0.0, 9.8])
     turns = {turn.words: turn for turn in turns_from(up)}
-    full = turns["turn 360° about the board's x axis (level), y comes up first, until z is up; about 3 s"]
-    half = turns["turn 180° to the left about the board's z axis, z stays up; about 3 s"]
+    full = turns["turn 360° about the board's x axis (level), y up first, until z is up (3 s)"]
+    half = turns["turn 180° to the left about the board's z axis, z stays up (3 s)"]
     J = columns(up, [full, half])
     at = {name: i for i, name in enumerate(linear.NAMES)}
     assert np.linalg.norm(J[0][:, at["E_xx"]]) == pytest.approx(2 * np.pi, rel=1e-3)

@@ -21,7 +21,7 @@ from tinygc.plan.turns import EIGHTHS, ends, turns_from
 
 G = 9.80665
 UPRIGHT = r"(\d+)° to the (left|right) about (?:(?:the board's|its) ([xyz]) axis|the vertical), (\S+)(?: and (\S+))? stays? up"
-LEVEL = r"(\d+)° about (?:the board's|its) ([xyz]) axis \(level\)(?:, (\S+) comes up first,)? until (\S+)(?: and (\S+))? (?:is|are) up"
+LEVEL = r"(\d+)° about (?:the board's|its) ([xyz]) axis \(level\)(?:, (\S+) up first,)? until (\S+)(?: and (\S+))? (?:is|are) up"
 #: the 24 ways in which a box can stand on a table: board to a frame with z up
 STANDING = [
     Rotation.from_matrix(matrix)
@@ -37,10 +37,8 @@ def arrow(name: str) -> np.ndarray:
 
 def done(words: str, lies: Rotation) -> Rotation:
     """What a person does who reads the words beside a board that lies so.  Knows nothing of how they were made."""
-    said, seconds = words.split("; about ")
-    assert re.fullmatch(r"[34] s", seconds)
-    assert said.startswith("turn ")
-    for movement in said.removeprefix("turn ").split(", then at once "):
+    (said,) = re.fullmatch(r"turn (.+) \([34] s\)", words).groups()
+    for movement in said.split(", then at once "):
         if found := re.fullmatch(UPRIGHT, movement):
             degrees, side, axis, *stay = found.groups()
             if axis:

@@ -12,8 +12,8 @@ from session.guide.screen import LiveScreen, PlainLines, view
 from session.log.samples import Samples
 
 LONG = Advice(
-    "turn 180° about the board's y axis (level), -x comes up first, until -z is up, then at once 180° to the left about its z axis, "
-    "-z stays up; about 4 s",
+    "turn 180° about the board's y axis (level), -x up first, until -z is up, then at once 180° about its x axis (level), "
+    "-y up first, until -z is up (4 s)",
     "it helps the misalignment of z towards y (12.3 times its target)",
 )
 

@@ -92,8 +92,8 @@ def _turn(guide: Leader) -> Instruction:
         return Instruction(guide.stage, "one moment: the coach looks at the last turn", "for some 2 s at most")
     do = advice.words if advice else ANY_TURN
     if not turn.moving:
-        why = advice.reason if advice and advice.reason else f"segment {guide.accepted + 1} of {guide.segments}"
-        return Instruction(guide.stage, do, f"waiting for the turn; {why}")
+        waits = f"waiting for the turn; segment {guide.accepted + 1} of {guide.segments}"
+        return Instruction(guide.stage, do, advice.reason if advice and advice.reason else waits)
     assert guide.sensor is not None  # as it was set before the first sample
     peak_dps, bar_dps = turn.peak_rps / DEG, PEAK_FULL_SCALE * guide.sensor.gyro_fs_dps
     turned = f"turned {turn.path_rad / DEG:.0f}° so far"

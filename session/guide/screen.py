@@ -114,7 +114,11 @@ def _instruction(guide: Guide, title: str) -> Panel:
     colour = COLOURS.get(now.stage, "yellow")
     why = Text(now.why, style="" if now.good else "bold yellow")
     return Panel(
-        Group(Text(now.do, style=f"bold {colour}"), bar, why), title=Text(title), title_align="left", border_style=colour, height=7
+        Group(Text(now.do.replace(", then at once ", ",\nthen at once "), style=f"bold {colour}"), bar, why),
+        title=Text(title),
+        title_align="left",
+        border_style=colour,
+        height=7,
     )
 
 

@@ -21,7 +21,7 @@ from session.guide.messages import AcceptedTurn
 BAR_RPS = 4 * MDPS
 #: rad/s per °C, as siblings' data sheets have it; what one still's rate says of the bias, the Earth's rotation in it
 TYPICAL_RPS_PER_C, STILL_SIGMA_RPS = 5 * MDPS, 4 * MDPS
-WAITS_MIN = np.arange(1, 11)  #: who would wait longer records twice instead
+WAITS_MIN = range(1, 11)  #: who would wait longer records twice instead
 SETTLES_S = np.geomspace(30.0, 2400.0, 25)  #: time constants that are tried
 USUALLY_S, USUALLY_FACTOR = 150.0, 2.5  #: of a small board that heats itself, until more is seen
 SEGMENT_S = 8.0  #: from still to still, at the table
@@ -134,4 +134,4 @@ def worth_waiting(temperature: Settling, turned_c: np.ndarray, each_rps: float, 
     if not enough.any():
         return None
     first = int(np.argmax(enough))
-    return Wait(int(WAITS_MIN[first]), now_rps, float(then_rps[first]), float(later_s[-1]) / 60)
+    return Wait(WAITS_MIN[first], now_rps, float(then_rps[first]), float(later_s[-1]) / 60)

@@ -164,7 +164,7 @@ def _moves() -> list[Move]:
     found = []
     for up, turn_deg in product(SIDES, TURNS_DEG):
         for part in parts_from(up, turn_deg, TURN_S):
-            words = f"from a still with {up_words(up)} up, turn {part.words}; about {TURN_S:.0f} s"
+            words = f"from a still with {up_words(up)} up, turn {part.words} ({TURN_S:.0f} s)"
             start = rotation.from_gravity(up)  # an accelerometer reads +g along the axis that points up
             turn = part.axis * part.angle_rad
             q_tb = np.array([start, rotation.multiply(start, rotation.exp(turn))])

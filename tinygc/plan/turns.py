@@ -58,7 +58,7 @@ class Turn:
     def words(self) -> str:
         """What to do, for the operator."""
         said = ", then at once ".join(part.words for part in self.parts)
-        return f"{self.straightened.words}turn {said}; about {sum(part.seconds for part in self.parts):.0f} s"
+        return f"{self.straightened.words}turn {said} ({sum(part.seconds for part in self.parts):.0f} s)"
 
     def carries(self, accel: np.ndarray) -> np.ndarray:
         """What a still accelerometer that read accel (3,) before the turn reads after it."""
@@ -138,7 +138,7 @@ def parts_from(up: np.ndarray, degrees: int, seconds: float, whose: str = "the b
             continue
         for sense in (1.0, -1.0):
             first, last = (_turned(up, sense * axis, each) for each in (90 if on_a_side(up) else 45, degrees))
-            passes = "" if np.array_equal(first, last) else f", {up_words(first)} comes up first,"
+            passes = "" if np.array_equal(first, last) else f", {up_words(first)} up first,"
             words = f"{degrees}° about {whose} {name} axis (level){passes} until {up_words(last)} {'is' if on_a_side(last) else 'are'} up"
             found.append(TurnPart(sense * axis, angle, seconds, words, last))
     return found

@@ -117,6 +117,16 @@ def test_an_answer_that_comes_while_the_table_turns_is_not_shown_any_more(sample
     assert set(turning) == {ANY_TURN}
 
 
+def test_an_answer_that_comes_a_turn_too_late_is_not_shown(samples):
+    """What it says of still 2 comes in still 3: its sigmas are shown, its words are not; the coach is asked again, about still 3."""
+    guide, seen, coach, text = followed(samples.between(0, int(19 * HZ)), [16.0, 16.5])
+    assert coach.asked == [(1, 2), (2, 3)]
+    assert [now.do for _, now, state, _, _ in seen if now.do == "advice at still 2" or (state["target"] and now.do == THINKS)] == []
+    assert "advice at still 2" not in text
+    assert any(now.do == "advice at still 3" for at_s, now, _, _, _ in seen if 16.5 < at_s < 19)
+    assert guide.advice.words == "advice at still 3"
+
+
 def test_a_touch_does_not_bring_the_old_advice_back(samples):
     """A bump while the coach thinks: the table moves, and what was asked for last is over all the same."""
     accepted_s = judged_s(followed(samples, [])[1], 3)

@@ -9,6 +9,7 @@ and estimate are of this one turn.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -23,7 +24,7 @@ from tinygc.plan.lying import nearest_up, on_a_side, straight, up_words
 QUARTERS = (90, 180, 270, 360)
 #: an accelerometer's axes are seen askew only between the sides: such a turn ends on an edge, or begins there
 EIGHTHS = (45, 90, 135, 180, 225, 270, 315, 360)
-PAIRS = tuple(pair for pair in product((90, 180, 270), repeat=2) if sum(pair) <= 360)  #: of two movements: together what one hand does
+MOST_DEG = 360  #: of two movements together: what one hand does
 SINGLE_S, PAIR_S = 3.0, 4.0  #: of one movement; of two, shared by their angles
 SLANTED_RAD = 20 * DEG  #: a board that lies further from straight is to be set straight in so many words
 STRAIGHT_S = 1.0  #: of setting it straight, where the estimate reckons with it
@@ -66,13 +67,14 @@ class Turn:
 
 
 def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS) -> list[Turn]:
-    """All turns from a still in which the accelerometer reads accel (3,); singles_deg: angles of those that stand alone."""
+    """All turns from a still in which the accelerometer reads accel (3,); singles_deg: the angles."""
     up = nearest_up(accel, with_edges=singles_deg != QUARTERS)
     straightened = _straightened(accel / np.linalg.norm(accel), up)
+    together = [pair for pair in product([degrees for degrees in singles_deg if degrees < 300], repeat=2) if sum(pair) <= MOST_DEG]
     singles = [Turn(straightened, (part,)) for degrees in singles_deg for part in parts_from(up, degrees, SINGLE_S)]
     pairs = [
         Turn(straightened, (first, second))
-        for one, other in PAIRS
+        for one, other in together
         for first in parts_from(up, one, PAIR_S * one / (one + other))
         for second in parts_from(first.up, other, PAIR_S * other / (one + other), "its")
         if abs(first.axis @ second.axis) < LEVEL  # about the same axis it would be one turn
@@ -127,7 +129,12 @@ def _straightened(lies: np.ndarray, up: np.ndarray) -> TurnPart:
 
 def parts_from(up: np.ndarray, degrees: int, seconds: float, whose: str = "the board's") -> list[TurnPart]:
     """About what stands upright, and about what is level, both ways.  up (3,): what points up before."""
-    angle, found = degrees * DEG, []
+    return list(_parts_from(tuple(up.tolist()), degrees, seconds, whose))
+
+
+@cache  # there are 18 ways to lie, and every advice needs some hundred movements
+def _parts_from(lies: tuple[float, ...], degrees: int, seconds: float, whose: str) -> tuple[TurnPart, ...]:
+    up, angle, found = np.array(lies), degrees * DEG, []
     if degrees % 90 == 0:
         axis_words = f"{whose} {up_words(up).removeprefix('-')} axis" if on_a_side(up) else "the vertical"
         for sense, side in ((1.0, "left"), (-1.0, "right")):
@@ -141,7 +148,7 @@ def parts_from(up: np.ndarray, degrees: int, seconds: float, whose: str = "the b
             passes = "" if np.array_equal(first, last) else f", {up_words(first)} up first,"
             words = f"{degrees}° about {whose} {name} axis (level){passes} until {up_words(last)} {'is' if on_a_side(last) else 'are'} up"
             found.append(TurnPart(sense * axis, angle, seconds, words, last))
-    return found
+    return tuple(found)
 
 
 def _turned(up: np.ndarray, axis: np.ndarray, degrees: int) -> np.ndarray:

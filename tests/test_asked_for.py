@@ -36,7 +36,7 @@ class SlowCoach:
         return Advice(f"advice at still {len(progress.stills)}", "why", movements=(turn,), up=(0.0, 0.0, 1.0))
 
 
-def followed(samples, answers_at_s, portion=10, spoil=None):
+def followed(samples, answers_at_s, portion=20):
     """A session with a coach that answers at these moments: time, stage, instruction, the page's state, whether the table moves."""
     guide, coach, server = guide_of(), SlowCoach(), Kept()
     thread, page = CoachThread(coach), PageView(Silent(), server)

@@ -20,6 +20,7 @@ from tinygc.plan.lying import EDGES, SIDES, nearest_up, up_words
 from tinygc.plan.turns import EIGHTHS, ends, turns_from
 
 G = 9.80665
+GUIDE = guide_of()
 UPRIGHT = r"(\d+)° to the (left|right) about (?:(?:the board's|its) ([xyz]) axis|the vertical), (\S+)(?: and (\S+))? stays? up"
 LEVEL = r"(\d+)° about (?:the board's|its) ([xyz]) axis \(level\)(?:, (\S+) up first,)? until (\S+)(?: and (\S+))? (?:is|are) up"
 #: the 24 ways in which a box can stand on a table: board to a frame with z up
@@ -72,10 +73,9 @@ def scipy_of(q) -> Rotation:
 
 
 def ghost(advice: Advice, lies: Rotation) -> dict:
-    guide = guide_of()
-    guide.stage = Stage.TURN
-    guide.asked_for.answered(advice)
-    return _target(guide, tuple(lies.as_quat(scalar_first=True).tolist()))
+    GUIDE.stage = Stage.TURN
+    GUIDE.asked_for.answered(advice)
+    return _target(GUIDE, tuple(lies.as_quat(scalar_first=True).tolist()))
 
 
 def advice_of(turn) -> Advice:
@@ -115,11 +115,11 @@ def test_an_edge_is_said_as_well():
     """An accelerometer that nobody has calibrated is turned by eighths, too."""
     for up in (*SIDES, *EDGES):
         lies = Rotation.align_vectors([[0, 0, 1]], [up])[0]
-        for turn in turns_from(up * G, EIGHTHS)[::5]:
+        for turn in turns_from(up * G, EIGHTHS)[::9]:
             assert same(done(turn.words, lies), meant(turn, lies))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_after_an_inexact_turn_both_ways_of_reading_lead_to_the_same_end(seed):
     """The board lies askew by up to 30°: set straight and turned as said, or simply brought to the end that is named."""
     rng = np.random.default_rng(seed)
@@ -129,7 +129,8 @@ def test_after_an_inexact_turn_both_ways_of_reading_lead_to_the_same_end(seed):
     force = lies.inv().apply([0, 0, G])
     turns = turns_from(force)
     first, last = ends(force, turns)
-    for turn, began, ended in zip(turns, first, last, strict=True):
+    assert len(turns) == len(first) == len(last)
+    for turn, began, ended in list(zip(turns, first, last, strict=True))[seed::3]:
         words = turn.words
         askew = words.startswith("with ")
         assert askew == ((lies * straight.inv()).magnitude() > np.deg2rad(20))
@@ -153,7 +154,7 @@ def test_the_side_it_lies_on_is_the_nearest():
 @pytest.mark.skipif(shutil.which("node") is None, reason="no node here: turning.js is not run")
 def test_the_pages_own_rotations_lead_to_the_ghost(tmp_path):
     """turning.js turns the board about each arrow's axis: it comes to lie where the next arrow begins, and at last on the ghost."""
-    targets = [ghost(advice_of(turn), lies) for lies in STANDING for turn in turns_from(lies.inv().apply([0, 0, G]))[::13]]
+    targets = [ghost(advice_of(turn), lies) for lies in STANDING for turn in turns_from(lies.inv().apply([0, 0, G]))[::19]]
     (tmp_path / "targets.json").write_text(json.dumps(targets))
     script = """
 import { readFileSync } from "node:fs";
@@ -173,7 +174,7 @@ console.log(JSON.stringify([worst, count]));
     turning = shutil.copy(Path(session.page.__file__).parent / "files" / "turning.js", tmp_path / "turning.mjs")
     ran = subprocess.run(["node", tmp_path / "check.mjs", turning, tmp_path / "targets.json"], capture_output=True, text=True, check=True)
     worst, count = json.loads(ran.stdout)
-    assert count > 500
+    assert count > 400
     assert worst < 1e-3
 
 

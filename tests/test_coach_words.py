@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import session.page
 from session.guide.messages import Advice, Movement, Stage
 from session.page.state import _target
-from tinygc.plan.coach import Coach, _movements, _vector
+from tinygc.plan.coach import PLANNED_FULL_SCALE, Coach, _movements, _vector
 from tinygc.plan.lying import EDGES, SIDES, nearest_up, up_words
 from tinygc.plan.turns import EIGHTHS, ends, turns_from
 
@@ -109,6 +109,18 @@ def test_each_movement_is_about_an_upright_or_level_axis_of_the_board_by_quarter
                 assert part.angle_rad / (np.pi / 2) == pytest.approx(round(part.angle_rad / (np.pi / 2)))
                 assert 2 * part.angle_rad / part.seconds < np.deg2rad(245)  # peak of a smooth turn: no hand is hurried
             assert 3 <= sum(part.seconds for part in turn.parts) <= 4
+
+
+@pytest.mark.parametrize("full_scale_dps", [125, 250, 500])
+def test_a_small_full_scale_is_given_time(full_scale_dps):
+    """No turn that is asked for comes near the end of the gyroscope's range; what fits in the usual time is not slowed."""
+    most = PLANNED_FULL_SCALE * np.deg2rad(full_scale_dps)
+    for usual, turn in zip(turns_from(SIDES[0] * G), turns_from(SIDES[0] * G, most_rps=most), strict=True):
+        peak = max(2 * part.angle_rad / part.seconds for part in turn.parts)
+        assert peak <= most * (1 + 1e-12)
+        seconds, before = (sum(part.seconds for part in each.parts) for each in (turn, usual))
+        assert seconds == pytest.approx(before) if full_scale_dps == 500 else seconds >= before
+        assert f"({seconds:.0f} s)" in turn.words
 
 
 def test_an_edge_is_said_as_well():

@@ -55,7 +55,7 @@ class Guide:
     def begin(self, sensor: Sensor, own: OwnAccelerometer | None = None) -> None:
         """The sensor's ranges are known: samples can come.  own: where nobody has calibrated its accelerometer."""
         self.sensor = sensor
-        self.taken.begin(own)
+        self.taken.begin(own, sensor.gyro_fs_dps * DEG)
 
     def waits(self, stage: Stage, why: str) -> None:
         """The port is not there, or says nothing: samples will not come before that has changed.  What was reached is kept."""

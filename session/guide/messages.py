@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from math import inf
 
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
@@ -76,13 +77,15 @@ class Change:
 class Progress:
     """What a session has so far, for the coach: the turns that count, and all stills, in order, their accelerometer as session.toml has it.
 
-    own: whether nobody has calibrated the accelerometer, so that the stills have to; accelerometer: what they give, None while they do not.
+    own: whether nobody has calibrated the accelerometer, so that the stills have to; accelerometer: what they give, None while they do not;
+    gyro_fs_rps: the gyroscope's full scale.
     """
 
     turns: tuple[AcceptedTurn, ...]
     stills: tuple[Still, ...] = ()
     own: bool = False
     accelerometer: Accelerometer | None = None
+    gyro_fs_rps: float = inf
 
 
 @dataclass(frozen=True)

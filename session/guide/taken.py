@@ -16,25 +16,28 @@ LEAST_TURN_DEG = 30.0  #: what turns less is not counted: it tells next to nothi
 
 
 class Taken:
-    """turns that count, in order; stills; coverage; own: the accelerometer that the stills calibrate, None where one was given."""
+    """turns that count, in order; stills; coverage; own: the accelerometer that the stills calibrate, None where one was given;
+    gyro_fs_rps: the gyroscope's full scale, once it is known."""
 
     def __init__(self) -> None:
         self.turns: list[AcceptedTurn] = []
         self.stills: list[Still] = []
         self.coverage = Coverage()
         self.own: OwnAccelerometer | None = None
+        self.gyro_fs_rps = np.inf
 
-    def begin(self, own: OwnAccelerometer | None) -> None:
-        """It is known now whether somebody has calibrated the accelerometer."""
-        self.own = own
+    def begin(self, own: OwnAccelerometer | None, gyro_fs_rps: float) -> None:
+        """It is known now whether somebody has calibrated the accelerometer, and what the gyroscope can measure."""
+        self.own, self.gyro_fs_rps = own, gyro_fs_rps
         if own is not None:
             self.coverage.correct = own.correct
 
     @property
     def progress(self) -> Progress:
         """For the coach."""
-        own = self.own is not None
-        return Progress(tuple(self.turns), tuple(self.stills), own, self.own.accelerometer if self.own is not None else None)
+        own = self.own
+        accelerometer = own.accelerometer if own is not None else None
+        return Progress(tuple(self.turns), tuple(self.stills), own is not None, accelerometer, self.gyro_fs_rps)
 
     def add_still(self, still: Still) -> bool:
         """A still that is a reference.  Whether the accelerometer is known now, and was not before."""

@@ -32,6 +32,8 @@ UNSEEN = 100.0
 #: rad/s, the bias instability that a session is planned with, whatever the sensor: no recording is there yet to take it from, and it
 #: enters no uncertainty that is reported
 PLANNED_INSTABILITY_RPS = 3 * DEG_PER_HOUR
+#: of full scale, the peak of a turn that is asked for: ``record`` warns at 0.85, and a hand may be 1.4 times quicker than it was told
+PLANNED_FULL_SCALE = 0.6
 SHARPNESS = 6  #: afterwards: power of the sigmas in what is made small: 2 would look at all alike, a large one at the worst alone
 MOVED = np.cos(0.5 * DEG)  #: attitudes that a better known accelerometer has moved by more are looked at again
 STILL_S = 2.0  #: of the still that a proposed turn ends in
@@ -112,7 +114,7 @@ class Coach:
         force = measured if self._own is None else self._own.accelerometer.correct(measured)
         covariance = self.covariance / np.outer(self.targets, self.targets)
         information, sigma = np.linalg.inv(covariance), np.sqrt(np.diag(covariance))
-        turns = turns_from(force, QUARTERS if self._own is None else EIGHTHS)
+        turns = turns_from(force, QUARTERS if self._own is None else EIGHTHS, PLANNED_FULL_SCALE * self._progress.gyro_fs_rps)
         rows = self._rows(force, turns) * self.targets
         after = information + rows.swapaxes(-1, -2) @ rows
         if sigma.max() > UNKNOWN:

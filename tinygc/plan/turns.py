@@ -25,8 +25,9 @@ QUARTERS = (90, 180, 270, 360)
 #: an accelerometer's axes are seen askew only between the sides: such a turn ends on an edge, or begins there
 EIGHTHS = (45, 90, 135, 180, 225, 270, 315, 360)
 MOST_DEG = 360  #: of two movements together: what one hand does
-SINGLE_S, PAIR_S = 3.0, 4.0  #: of one movement; of two, shared by their angles
+SINGLE_S, PAIR_S = 3.0, 4.0  #: of one movement; of two, shared by their angles; longer where the full scale is small
 SLANTED_RAD = 20 * DEG  #: a board that lies further from straight is to be set straight in so many words
+PEAK = 2.0  #: of a smooth turn's rate, beside its mean
 STRAIGHT_S = 1.0  #: of setting it straight, where the estimate reckons with it
 STILL_S, RATE_HZ = 1.0, 20.0
 LEVEL = 0.1  #: cosine, on sides and edges: below it an axis is level
@@ -66,17 +67,21 @@ class Turn:
         return self.parts[-1].up * np.linalg.norm(accel)
 
 
-def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS) -> list[Turn]:
-    """All turns from a still in which the accelerometer reads accel (3,); singles_deg: the angles."""
+def turns_from(accel: np.ndarray, singles_deg: tuple[int, ...] = QUARTERS, most_rps: float = np.inf) -> list[Turn]:
+    """All turns from a still in which the accelerometer reads accel (3,); singles_deg: the angles; most_rps: no turn's peak is above."""
     up = nearest_up(accel, with_edges=singles_deg != QUARTERS)
     straightened = _straightened(accel / np.linalg.norm(accel), up)
     together = [pair for pair in product([degrees for degrees in singles_deg if degrees < 300], repeat=2) if sum(pair) <= MOST_DEG]
-    singles = [Turn(straightened, (part,)) for degrees in singles_deg for part in parts_from(up, degrees, SINGLE_S)]
+
+    def lasts(degrees: int, least_s: float) -> float:
+        return max(least_s, PEAK * degrees * DEG / most_rps)
+
+    singles = [Turn(straightened, (part,)) for degrees in singles_deg for part in parts_from(up, degrees, lasts(degrees, SINGLE_S))]
     pairs = [
         Turn(straightened, (first, second))
         for one, other in together
-        for first in parts_from(up, one, PAIR_S * one / (one + other))
-        for second in parts_from(first.up, other, PAIR_S * other / (one + other), "its")
+        for first in parts_from(up, one, lasts(one + other, PAIR_S) * one / (one + other))
+        for second in parts_from(first.up, other, lasts(one + other, PAIR_S) * other / (one + other), "its")
         if abs(first.axis @ second.axis) < LEVEL  # about the same axis it would be one turn
     ]
     return singles + pairs
@@ -91,7 +96,7 @@ def columns(accel: np.ndarray, turns: list[Turn]) -> np.ndarray:
     began = np.full((len(turns), 1), STILL_S)
     for parts in _abreast(movements):
         angle, seconds = (np.array([getattr(part, name) for part in parts])[:, None] for name in ("angle_rad", "seconds"))
-        speed = angle / seconds * 2 * np.sin(np.pi * np.clip((t - began) / seconds, 0, 1)) ** 2
+        speed = angle / seconds * PEAK * np.sin(np.pi * np.clip((t - began) / seconds, 0, 1)) ** 2
         rate += speed[..., None] * np.array([part.axis for part in parts])[:, None]
         began = began + seconds
     dt = (t[1:] <= lengths) / RATE_HZ

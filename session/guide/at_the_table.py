@@ -29,7 +29,8 @@ class Notebook(Interface):
 
 
 class AtTheTable:
-    """tell: takes what has changed; keys: gives what was typed since it was last asked; None: there are none."""
+    """tell: takes what has changed; keys: gives what was typed since it was last asked; None: there are none; wished: what was asked
+    for elsewhere, likewise."""
 
     def __init__(
         self,
@@ -38,8 +39,10 @@ class AtTheTable:
         tell: Callable[[list[Change]], None],
         notebook: Notebook | None,
         keys: Callable[[], str] | None,
+        wished: Callable[[], list[tuple[Wish, str]]] | None = None,
     ):
-        self._guide, self._recorder, self._tell, self._notebook, self._keys = guide, recorder, tell, notebook, keys
+        self._guide, self._recorder, self._tell, self._notebook = guide, recorder, tell, notebook
+        self._keys, self._wished = keys, wished
         self._typing = TypingLine()
 
     @property
@@ -60,17 +63,19 @@ class AtTheTable:
             self._tell(self._guide.decided(decision))
 
     def obey(self, begun: bool) -> None:
-        """What was typed.  begun: whether samples are judged."""
-        if self._keys is None:
-            return
-        for wish, text in self._typing.take(self._keys()):
+        """What was typed, or asked for.  begun: whether samples are judged."""
+        wishes = self._wished() if self._wished is not None else []
+        if self._keys is not None:
+            wishes += self._typing.take(self._keys())
+        for wish, text in wishes:
             try:
                 self._do(wish, text, begun)
             except StorageError:
                 raise
             except CalibrationError as error:  # nothing that a person types ends a recording
                 self._say(Kind.WARNING, str(error))
-        self._guide.keys = self._typing.words(self._guide.closure is not None)
+        if self._keys is not None:
+            self._guide.keys = self._typing.words(self._guide.closure is not None)
 
     def _do(self, wish: Wish, text: str, begun: bool) -> None:
         guide = self._guide

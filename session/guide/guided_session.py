@@ -21,6 +21,7 @@ from session.guide.incoming import joined_chunks, samples_of
 from session.guide.messages import Change, Kind, Stage
 from session.guide.own_accelerometer import OwnAccelerometer
 from session.guide.same_sensor import SameSensor
+from session.guide.typing_line import Wish
 from session.guide.view import View
 from session.log.config import Config
 from session.log.samples import Samples
@@ -47,7 +48,7 @@ class GuidedRecording:
 
     configure(info or None, seconds of samples without one) gives the session's configuration, or None while that is not enough; it raises
     CalibrationError where the board contradicts what is known.  keys: gives what was typed since it was last asked; None: there are none.
-    watch: is shown all samples, after the guide.
+    watch: is shown all samples, after the guide; wished: gives what was asked for on a page since it was last asked.
     """
 
     def __init__(
@@ -60,9 +61,10 @@ class GuidedRecording:
         notebook: Notebook | None = None,
         keys: Callable[[], str] | None = None,
         watch: Watch | None = None,
+        wished: Callable[[], list[tuple[Wish, str]]] | None = None,
     ):
         self.guide, self.recorder, self._configure, self._view, self._watch = guide, recorder, configure, view, watch
-        self._table = AtTheTable(guide, recorder, self._tell, notebook, keys)
+        self._table = AtTheTable(guide, recorder, self._tell, notebook, keys, wished)
         self.config: Config | None = None
         guide.coached, self._coach = coach is not None, CoachThread(coach)
         self._early: list[Chunk] = []  # samples whose ranges nobody has told yet

@@ -9,10 +9,13 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from session.common.texts import printable
+
 if TYPE_CHECKING:
     from session.guide.guided_session import Watch
     from session.guide.screen import LiveScreen, PlainLines
     from session.guide.view import View
+    from session.page.server import PageServer
 
 LOOPBACK = "127.0.0.1:0"
 
@@ -30,24 +33,40 @@ def page_address(text: str) -> tuple[str, int]:
 
 
 @contextlib.contextmanager
-def views(args: argparse.Namespace, title: str) -> Iterator[tuple[View, Watch | None]]:
+def page_server(args: argparse.Namespace) -> Iterator[PageServer | None]:
+    """The page's server, where a page was asked for.  What ends the recording is said on the page, too."""
+    if args.view is None:
+        yield None
+        return
+    from session.common.errors import CalibrationError
+    from session.page.server import PageServer
+
+    server = PageServer(*args.view)
+    server.start()
+    print(f"look at the recording: {server.address}", file=sys.stderr, flush=True)  # also where quiet: it is what was asked for
+    try:
+        yield server
+    except CalibrationError as error:
+        server.publish("end", {"words": printable(str(error)), "command": "", "report": "none"})
+        raise
+    finally:
+        server.close()
+
+
+@contextlib.contextmanager
+def views(args: argparse.Namespace, title: str, server: PageServer | None) -> Iterator[tuple[View, Watch | None]]:
     """What is told of the recording, and what is shown its samples."""
-    with contextlib.ExitStack() as open_:
-        if args.view is None:
-            yield open_.enter_context(_screen(args, title)), None
+    with _screen(args, title) as screen:
+        if server is None:
+            yield screen, None
             return
-        from session.page.server import PageServer
         from session.page.view import PageView
 
-        server = PageServer(*args.view)
-        server.start()
-        open_.callback(server.close)
-        print(f"look at the recording: {server.address}", file=sys.stderr, flush=True)  # also where quiet: it is what was asked for
-        page = PageView(open_.enter_context(_screen(args, title)), server)
+        page = PageView(screen, server)
         yield page, page.watch
 
 
-def _screen(args: argparse.Namespace, title: str) -> LiveScreen | PlainLines:
+def _screen(args: argparse.Namespace, title: str) -> contextlib.AbstractContextManager[LiveScreen | PlainLines]:
     """The live screen in a terminal, lines elsewhere, nothing where quiet."""
     from session.common.console import PlainConsole
     from session.guide.screen import LiveScreen, PlainLines

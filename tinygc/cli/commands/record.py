@@ -5,15 +5,16 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.common.texts import printable, shell_word
 from tinygc.cli.arguments import accel_full_scale, closure_seconds, count, data_rate, gyro_full_scale, note, stream_header
 from tinygc.cli.commands._interruption import Interruption
+from tinygc.cli.commands._recorded import counted, left_out, missing, so_far, table
 from tinygc.cli.commands._results import complain, output, write_json
-from tinygc.cli.commands._views import LOOPBACK, page_address, views
+from tinygc.cli.commands._views import LOOPBACK, page_address, page_server, views
 from tinygc.cli.paths import folder_written, path_read
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from session.guide.guide import Guide
     from session.guide.messages import Advice, Progress
     from session.log.config import Config
+    from session.page.server import PageServer
     from session.recording.recorder import Recorder
     from session.recording.session_file import SessionFile
     from session.stream.events import Info
@@ -28,7 +30,6 @@ if TYPE_CHECKING:
 
 SUMMARY = "record a guided session from a serial port"
 USUAL_CLOSURE_S = 60.0
-MOST_NAMED = 3  #: logs
 EPILOG = """keys, where standard input is a terminal: p pauses (what comes is kept, and not judged) and goes on; d drops the last turn
 (its segment is left out, its data stay); n begins a note, Enter keeps it in session.toml; in the closure run d begins the run again,
 and Enter says that the table stands on its index mark.  Where standard input is no terminal there are no keys."""
@@ -76,22 +77,50 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Lead one person at the table through a session, and lose nothing of it."""
     from session.recording.ports import only_candidate
-    from session.recording.session_file import ASSUMED
 
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
+    with page_server(args) as page:
+        with Interruption() as wanted:
+            told = _say_what_was_asked
+            while (led := _led(args, folder, port, wanted, told, page)) is None:
+                told = _nothing  # the recording began again without another board's bytes
+        interrupted = _tell(args, folder, port, *led)
+        if page is not None:
+            _end_page(page, args, folder, port, interrupted)
+    return 130 if interrupted else 0
+
+
+def _end_page(page: PageServer, args: argparse.Namespace, folder: Path, port: str, interrupted: bool) -> None:
+    """All is written: what the page says and offers now."""
+    from tinygc.cli.commands import _page_end
+
+    if interrupted:
+        _page_end.interrupted(page, _again(args, folder, port))
+        return
     with Interruption() as wanted:
-        told = _say_what_was_asked
-        while (led := _led(args, folder, port, wanted, told)) is None:
-            told = _nothing  # the recording began again without another board's bytes
-    guide, recorder, session_file, interrupted = led
+        _page_end.stay(page, folder, wanted)
+
+
+def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
+    """The command that goes on."""
+    again = f"calibrate.py record --resume --out {shell_word(folder)} --port {shell_word(port)}"
+    return again + (f" --closure {args.closure:g}" if args.closure else "")
+
+
+def _tell(
+    args: argparse.Namespace, folder: Path, port: str, guide: Guide, recorder: Recorder, session_file: SessionFile, interrupted: bool
+) -> bool:
+    """What was recorded; returns interrupted."""
+    from session.recording.session_file import ASSUMED
+
     console = output(args)
-    console.print(f"{folder}: {_so_far(guide, recorder)}", soft_wrap=True)
+    console.print(f"{folder}: {so_far(guide, recorder)}", soft_wrap=True)
     for path in recorder.logs.put_aside:
         console.print(f"{path}: what was there differed from {recorder.raw.path.name}; the log was made again", soft_wrap=True)
-    for left in _left(recorder):
-        console.print(left, soft_wrap=True)
+    for line in left_out(recorder):
+        console.print(line, soft_wrap=True)
     for path in recorder.logs.paths:
         if not path.exists():
             console.print(f"{path}: was removed meanwhile; --resume makes it again of {recorder.raw.path.name}", soft_wrap=True)
@@ -99,20 +128,23 @@ def run(args: argparse.Namespace) -> int:
         console.print(f"accelerometer, of which session.toml says nothing: {guide.taken.own.words}", soft_wrap=True)
     if session_file.assumed:
         console.print(ASSUMED, soft_wrap=True)
-    if missing := _missing(guide):
-        console.print(missing, soft_wrap=True)
-    again = f"calibrate.py record --resume --out {shell_word(folder)} --port {shell_word(port)}"
-    again += f" --closure {args.closure:g}" if args.closure else ""
+    if words := missing(guide):
+        console.print(words, soft_wrap=True)
     if interrupted:
-        complain(f"interrupted; everything received is kept. To go on: {again}")
+        complain(f"interrupted; everything received is kept. To go on: {_again(args, folder, port)}")
     else:
         console.print(f"next: calibrate.py check {shell_word(folder)}, then calibrate.py fit {shell_word(folder)}", soft_wrap=True)
-    write_json(args.json, _table(guide, folder, recorder))
-    return 130 if interrupted else 0
+    write_json(args.json, table(guide, folder, recorder))
+    return interrupted
 
 
 def _led(
-    args: argparse.Namespace, folder: Path, port: str, wanted: Interruption, tell: Callable[[argparse.Namespace, Path], None]
+    args: argparse.Namespace,
+    folder: Path,
+    port: str,
+    wanted: Interruption,
+    tell: Callable[[argparse.Namespace, Path], None],
+    page: PageServer | None,
 ) -> tuple[Guide, Recorder, SessionFile, bool] | None:
     """One recording to its end; whether it was interrupted.  None: it has to begin again, since it held another board's bytes, which
     are apart now."""
@@ -131,13 +163,14 @@ def _led(
     guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)
     failed, problem, guided, interrupted = None, None, None, False
     try:
-        with Keys() as keys, views(args, f"{folder} · {port}") as (view, watch):
+        with Keys() as keys, views(args, f"{folder} · {port}", page) as (view, watch):
             typed = keys if keys.there else None
 
             def configure(info: Info | None, waited_s: float) -> Config | None:
                 return session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board)
 
-            guided = GuidedRecording(guide, recorder, configure, None if args.no_coach else _coach(), view, session_file, typed, watch)
+            coach, wished = None if args.no_coach else _coach(), None if page is None else page.wishes
+            guided = GuidedRecording(guide, recorder, configure, coach, view, session_file, typed, watch, wished)
             guided.lead(wanted)
     except KeyboardInterrupt:
         interrupted = True
@@ -151,7 +184,7 @@ def _led(
     if recorder.raw.trouble is not None:
         raise recorder.raw.trouble
     if (wrong := failed or problem) is not None:
-        counts = _counted(guide, recorder) if isinstance(wrong, OtherSensor) else _so_far(guide, recorder)  # which names its files itself
+        counts = counted(guide, recorder) if isinstance(wrong, OtherSensor) else so_far(guide, recorder)  # which names its files itself
         raise type(wrong)(f"{wrong}; kept in {folder}: {counts}") from None
     return guide, recorder, session_file, interrupted
 
@@ -228,67 +261,3 @@ def _coach() -> Callable[[Progress], Advice]:
         return coach(progress)
 
     return advise
-
-
-def _so_far(guide: Guide, recorder: Recorder) -> str:
-    """What there is: segments and files."""
-    names = [path.name for path in recorder.logs.paths] or ["no log yet"]
-    logs = ", ".join(names) if len(names) <= MOST_NAMED else f"{names[0]} and {len(names) - 1} more"
-    return f"{_counted(guide, recorder)} ({recorder.raw.path.name}, {logs})"
-
-
-def _counted(guide: Guide, recorder: Recorder) -> str:
-    return f"{guide.accepted} of {guide.segments} segments, {recorder.samples} samples"
-
-
-def _left(recorder: Recorder) -> Iterator[str]:
-    """What is in the raw bytes and in no log, or may be in one and wrong."""
-    from session.recording.logwriter import said_not_logged
-    from session.stream.frames import cannot_be_told
-
-    raw, logs = recorder.raw.path, recorder.logs
-    if crc_errors := recorder.decoder.crc_errors:
-        yield f"{raw}: of {crc_errors} damaged frames {cannot_be_told(crc_errors)}"
-    if recorder.undecoded:
-        yield f"{raw}: {recorder.undecoded} bytes of it are in no log yet; record --resume goes on with them, or replay {raw} --out DIR"
-    if logs.not_logged:
-        yield f"{raw}: {said_not_logged(logs.not_logged, logs.not_logged_starts)}"
-
-
-def _missing(guide: Guide) -> str:
-    """What the coach would still ask for."""
-    if guide.advice is None or not guide.advice.missing:
-        return ""
-    return f"not yet at their target sigma: {'; '.join(guide.advice.missing[:4])}{'; …' if len(guide.advice.missing) > 4 else ''}"
-
-
-def _table(guide: Guide, folder: Path, recorder: Recorder) -> dict:
-    """The result as JSON."""
-    health = guide.health
-    troubles = health.troubles  # before the port was closed, which tears the last frame
-    return {
-        "schema": "tinygc-record/1",
-        "session": str(folder),
-        "done": guide.stage.value == "done",
-        "segments": {"wanted": guide.segments, "accepted": guide.accepted, "rejected": guide.rejected, "dropped": guide.dropped},
-        "accelerometer": _accelerometer(guide),
-        "samples": recorder.samples,
-        "lost": troubles["lost"],
-        "crc_errors": troubles["crc"],
-        "garbage_bytes": troubles["garbage"],
-        "implausible": troubles["implausible"],
-        "resets": troubles["reset"],
-        "odr_hz": health.odr_hz,
-        "odr_by_host_hz": health.odr_by_host_hz,
-        "logs": [path.name for path in recorder.logs.paths],
-        "missing": list(guide.advice.missing) if guide.advice else None,
-    }
-
-
-def _accelerometer(guide: Guide) -> dict | None:
-    """What the stills make of an accelerometer that nobody has calibrated."""
-    if guide.taken.own is None:
-        return None
-    before, after = guide.taken.own.spread_mg
-    stills = len(guide.taken.own.stills)
-    return {"stills": stills, "attitudes": guide.taken.own.attitudes, "spread_mg": {"before": before, "after": after}}

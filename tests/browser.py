@@ -55,13 +55,14 @@ class Browser:
         os.close(self._write)
         os.close(self._read)
 
-    def open(self, path: Path, width: int, height: int = 900, dark: bool = False) -> None:
-        """Show a file; ``events`` then has all that happened since."""
+    def open(self, path: Path | str, width: int, height: int = 900, dark: bool = False, still: bool = False) -> None:
+        """Show a file, or an address; ``events`` then has all that happened since.  still: as for a person who wants no motion."""
         self.events = []
         self.ask("Emulation.setDeviceMetricsOverride", {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600})
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        self.ask("Emulation.setEmulatedMedia", {"features": [scheme]})
-        self.ask("Page.navigate", {"url": path.resolve().as_uri()})
+        motion = {"name": "prefers-reduced-motion", "value": "reduce" if still else "no-preference"}
+        self.ask("Emulation.setEmulatedMedia", {"features": [scheme, motion]})
+        self.ask("Page.navigate", {"url": path if isinstance(path, str) else path.resolve().as_uri()})
         while not any(event["method"] == "Page.loadEventFired" for event in self.events):
             self._receive()
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 SLOW_S = 3.0  #: a browser that takes nothing for so long, or asks nothing, is dropped
 ALIVE_S = 2.0  #: between two events there is never more: a browser that has gone is noticed
 SEND_BUFFER = 32768  #: bytes that the system holds for a browser: some ten states, so that one that hangs is noticed
+ALIVE = b"event: alive\ndata: 0\n\n"
 RETRY = b"retry: 1000\n\n"  #: ms after which a browser that was cut off asks again
 HTML = "text/html; charset=utf-8"
 TYPES = {
@@ -105,7 +106,7 @@ class Handler(BaseHTTPRequestHandler):
             with contextlib.suppress(OSError):  # it has gone, or takes nothing: a send waits SLOW_S at most
                 self.wfile.write(RETRY)
                 while (waiting := client.take(ALIVE_S)) is not None:
-                    self.wfile.write(b"".join(waiting.values()) or b": alive\n\n")
+                    self.wfile.write(b"".join(waiting.values()) or ALIVE)
         finally:
             server.left(client)
 

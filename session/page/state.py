@@ -19,9 +19,10 @@ from session.page.turning import Quaternion, exp, levelled, multiply, rotated
 MOST_STILLS = 200  #: on the sphere: the last of them
 
 
-def pose_of(attitude: Attitude, full_scale_dps: float) -> dict[str, Any]:
-    """q: board to a frame with z up; rate of the three axes and its peak, dps."""
+def pose_of(attitude: Attitude, full_scale_dps: float, t_s: float) -> dict[str, Any]:
+    """t_s: device time of the last sample; q: board to a frame with z up; rate of the three axes and its peak, dps."""
     return {
+        "t_s": round(t_s, 4),
         "q": _rounded(attitude.q, 4),
         "rate_dps": _rounded(attitude.rate / DEG, 1),
         "peak_dps": round(attitude.peak_rps / DEG, 1),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 
+from session.common.units import NS
 from session.guide.guide import Guide
 from session.guide.messages import Change, Kind
 from session.guide.view import View
@@ -49,6 +50,6 @@ class PageView:
         if len(stills) != self._stills:
             self._stills, self._still = len(stills), self._attitude.q
             self._attitude.zero_rps = stills[-1].gyro_mean
-        if guide.sensor is not None and time.monotonic() - self._sent_s >= POSE_EVERY_S:
+        if guide.sensor is not None and len(samples) and time.monotonic() - self._sent_s >= POSE_EVERY_S:
             self._sent_s = time.monotonic()
-            self._server.publish("pose", pose_of(self._attitude, guide.sensor.gyro_fs_dps))
+            self._server.publish("pose", pose_of(self._attitude, guide.sensor.gyro_fs_dps, float(samples.t_ns[-1]) * NS))

@@ -1,4 +1,4 @@
-// A canvas that is as sharp as the screen, and the page's colours.
+// What both pictures draw with.
 
 export function canvasOf(id) {
   const canvas = document.getElementById(id), context = canvas.getContext("2d");
@@ -10,15 +10,22 @@ export function canvasOf(id) {
     }
     context.setTransform(sharp, 0, 0, sharp, 0, 0);
     context.clearRect(0, 0, width, height);
+    context.lineJoin = context.lineCap = "round";
     return { context, width, height };
   };
 }
 
-export const colour = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+let colours = null;
+export const forgetColours = () => { colours = null; };
+export const colour = name => (colours ??= getComputedStyle(document.documentElement)).getPropertyValue(`--${name}`).trim();
 
-export function line(context, points, style, width, dash = []) {
+function trace(context, points) {
   context.beginPath();
   points.forEach(([x, y], i) => (i ? context.lineTo(x, y) : context.moveTo(x, y)));
+}
+
+export function line(context, points, style, width, dash = []) {
+  trace(context, points);
   context.strokeStyle = style;
   context.lineWidth = width;
   context.setLineDash(dash);
@@ -26,22 +33,41 @@ export function line(context, points, style, width, dash = []) {
   context.setLineDash([]);
 }
 
-export function arrowhead(context, [x0, y0], [x, y], style, size) {
-  const angle = Math.atan2(y - y0, x - x0);
-  context.beginPath();
-  context.moveTo(x + size * Math.cos(angle), y + size * Math.sin(angle));
-  for (const side of [2.4, -2.4]) context.lineTo(x + size * Math.cos(angle + side), y + size * Math.sin(angle + side));
+export function area(context, points, fill, opacity = 1) {
+  trace(context, points);
   context.closePath();
-  context.fillStyle = style;
+  context.globalAlpha = opacity;
+  context.fillStyle = fill;
   context.fill();
+  context.globalAlpha = 1;
 }
 
-export function word(context, text, [x, y], style, size = 16) {
-  context.font = `600 ${size}px system-ui, sans-serif`;
+export function disc(context, [x, y], radius, fill, stroke = null, width = 1.5) {
+  context.beginPath();
+  context.arc(x, y, radius, 0, 2 * Math.PI);
+  if (fill) {
+    context.fillStyle = fill;
+    context.fill();
+  }
+  if (!stroke) return;
+  context.strokeStyle = stroke;
+  context.lineWidth = width;
+  context.stroke();
+}
+
+export function arrowhead(context, [x0, y0], [x, y], style, size, edge = 0) {
+  const angle = Math.atan2(y - y0, x - x0), at = (turn, far) => [x + far * Math.cos(angle + turn), y + far * Math.sin(angle + turn)];
+  const head = [at(0, size), at(2.4, size), at(Math.PI, 0.35 * size), at(-2.4, size)];
+  if (edge) line(context, [...head, head[0]], style, edge);
+  area(context, head, style);
+}
+
+export function word(context, text, [x, y], style, size = 16, edge = colour("ground")) {
+  context.font = `700 ${size}px system-ui, sans-serif`;
   context.textAlign = "center";
   context.textBaseline = "middle";
-  context.lineWidth = 4;
-  context.strokeStyle = colour("ground");
+  context.lineWidth = Math.max(4, size / 4);
+  context.strokeStyle = edge;
   context.strokeText(text, x, y);
   context.fillStyle = style;
   context.fillText(text, x, y);

@@ -1,89 +1,79 @@
 // Takes the recording's events and shows them.
 
-import { drawBoard } from "./board.js";
-import { play, soundButton } from "./sound.js";
-import { drawSphere } from "./sphere.js";
-import { rotated } from "./turning.js";
+import { drawBoard, turnTheView } from "./board.js";
+import { forgetColours } from "./canvas.js";
+import { showEnd, showSaid, showSigmas } from "./lists.js";
+import { goalOf, toGo } from "./path.js";
+import { follow } from "./stream.js";
+import { soundButton, soundIsOn } from "./sound.js";
+import { drawSphere, facesOf } from "./sphere.js";
+import { inverse, rotated } from "./turning.js";
+import { ask, wishOf } from "./wishes.js";
+import { part, share, write } from "./writing.js";
 
-const SILENT_MS = 6000, FAST = 85;
-const part = id => document.getElementById(id);
-let pose = null, state = null, heard = performance.now(), sounded = null, asked = false, sigmasShown = "", saidShown = "";
-
-const write = (id, text) => {
-  if (part(id).textContent !== text) part(id).textContent = text;
-};
-const bar = (id, share) => {
-  const percent = Math.round(1000 * Math.max(0, Math.min(1, share))) / 10;
-  part(id).firstElementChild.style.width = `${percent}%`;
-  part(id).setAttribute("aria-valuenow", String(percent));
-};
+const FAST = 85, LONG = 72, THERE_DEG = 12, ROUND_MS = 3600, GOES = 0.6, FRAME_MS = 33;
+const quiet = matchMedia("(prefers-reduced-motion: reduce)");
+let pose = null, state = null, end = null, asked = false, drawn = 0;
 
 function showPose() {
   const of = 100 * pose.peak_dps / pose.full_scale_dps;
-  bar("speed", of / 100);
+  share("speed", of / 100);
   part("speed").classList.toggle("fast", of > FAST);
-  write("rate", `${pose.peak_dps.toFixed(0)} of ${pose.full_scale_dps} dps${of > FAST ? ": slower" : ""}`);
+  write("rate", `${pose.peak_dps.toFixed(0)} of ${pose.full_scale_dps} dps${of > FAST ? ": slower!" : ""}`);
+}
+
+// The still's countdown, or how far the coach's turn has gone.
+function showBar() {
+  const whole = state.target?.turns.reduce((sum, { angle_deg }) => sum + Math.abs(angle_deg), 0), turns = state.part === null && whole;
+  part("still").className = turns ? "turns" : state.part === null ? "none" : "";
+  part("still").setAttribute("aria-label", turns ? "turned" : "still");
+  share("still", turns ? state.turned_deg / whole : state.part ?? 0);
+  write("left", turns ? `${state.turned_deg.toFixed(0)}° of ${whole.toFixed(0)}°`
+    : state.remaining_s === null ? "" : `${state.remaining_s.toFixed(1)} s`);
 }
 
 function showState() {
   document.body.className = `${state.good ? "" : "bad"} ${state.stage === "done" ? "done" : ""}`;
   write("stage", state.stage);
   write("count", `${state.accepted} of ${state.wanted} turns${state.rejected ? `, ${state.rejected} rejected` : ""}`);
+  share("progress", state.accepted / state.wanted);
   write("do", state.do);
+  part("do").classList.toggle("long", state.do.length > LONG);
   write("why", state.why);
-  part("still").classList.toggle("none", state.part === null);
-  bar("still", state.part ?? 0);
+  showBar();
   write("closure", state.closure_deg === null ? "–" : `${state.closure_deg.toFixed(2)}°`);
-  write("stills", String(state.up.length));
+  write("stills", `${facesOf(state.up).length} of 6 faces, ${state.up.length} rests`);
   showSigmas(state.sigmas);
   showSaid(state.said);
   const warm = state.temp_c === null ? "" : `; ${state.temp_c} °C${state.wait ? `: ${state.wait}` : ""}`;
   write("stream", `${state.odr_hz ?? "–"} Hz; ${state.samples} samples, ${state.lost} lost${warm}`);
+  const over = end !== null || state.stage === "done";
+  part("here").hidden = over || state.stage !== "closure run";
+  part("pause").hidden = part("drop").hidden = part("note").hidden = over;
+  write("pause", state.stage === "paused" ? "go on" : "pause", state.stage === "closure run" ? "p" : "space");
+  write("drop", state.stage === "closure run" ? "the closure run again" : "drop the last turn", "d");
 }
 
-function showSigmas(sigmas) {
-  const shown = JSON.stringify(sigmas);
-  if (shown === sigmasShown) return;
-  sigmasShown = shown;
-  write("reached", sigmas.length ? `${sigmas.filter(each => each.of_target <= 1).length} of ${sigmas.length} reached` : "–");
-  part("sigmas").replaceChildren(...sigmas.map(({ name, of_target }) => {
-    const item = document.createElement("li"), reached = of_target <= 1;
-    item.className = reached ? "" : "above";
-    item.append(cell(name), cell(reached ? `${of_target.toFixed(2)} ✓` : of_target >= 100 ? "not seen" : `${of_target.toFixed(1)}×`));
-    return item;
-  }));
+// What the ghost shows: it goes the way, and stays at its end for a while; while the board turns it waits there.
+function phaseOf(now) {
+  if (quiet.matches || state?.moving) return 1;
+  return Math.min(1, (now % ROUND_MS) / ROUND_MS / GOES);
 }
 
-function showSaid(said) {
-  const last = said.at(-1)?.number ?? 0;
-  if (sounded !== null) said.filter(({ number }) => number > sounded).forEach(({ kind }) => play(kind));
-  sounded = last;
-  const shown = JSON.stringify(said);
-  if (shown === saidShown) return;
-  saidShown = shown;
-  part("said").replaceChildren(...[...said].reverse().map(({ at_s, text }) => {
-    const item = document.createElement("li"), at = cell(`${at_s.toFixed(1)} s`);
-    at.className = "at";
-    item.append(at, cell(text));
-    return item;
-  }));
-}
-
-function cell(text) {
-  const made = document.createElement("span");
-  made.textContent = text;
-  return made;
-}
-
-// What the board's axes say of the vertical: its third row.
-const upNow = ([w, x, y, z]) => rotated([w, -x, -y, -z], [0, 0, 1]);
-
-function draw() {
+function draw(now) {
   asked = false;
-  if (pose) showPose();
-  if (state) showState();
-  drawBoard(pose, state?.target ?? null, state?.turned_deg ?? 0);
-  drawSphere(state?.up ?? [], pose ? upNow(pose.q) : null);
+  const moves = Boolean(state?.target) && !state.moving && !quiet.matches;
+  if (now - drawn >= FRAME_MS || !moves) {
+    drawn = now;
+    if (pose) showPose();
+    if (state) showState();
+    const goal = pose && state?.target ? goalOf(state.target.turns, state.turned_deg) : null, left = goal && toGo(goal, pose.q);
+    const there = goal !== null && left < THERE_DEG && goal.number === goal.total - 1;
+    write("togo", there ? "✓ there: let go" : goal && state.moving ? `${left.toFixed(0)}° to go` : "");
+    drawBoard(pose, goal, there ? 1 : phaseOf(now), there);
+    drawSphere(state?.up ?? [], pose ? rotated(inverse(pose.q), [0, 0, 1]) : null);
+  }
+  if (moves) soon();
 }
 
 function soon() {
@@ -92,21 +82,47 @@ function soon() {
   requestAnimationFrame(draw);
 }
 
-const events = new EventSource("events");
-const heed = (name, take) => events.addEventListener(name, event => {
-  heard = performance.now();
-  take(JSON.parse(event.data));
-  soon();
+function wish(words) {
+  ask(words, ok => write("sent", ok ? "" : "the recording does not answer: not done"));
+}
+
+follow({
+  pose: value => { pose = value; soon(); },
+  state: value => { state = value; soon(); },
+  alive: () => {},
+  end: value => { end = value; showEnd(end); soon(); },
+}, {
+  lost: () => {
+    if (end && end.report !== "offered" && end.report !== "making") return;
+    document.body.className = "bad lost";
+    write("stage", "no connection");
+    write("why", "this page is cut off from the recording; it asks again by itself. A recording that was started anew has a new address");
+  },
+  listens: soundIsOn,
+  over: () => end !== null,
 });
-heed("pose", value => { pose = value; });
-heed("state", value => { state = value; });
-setInterval(() => {
-  if (performance.now() - heard < SILENT_MS || state?.stage === "done") return;
-  document.body.className = "bad";
-  write("stage", "no connection");
-  write("why", "the recording says nothing: it has ended, or this page is cut off from it");
-}, 1000);
+
+for (const name of ["here", "pause", "drop"]) part(name).addEventListener("click", () => wish(name));
+part("make").addEventListener("click", () => wish("report"));
+part("view").addEventListener("click", () => { turnTheView(); soon(); });
+part("note").addEventListener("submit", event => {
+  event.preventDefault();
+  if (part("text").value.trim()) wish(`note ${part("text").value.trim()}`);
+  part("text").value = "";
+  part("text").blur();
+});
+addEventListener("keydown", event => {
+  if (event.target instanceof HTMLInputElement || event.ctrlKey || event.altKey || event.metaKey) return;
+  if (event.target instanceof HTMLElement && event.target.closest("button, a") && (event.key === " " || event.key === "Enter")) return;
+  const words = wishOf(event.key, state?.stage, end), other = { v: part("view"), s: part("sound") }[event.key];
+  if (words || event.key === " " || event.key === "n" || other) event.preventDefault();
+  if (event.repeat) return;
+  if (words) wish(words);
+  else if (event.key === "n") part("text").focus();
+  else other?.click();
+});
 soundButton(part("sound"));
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", soon);
+navigator.wakeLock?.request("screen").catch(() => {});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { forgetColours(); soon(); });
 addEventListener("resize", soon);
 soon();

@@ -1,0 +1,34 @@
+// The recording's events.  Whatever cuts this page off (the recording's own end, a laptop that slept), it asks again until it is told
+// that there is nothing more.  A page that nobody sees gives its connection back: a browser has six for all its tabs together.
+
+const SILENT_MS = 5000, AGAIN_MS = 1500;
+
+export function follow(takers, { lost, listens, over }) {
+  let events = null, heard = performance.now(), asked = 0;
+  const connect = () => {
+    events?.close();
+    events = new EventSource("events");
+    asked = performance.now();
+    for (const [name, take] of Object.entries(takers)) {
+      events.addEventListener(name, event => {
+        heard = performance.now();
+        take(JSON.parse(event.data));
+      });
+    }
+  };
+  const close = () => {
+    events?.close();
+    events = null;
+  };
+  document.addEventListener("visibilitychange", () => {
+    if (document.hidden && !listens() && !over()) close();
+    else if (!events) connect();
+  });
+  setInterval(() => {
+    const now = performance.now();
+    if (!events || now - heard < SILENT_MS) return;
+    lost();
+    if (now - asked > AGAIN_MS + SILENT_MS * (events.readyState === EventSource.OPEN)) connect();
+  }, 500);
+  connect();
+}

@@ -1,0 +1,95 @@
+"""A hand that turns a simulated board as the coach says, followed by a page: for tests, pictures and figures of the page."""
+
+import numpy as np
+from conftest import DEG, GRAVITY, config
+from scipy.spatial.transform import Rotation
+
+from session.guide.guide import Guide
+from session.guide.messages import Stage
+from session.log.samples import Samples
+from session.page.view import PageView
+from tinygc.plan.coach import Coach
+
+ERRORS = np.eye(3) + 1e-3 * np.array([[4.0, 1.5, -2.0], [-1.0, -6.0, 2.5], [2.0, -1.5, 5.0]])
+BIAS_DPS = np.array([0.5, -0.3, 0.6])
+
+
+class Silent:
+    """A screen that says nothing."""
+
+    def change(self, change) -> None: ...
+
+    def show(self, guide) -> None: ...
+
+
+class Kept:
+    """A server without browsers: the newest of each kind."""
+
+    def __init__(self):
+        self.last = {}
+
+    def publish(self, event, content):
+        self.last[event] = content
+
+
+class CoachedHand:
+    """``until`` a moment of a session of so many turns; attitude: how the board truly lies, body to a frame with z up."""
+
+    def __init__(self, server=None, segments: int = 40, odr_hz: float = 208.0, seed: int = 0):
+        self.server = server or Kept()
+        self.page, self.coach = PageView(Silent(), self.server), Coach()
+        self.guide = Guide(config().protocol, segments)
+        self.guide.coached = True
+        self.guide.begin(config(odr_hz=odr_hz).sensor)
+        self.attitude = Rotation.identity()
+        self._rng, self._odr_hz, self._number = np.random.default_rng(seed), odr_hz, 0
+        self._moments = self._session()
+
+    def until(self, true) -> Guide:
+        """To the first moment at which true(guide), by portions of 0.1 s."""
+        for _ in self._moments:
+            if true(self.guide):
+                return self.guide
+        assert true(self.guide), "the session ended before that"
+        return self.guide
+
+    def _session(self):
+        yield from self._move(np.zeros(3), 3.2)
+        while self.guide.stage is not Stage.DONE:
+            for movement in self.guide.advice.movements if self.guide.advice and self.guide.advice.movements else [None]:
+                vector = self._any() if movement is None else movement.angle_rad * np.array(movement.axis)
+                yield from self._move(vector, max(2.0, float(np.linalg.norm(vector)) / (70 * DEG)))
+            yield from self._move(np.zeros(3), 2.5)
+
+    def _any(self) -> np.ndarray:
+        axis = self._rng.normal(size=3)
+        return self._rng.uniform(1.5, 3.0) * axis / np.linalg.norm(axis)
+
+    def _move(self, vector: np.ndarray, seconds: float):
+        """About an axis of the body, from rest to rest."""
+        began, step = self.attitude, max(1, round(0.1 * self._odr_hz))
+        count = round(seconds * self._odr_hz)
+        part = np.arange(1, count + 1) / count
+        way = part - np.sin(2 * np.pi * part) / (2 * np.pi)
+        rate = ((1 - np.cos(2 * np.pi * part)) / seconds)[:, None] * vector
+        attitudes = began * Rotation.from_rotvec(way[:, None] * vector)
+        wide = np.sqrt(self._odr_hz / 2)
+        gyro = (rate + BIAS_DPS * DEG) @ ERRORS.T + 0.005 * DEG * wide * self._rng.normal(size=rate.shape)
+        force = attitudes.inv().apply([0, 0, GRAVITY]) + 6e-4 * wide * self._rng.normal(size=rate.shape)
+        t_ns = np.rint((self._number + np.arange(count)) * 1e9 / self._odr_hz / 1000).astype(np.int64) * 1000
+        self._number += count
+        samples = Samples(t_ns, gyro, force, np.full(count, 31.4))
+        for first in range(0, count, step):
+            self.attitude = attitudes[min(first + step, count) - 1]
+            self._take(samples.between(first, first + step))
+            yield
+        self.attitude = began * Rotation.from_rotvec(vector)
+
+    def _take(self, samples: Samples) -> None:
+        for change in self.guide.feed(samples):
+            self.page.change(change)
+            if change.accepted is not None:
+                self.guide.advise(self.coach(self.guide.taken.progress))
+        self.page._sent_s = 0.0  # here nobody waits 40 ms between two portions
+        self.page.watch(self.guide, samples)
+        self.page.show(self.guide)

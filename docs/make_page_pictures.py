@@ -73,7 +73,9 @@ def report(browser: Browser, args: argparse.Namespace) -> None:
     with tempfile.TemporaryDirectory() as folder:
         made = args.report or Path(folder) / "report.html"
         if not args.report:
-            subprocess.run([sys.executable, "calibrate.py", "report", "data/session1", "--out", str(made), "--quiet"], cwd=ROOT, check=False)
+            subprocess.run(
+                [sys.executable, "calibrate.py", "report", "data/session1", "--out", str(made), "--quiet"], cwd=ROOT, check=False
+            )
         browser.open(made, *WIDE)
         keep(browser, args.out / "view-report.png", WIDE)
 

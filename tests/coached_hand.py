@@ -1,5 +1,7 @@
 """A hand that turns a simulated board as the coach says, followed by a page: for tests, pictures and figures of the page."""
 
+import json
+
 import numpy as np
 from conftest import DEG, GRAVITY, config
 from scipy.spatial.transform import Rotation
@@ -29,7 +31,7 @@ class Kept:
         self.last = {}
 
     def publish(self, event, content):
-        self.last[event] = content
+        self.last[event] = json.loads(json.dumps(content, allow_nan=False))
 
 
 class CoachedHand:

@@ -1,46 +1,37 @@
-"""The page in a real browser, fed by a simulated session: no script errors, nothing from elsewhere, everything inside, wide and narrow."""
+"""The page in a real browser, fed by a hand that does what the coach says: no script errors, nothing from elsewhere, everything inside,
+wide and narrow, light and dark; the arrow goes as the hand does; keys and pedals; and a connection that was cut off."""
 
-import os
-from pathlib import Path
+import json
+import time
 
 import numpy as np
 import pytest
 from browser import Browser, browser_path
-from conftest import Table
-from guided_streams import guide_of
+from coached_hand import CoachedHand
+from processes import until
 
-from session.guide.messages import Advice, Movement
+from session.guide.messages import Stage
+from session.guide.typing_line import Wish
 from session.page.server import PageServer
-from session.page.view import PageView
-from tinygc.plan.coach import Coach
 
 pytestmark = pytest.mark.skipif(browser_path() is None, reason="no Chromium here: the page is not looked at in a browser")
-SPILLED = "[...document.querySelectorAll('main *')].filter(e => e.getBoundingClientRect().right > innerWidth + 1).map(e => e.id)"
-DRAWN = """['board', 'sphere'].map(id => { const c = document.getElementById(id);
+SPILLED = """[...document.querySelectorAll('main *')].filter(e => {
+  const box = e.getBoundingClientRect(), own = getComputedStyle(e);
+  return box.width && (box.right > innerWidth + 1 || box.left < -1 || (own.display !== 'inline' && e.scrollWidth > e.clientWidth + 2));
+}).map(e => `${e.tagName} ${e.id} ${e.className} ${e.textContent.slice(0, 40)}`)"""
+COLOURS = """['board', 'sphere'].map(id => { const c = document.getElementById(id);
   return new Set(new Uint32Array(c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer)).size })"""
-#: its address as the browser takes it: what ``open`` wants is a file
-FIRST = Advice("turn 90° about the board's x axis (level) until y is up", "it helps", movements=(Movement((1.0, 0.0, 0.0), np.pi / 2),))
-
-
-class Silent:
-    """A screen that says nothing."""
-
-    def change(self, change) -> None: ...
-
-    def show(self, guide) -> None: ...
-
-
-class Address:
-    """Stands for a file where ``Browser.open`` is given one."""
-
-    def __init__(self, text: str):
-        self.text = text
-
-    def resolve(self):
-        return self
-
-    def as_uri(self) -> str:
-        return self.text
+#: whether anything is drawn in the outermost pixels of a picture: it would be cut
+CUT = """['board', 'sphere'].filter(id => { const c = document.getElementById(id), g = c.getContext('2d'), w = c.width, h = c.height;
+  return [[0, 0, w, 1], [0, h - 1, w, 1], [0, 0, 1, h], [w - 1, 0, 1, h]].some(box => g.getImageData(...box).data.some(part => part)) })"""
+SIZES = [(1280, 900), (390, 844)]
+MOMENTS = [
+    lambda guide: guide.stage is Stage.HOLD_STILL and (guide.instruction.part or 0) > 0.6,
+    lambda guide: guide.accepted == 2 and guide.stage is Stage.TURN and not guide.turn.moving,
+    lambda guide: guide.accepted == 2 and guide.turning and guide.turn.path_rad > 0.7,
+    lambda guide: guide.accepted == 3 and guide.stage is Stage.HOLD_STILL and guide.instruction.part > 0.3,
+    lambda guide: guide.stage is Stage.DONE,
+]
 
 
 @pytest.fixture(scope="module")
@@ -49,55 +40,163 @@ def browser(tmp_path_factory):
         yield running
 
 
-def moment(server: PageServer, seconds: float):
-    """A session, followed to a moment of it."""
-    table = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(90, (0, 1, 0), 3).rest(2.5).turn(240, (0, 0.6, 0.8), 3).rest(3)
-    samples, guide, coach = table.samples(), guide_of(), Coach()
-    page = PageView(Silent(), server)
-    for first in range(0, int(seconds * 208), 8):
-        part = samples.between(first, first + 8)
-        for change in guide.feed(part):
-            page.change(change)
-            if change.accepted:
-                guide.advise(coach(guide.taken.progress))
-        page._sent_s = 0.0  # here nobody waits 40 ms between two portions
-        page.watch(guide, part)
-        page.show(guide)
-    return guide
+@pytest.fixture
+def server():
+    running = PageServer()
+    running.start()
+    yield running
+    running.close()
 
 
-def shown(browser: Browser, true: str) -> None:
-    for _ in range(400):
-        if browser.evaluate(true):
-            return
-        browser.ask("Runtime.evaluate", {"expression": "new Promise(r => setTimeout(r, 25))", "awaitPromise": True})
-    raise AssertionError(f"not so after 10 s: {true}; {browser.complaints()}")
+def awaited(browser: Browser, expression: str):
+    answer = browser.ask("Runtime.evaluate", {"expression": expression, "awaitPromise": True, "returnByValue": True})
+    assert "exceptionDetails" not in answer, answer
+    return answer["result"].get("value")
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.parametrize("seconds", [2.2, 14.0, 15.8])
-def test_the_page_shows_the_session_without_an_error(browser, width, dark, seconds):
-    server = PageServer()
-    server.start()
-    try:
-        guide = moment(server, seconds)
-        browser.open(Address(server.address), width, dark=dark)
+def shown(browser: Browser, true: str, seconds: float = 10.0) -> None:
+    end_s = time.monotonic() + seconds
+    while not browser.evaluate(true):
+        assert time.monotonic() < end_s, f"not so after {seconds:g} s: {true}; {browser.complaints()}"
+        awaited(browser, "new Promise(r => setTimeout(r, 20))")
+
+
+def complaints(browser: Browser, server: PageServer) -> list[str]:
+    """But of what these tests do themselves: read the pictures' pixels."""
+    return [line for line in browser.complaints() if not line.startswith((f"fetched {server.address}", "Canvas2D: Multiple readback"))]
+
+
+def sent(server: PageServer, event: str) -> dict:
+    """What was published last."""
+    return json.loads(server._last[event].split(b"data: ", 1)[1])
+
+
+def look(browser: Browser, size: tuple[int, int], dark: bool) -> None:
+    """Another window, without loading the page again."""
+    width, height = size
+    browser.ask("Emulation.setDeviceMetricsOverride", {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600})
+    media = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}, {"name": "prefers-reduced-motion", "value": "reduce"}]
+    browser.ask("Emulation.setEmulatedMedia", {"features": media})
+    awaited(browser, "new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")
+
+
+def test_the_page_follows_a_session_without_an_error_and_all_of_it_is_seen(browser, server):
+    hand = CoachedHand(server, segments=4)
+    browser.open(server.address, *SIZES[0], still=True)
+    for moment in MOMENTS:
+        guide = hand.until(moment)
+        if guide.stage is Stage.DONE:
+            server.publish("end", {"words": "The files are closed.", "command": "calibrate.py report data/session2", "report": "offered"})
+        said = guide.instruction.do.replace("'", "\\'")
+        shown(browser, f"document.getElementById('do').textContent === '{said}'")
         shown(browser, f"document.getElementById('count').textContent.startsWith('{guide.accepted} of')")
-        assert browser.evaluate("document.getElementById('do').textContent") == guide.instruction.do
-        shown(browser, f"{DRAWN}.every(colours => colours > 20)")
-        fetched = [line for line in browser.complaints() if not line.startswith(f"fetched {server.address}")]
-        assert fetched == []
-        assert browser.evaluate("document.documentElement.scrollWidth") <= width
-        assert browser.evaluate(SPILLED) == []
-        letters = browser.evaluate("parseFloat(getComputedStyle(document.getElementById('do')).fontSize)")
-        assert letters >= (50 if width == 1280 else 28)  # CSS px; 50 are 13 mm, read from two metres
-        background = browser.evaluate("getComputedStyle(document.body).backgroundColor")
-        assert (background == "rgb(255, 255, 255)") is not dark
-        if folder := os.environ.get("TINYGC_SCREENSHOTS"):
-            picture = browser.ask("Page.captureScreenshot", {"captureBeyondViewport": True})["data"]
-            name = f"page-{seconds:g}-{width}-{'dark' if dark else 'light'}.png"
-            Path(folder, name).write_bytes(__import__("base64").b64decode(picture))
+        for size in SIZES:
+            for dark in (False, True):
+                look(browser, size, dark)
+                where = f"{guide.stage}, {size}, {'dark' if dark else 'light'}"
+                assert browser.evaluate(SPILLED) == [], where
+                assert browser.evaluate("document.documentElement.scrollWidth") <= size[0], where
+                assert browser.evaluate(CUT) == [], where
+                assert min(browser.evaluate(COLOURS)) > 20, where
+                letters = browser.evaluate("parseFloat(getComputedStyle(document.getElementById('do')).fontSize)")
+                assert letters >= (40 if size[0] == 1280 else 25), where  # CSS px; 40 are 10.6 mm, read from two metres
+                background = browser.evaluate("getComputedStyle(document.body).backgroundColor")
+                assert (background == "rgb(255, 255, 255)") is not dark, where
+            if size[0] == 1280:  # nobody scrolls with a table in their hands
+                assert browser.evaluate("document.documentElement.scrollHeight") <= size[1], guide.stage
+    assert browser.evaluate("document.getElementById('make').offsetWidth") > 0
+    assert complaints(browser, server) == []
+
+
+ARROW = """Promise.all([import('./path.js'), import('./turning.js')]).then(([path, turning]) => {
+  const goal = path.goalOf(%s, %s), arc = path.arcOf(goal.turn, turning.seen);
+  const letters = q => [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map(letter => turning.rotated(q, letter));
+  return { goal, points: arc.points, from: letters(goal.turn.from), to: letters(goal.q), half: path.turnedBy(goal.turn, 0.5),
+    seen: [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map(axis => turning.seen(axis)) };
+})"""
+
+
+def test_the_arrow_goes_as_the_hand_goes_in_a_right_handed_picture(browser, server):
+    """Against the simulated board's own attitude: no line of the page's arithmetic is used for what is expected."""
+    hand = CoachedHand(server, segments=4)
+    browser.open(server.address, 1280, 900)
+    hand.until(lambda guide: guide.accepted == 2 and guide.stage is Stage.TURN and not guide.turn.moving)
+    turns = sent(server, "state")["target"]["turns"]
+    began = hand.attitude
+    drawn = awaited(browser, ARROW % (turns, 0))
+    right, up, near = np.array(drawn["seen"]).T  # rows: what each axis of the frame with z up becomes
+    np.testing.assert_allclose([right @ up, right @ near, up @ near], 0, atol=1e-12)
+    np.testing.assert_allclose(np.cross(right, up), near, atol=1e-12)  # no mirror: an arrow's sense is that of a hand
+    assert up[2] > 0.8
+    points, axis = np.array(drawn["points"]), np.array(turns[0]["axis"])
+    angle = turns[0]["angle_deg"]
+    np.testing.assert_allclose(points @ axis, 0, atol=1e-3)
+    step = np.cross(points[0], points[1]) @ axis
+    assert np.sign(step) == np.sign(angle)  # counter-clockwise about the axis where the angle is positive
+    starts, ends = np.array(drawn["from"]), np.array(drawn["to"])
+    unit = points / np.linalg.norm(points, axis=1, keepdims=True)
+    letter = int(np.argmax(starts @ unit[0]))
+    square = [v - (v @ axis) * axis for v in (starts[letter], ends[letter])]
+    assert starts[letter] @ unit[0] > 0.4  # it begins beside a letter of the board, and ends beside the same one of the ghost
+    np.testing.assert_allclose([v / np.linalg.norm(v) for v in square], [unit[0], unit[-1]], atol=2e-3)
+    whole = np.deg2rad(abs(angle))
+    hand.until(lambda guide: guide.turn.path_rad > whole / 2)
+    turned = np.linalg.norm((hand.attitude * began.inv()).as_rotvec())
+    q, half = sent(server, "pose")["q"], drawn["half"]
+    part = turned / whole
+    assert 0.3 < part < 0.8
+    assert 2 * np.arccos(min(1.0, abs(np.dot(q, half)))) < abs(part - 0.5) * whole + 0.1
+
+
+def test_keys_and_pedals_ask_and_a_note_is_typed(browser, server):
+    hand = CoachedHand(server, segments=4)
+    browser.open(server.address, 1280, 900)
+    hand.until(lambda guide: guide.accepted == 1)
+    shown(browser, "document.getElementById('count').textContent.startsWith('1 of')")
+
+    def press(key: str, text: str = "") -> None:
+        browser.ask("Input.dispatchKeyEvent", {"type": "keyDown", "key": key, "text": text} if text else {"type": "keyDown", "key": key})
+        browser.ask("Input.dispatchKeyEvent", {"type": "keyUp", "key": key})
+
+    got = []
+
+    def heard(*expected) -> bool:
+        got.extend(server.wishes())
+        return got == list(expected)
+
+    assert browser.evaluate("document.getElementById('sound').ariaPressed") == "false"
+    press("PageDown")
+    press("PageDown")  # a foot that rests on the pedal
+    until(lambda: heard((Wish.PAUSE, "")))
+    press("PageUp")
+    until(lambda: heard((Wish.PAUSE, ""), (Wish.DROP, "")))
+    press("Enter", "\r")  # there is no mark to stand on now
+    press("n", "n")
+    browser.ask("Input.insertText", {"text": "p is for pause"})
+    press("Enter", "\r")
+    until(lambda: heard((Wish.PAUSE, ""), (Wish.DROP, ""), (Wish.NOTE, "p is for pause")))
+    assert browser.evaluate("document.getElementById('sound').ariaPressed") == "true"  # the first key turned it on
+    server.publish("end", {"words": "The files are closed.", "command": "", "report": "offered"})
+    shown(browser, "!document.getElementById('end').hidden")
+    press(" ", " ")
+    until(server.wishes.report.is_set)
+    server.publish("end", {"words": "made", "command": "", "report": "ready"})
+    shown(browser, "document.getElementById('open').offsetWidth > 0")
+    assert heard(*got)
+
+
+def test_a_page_that_was_cut_off_comes_back(browser):
+    first = PageServer()
+    first.start()
+    CoachedHand(first, segments=4).until(lambda guide: guide.stage is Stage.HOLD_STILL)
+    browser.open(first.address, 1280, 900)
+    shown(browser, "document.getElementById('stage').textContent === 'hold still'")
+    first.close()
+    second = PageServer(port=first.server_port)
+    second.token = first.token
+    second.start()
+    try:
+        CoachedHand(second, segments=4).until(lambda guide: guide.accepted == 1)
+        shown(browser, "document.getElementById('count').textContent.startsWith('1 of')")
     finally:
-        browser.evaluate("events_closed = true")
-        server.close()
+        second.close()

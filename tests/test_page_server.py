@@ -11,13 +11,16 @@ from typing import NamedTuple
 import pytest
 
 from session.common.errors import CalibrationError
+from session.guide.typing_line import Wish
 from session.page import server as page_server
 from session.page.newest import Newest
 from session.page.server import MOST_CONNECTIONS, PageServer
+from session.page.wishes import MOST
 
 
 @pytest.fixture
-def server():
+def server(monkeypatch):
+    monkeypatch.setattr(PageServer, "look_every_s", 0.01)
     running = PageServer()
     running.start()
     yield running
@@ -91,9 +94,53 @@ def test_nothing_but_the_pages_files_is_served(server, name):
     assert asked(server, f"/{server.token}/{name}").status == 404
 
 
-@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])
-def test_it_can_only_be_read(server, method):
+@pytest.mark.parametrize("method", ["PUT", "DELETE", "OPTIONS"])
+def test_nothing_can_be_written(server, method):
     assert asked(server, f"/{server.token}/", method=method).status == 501
+
+
+def wished(server, body, path="wish", token=None, **headers) -> int:
+    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10)) as connection:
+        connection.request("POST", f"/{token or server.token}/{path}", body, headers)
+        return connection.getresponse().status
+
+
+def test_a_wish_is_a_key_of_the_terminal(server):
+    assert [wished(server, word) for word in ("pause", "drop", "here", "note it  rained\r\nhard", "report")] == [200] * 5
+    assert server.wishes() == [(Wish.PAUSE, ""), (Wish.DROP, ""), (Wish.HERE, ""), (Wish.NOTE, "it rained hard")]
+    assert server.wishes.report.is_set()
+    assert server.wishes() == []
+
+
+@pytest.mark.parametrize("body", ["", "p", "PAUSE", "pause now", "note ", "note \x00\n", "rm -rf", b"\xff\xfe", "n" * 2000])
+def test_any_other_wish_is_none(server, body):
+    assert wished(server, body) in (400, 413)
+    assert server.wishes() == []
+
+
+def test_a_wish_needs_the_token_and_this_page(server):
+    assert wished(server, "pause", token="x" * 24) == 403
+    assert wished(server, "pause", Origin="http://evil.example") == 421
+    assert wished(server, "pause", Origin="null") == 421
+    assert wished(server, "pause", Host="evil.example") == 421
+    assert wished(server, "pause", path="") == 404
+    assert server.wishes() == []
+    assert wished(server, "pause", Origin=f"http://127.0.0.1:{server.server_port}") == 200
+
+
+def test_of_many_wishes_a_few_are_kept(server):
+    for _ in range(100):
+        server.wishes.hear(b"pause")
+    assert len(server.wishes()) == MOST
+
+
+def test_the_report_is_served_once_it_is_there_and_may_run_nothing(server):
+    assert asked(server, f"/{server.token}/report.html").status == 404
+    server.report = lambda: b"<!doctype html>the report"
+    answer = asked(server, f"/{server.token}/report.html")
+    assert (answer.status, answer.text) == (200, "<!doctype html>the report")
+    assert "script" not in answer.headers["Content-Security-Policy"]
+    assert answer.headers["Content-Security-Policy"].startswith("sandbox; default-src 'none'")
 
 
 def test_who_comes_gets_the_present_state_at_once_and_then_what_follows(server):
@@ -101,6 +148,7 @@ def test_who_comes_gets_the_present_state_at_once_and_then_what_follows(server):
     with following(server) as client, client.makefile("rb") as lines:
         while lines.readline() != b"\r\n":
             pass
+        assert [lines.readline() for _ in range(2)] == [b"retry: 1000\n", b"\n"]
         assert lines.readline() == b"event: state\n"
         assert json.loads(lines.readline().removeprefix(b"data: "))["number"] == 1
         lines.readline()
@@ -127,14 +175,16 @@ def test_a_browser_that_reads_nothing_is_dropped_and_holds_nobody_up(server, mon
 
 def test_a_browser_that_goes_is_forgotten(server):
     following(server).close()
-    for _ in range(1000):
+
+    def gone():
         server.publish("pose", {"q": [1, 0, 0, 0]})
-        time.sleep(0.001)
-    until(lambda: server.clients == 0)
+        return server.clients == 0
+
+    until(gone)
 
 
 def test_half_a_request_is_not_waited_for_for_ever_and_too_many_are_turned_away(server, monkeypatch):
-    monkeypatch.setattr(page_server.Handler, "timeout", 1.0)
+    monkeypatch.setattr(page_server.Handler, "timeout", 0.3)
     hanging = [socket.create_connection(("127.0.0.1", server.server_port), timeout=10) for _ in range(MOST_CONNECTIONS + 6)]
     for each in hanging:
         each.sendall(b"GET /")

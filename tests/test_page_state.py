@@ -1,34 +1,15 @@
 """What the page is told: how the board lies against the simulator's own attitude, the ghost, the closure, the counts; always JSON."""
 
-import json
-
 import numpy as np
 import pytest
+from coached_hand import CoachedHand, Kept, Silent
 from conftest import DEG, Table
 from guided_streams import guide_of, play, simulated
 
-from session.guide.messages import Advice, Movement
+from session.guide.messages import Advice, Movement, Stage
 from session.page.attitude import Attitude, closure_deg
 from session.page.turning import exp, inverse, multiply, rotated
 from session.page.view import PageView
-
-
-class Silent:
-    """A screen that says nothing."""
-
-    def change(self, change) -> None: ...
-
-    def show(self, guide) -> None: ...
-
-
-class Kept:
-    """A server without browsers: the newest of each kind."""
-
-    def __init__(self):
-        self.last = {}
-
-    def publish(self, event, content):
-        self.last[event] = json.loads(json.dumps(content, allow_nan=False))
 
 
 def watched(guide, samples, advice=None, portion=20):
@@ -130,3 +111,16 @@ def test_a_perfect_sensors_turn_closes():
     spoilt = turn.samples.gyro * 1.01
     worse = type(turn)(turn.segment, type(turn.samples)(turn.samples.t_ns, spoilt, turn.samples.accel), turn.noise, 1, 0.0)
     assert closure_deg(worse) == pytest.approx(1.2, abs=0.05)  # 1 % of 120°
+
+
+def test_the_board_ends_where_the_ghost_was_when_the_hand_does_what_the_coach_says():
+    """Whatever the hand's true way is, the picture of it and the ghost agree; the gyro of this board is off by half a per cent."""
+    hand, missed = CoachedHand(segments=5), []
+    while len(missed) < 3:
+        number = len(missed) + 1
+        hand.until(lambda guide, number=number: guide.accepted == number and guide.stage is Stage.TURN and not guide.turn.moving)
+        target = hand.server.last["state"]["target"]
+        assert angle_deg(target["turns"][0]["from"], hand.server.last["pose"]["q"]) < 0.5
+        hand.until(lambda guide, number=number: guide.accepted == number + 1)
+        missed.append(angle_deg(target["q"], hand.server.last["pose"]["q"]))
+    assert max(missed) < 6  # 540° at 0.6 %, and what misalignment adds

@@ -85,6 +85,9 @@ class Handler(BaseHTTPRequestHandler):
     def _asked(self, server: PageServer) -> str | None:
         """What is asked for of this server; None: refused, since it is asked for by another name, from another page, or without the
         token."""
+        if server.closing:  # a connection that was kept alive: the browser shall look whether somebody else listens there now
+            self.close_connection = True
+            return None
         origin = self.headers.get("Origin")
         if not server.is_own(self.headers.get("Host")) or (origin is not None and not server.is_own(origin.removeprefix("http://"))):
             self._refuse(HTTPStatus.MISDIRECTED_REQUEST)

@@ -33,18 +33,20 @@ class PageServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    look_every_s = 0.2  #: whether to end
+    request_queue_size = 2 * MOST_CONNECTIONS  #: a browser asks for all files of the page at once
     block_on_close = False
 
     def __init__(self, host: str = LOOPBACK, port: int = 0):
         self.token = secrets.token_urlsafe(18)
-        self.wishes = Wishes()
+        self.wishes, self.closing = Wishes(), False
         self.report: Callable[[], bytes | None] = lambda: None
         self.pages = {path.name: path.read_bytes() for path in files("session.page").joinpath("files").iterdir() if "." in path.name}
         self._clients: set[Newest] = set()
         self._last: dict[str, bytes] = {}
         self._changing = threading.Lock()
         self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
-        self._serving = threading.Thread(target=self.serve_forever, kwargs={"poll_interval": 0.2}, name="page", daemon=True)
+        self._serving = threading.Thread(target=self.serve_forever, kwargs={"poll_interval": self.look_every_s}, name="page", daemon=True)
         try:
             super().__init__((host, port), Handler)
         except (OSError, OverflowError) as error:
@@ -69,6 +71,7 @@ class PageServer(ThreadingHTTPServer):
 
     def close(self) -> None:
         """Send what waits, for a moment, then listen no more."""
+        self.closing = True
         with self._changing:
             for client in self._clients:
                 client.close()

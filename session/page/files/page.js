@@ -70,6 +70,7 @@ function draw(now) {
     const goal = pose && state?.target ? goalOf(state.target.turns, state.turned_deg) : null, left = goal && toGo(goal, pose.q);
     const there = goal !== null && left < THERE_DEG && goal.number === goal.total - 1;
     write("togo", there ? "✓ there: let go" : goal && state.moving ? `${left.toFixed(0)}° to go` : "");
+    part("wanted").hidden = !goal;
     drawBoard(pose, goal, there ? 1 : phaseOf(now), there);
     drawSphere(state?.up ?? [], pose ? rotated(inverse(pose.q), [0, 0, 1]) : null);
   }

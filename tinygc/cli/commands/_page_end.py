@@ -64,7 +64,7 @@ class _Finished:
                 try:
                     while making.poll() is None and not wanted():
                         self._say("making", f"The report is being made: {time.monotonic() - began_s:.0f} s so far, some minutes in all.")
-                        time.sleep(1.0)
+                        time.sleep(LOOK_EVERY_S)
                 finally:
                     making.terminate()
             self._ready = making.returncode in MADE and self._path.is_file()

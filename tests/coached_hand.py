@@ -58,14 +58,17 @@ class CoachedHand:
     def _session(self):
         yield from self._move(np.zeros(3), 3.2)
         while self.guide.stage is not Stage.DONE:
-            for movement in self.guide.advice.movements if self.guide.advice and self.guide.advice.movements else [None]:
-                vector = self._any() if movement is None else movement.angle_rad * np.array(movement.axis)
+            for vector in self._asked():
                 yield from self._move(vector, max(2.0, float(np.linalg.norm(vector)) / (70 * DEG)))
             yield from self._move(np.zeros(3), 2.5)
 
-    def _any(self) -> np.ndarray:
-        axis = self._rng.normal(size=3)
-        return self._rng.uniform(1.5, 3.0) * axis / np.linalg.norm(axis)
+    def _asked(self) -> list[np.ndarray]:
+        """What the coach asks for, or any turn."""
+        advice = self.guide.advice
+        if advice is None or not advice.movements:
+            axis = self._rng.normal(size=3)
+            return [self._rng.uniform(1.5, 3.0) * axis / np.linalg.norm(axis)]
+        return [movement.angle_rad * np.array(movement.axis) for movement in advice.movements]
 
     def _move(self, vector: np.ndarray, seconds: float):
         """About an axis of the body, from rest to rest."""

@@ -63,7 +63,9 @@ class _Finished:
             with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said) as making:
                 try:
                     while making.poll() is None and not wanted():
-                        self._say("making", f"The report is being made: {time.monotonic() - began_s:.0f} s so far, some minutes in all.")
+                        self._say(
+                            "making", f"The report is being made: {time.monotonic() - began_s:.0f} s so far, up to some minutes in all."
+                        )
                         time.sleep(LOOK_EVERY_S)
                 finally:
                     making.terminate()

@@ -100,7 +100,6 @@ follow({
     write("why", "this page is cut off from the recording; it asks again by itself. A recording that was started anew has a new address");
   },
   listens: soundIsOn,
-  over: () => end !== null,
 });
 
 for (const name of ["here", "pause", "drop"]) part(name).addEventListener("click", () => wish(name));

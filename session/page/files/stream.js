@@ -1,13 +1,16 @@
 // The recording's events.  Whatever cuts this page off (the recording's own end, a laptop that slept), it asks again until it is told
-// that there is nothing more.  A page that nobody sees gives its connection back: a browser has six for all its tabs together.
+// that there is nothing more.  A page that nobody sees gives its connection back when another one is opened: a browser has six for all its
+// tabs together.
 
 const SILENT_MS = 5000, AGAIN_MS = 1500;
 
-export function follow(takers, { lost, listens, over }) {
+export function follow(takers, { lost, listens }) {
+  const others = new BroadcastChannel("tinygc");
   let events = null, heard = performance.now(), asked = 0;
   const connect = () => {
     events?.close();
     events = new EventSource("events");
+    others.postMessage("opened");
     asked = performance.now();
     for (const [name, take] of Object.entries(takers)) {
       events.addEventListener(name, event => {
@@ -20,9 +23,11 @@ export function follow(takers, { lost, listens, over }) {
     events?.close();
     events = null;
   };
+  others.addEventListener("message", () => {
+    if (document.hidden && !listens()) close();
+  });
   document.addEventListener("visibilitychange", () => {
-    if (document.hidden && !listens() && !over()) close();
-    else if (!events) connect();
+    if (!document.hidden && !events) connect();
   });
   setInterval(() => {
     const now = performance.now();

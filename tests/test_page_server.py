@@ -5,10 +5,12 @@ import http.client
 import json
 import socket
 import time
+import tomllib
 from email.message import Message
 from typing import NamedTuple
 
 import pytest
+from processes import ROOT
 
 from session.common.errors import CalibrationError
 from session.guide.typing_line import Wish
@@ -222,3 +224,13 @@ def test_a_port_that_is_taken_is_said_in_a_line(server):
 def test_it_listens_on_this_computer_alone(server):
     assert server.server_address[0] == "127.0.0.1"
     assert server.address.startswith("http://127.0.0.1:")
+
+
+def test_an_installed_package_has_the_page():
+    """setuptools takes what pyproject.toml names; every file of the page is asked for by another one, or is the page."""
+    patterns = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]["session"]
+    packed = {path for pattern in patterns for path in (ROOT / "session").glob(pattern)}
+    there = set((ROOT / "session/page/files").iterdir())
+    assert there <= packed
+    texts = "".join(path.read_text() for path in there)
+    assert {path.name for path in there if path.name not in texts} == {"page.html"}

@@ -33,8 +33,10 @@ export function drawBoard(pose, goal, phase, there) {
   if (ghost) drawThing(scene, ghost, "ghost");
   if (pose) drawThing(scene, pose.q, "now");
   if (ghost) drawThing(scene, ghost, "edges");
+  if (arc) drawArc(scene, arc, true);
+  if (ghost) drawLetters(scene, ghost, true);
+  if (pose) drawLetters(scene, pose.q, false);
   if (arc) {
-    drawArc(scene, arc, true);
     drawLabel(scene, arc, goal, [width, height]);
   }
 }
@@ -78,6 +80,20 @@ function drawAxis({ context, at, scale }, q, name, ghost) {
   const from = at(rotated(q, times(LETTERS[name], inside))), tip = rotated(q, times(LETTERS[name], TIP[name])), to = at(tip);
   const style = colour(ghost ? "wanted" : "ink");
   line(context, [from, to], style, ghost ? 2.5 : 4, ghost ? [7, 6] : []);
+  drawLetter(context, to, name, size, ghost);
+}
+
+// Those in front, over everything but the words.
+function drawLetters({ context, at, view, scale }, q, ghost) {
+  const size = Math.max(15, scale * 0.17);
+  for (const [name, letter] of Object.entries(LETTERS)) {
+    const tip = rotated(q, times(letter, TIP[name]));
+    if (view(tip)[2] >= 0) drawLetter(context, at(tip), name, size, ghost);
+  }
+}
+
+function drawLetter(context, to, name, size, ghost) {
+  const style = colour(ghost ? "wanted" : "ink");
   disc(context, to, size * 0.72, colour(ghost ? "ground" : "ink"), style, 2);
   word(context, name, to, ghost ? style : colour("ground"), size, ghost ? colour("ground") : style);
 }

@@ -59,7 +59,7 @@ class CoachedHand:
         yield from self._move(np.zeros(3), 3.2)
         while self.guide.stage is not Stage.DONE:
             for vector in self._asked():
-                yield from self._move(vector, max(2.0, float(np.linalg.norm(vector)) / (70 * DEG)))
+                yield from self._move(vector, max(0.1, float(np.linalg.norm(vector)) / (60 * DEG)))
             yield from self._move(np.zeros(3), 2.5)
 
     def _asked(self) -> list[np.ndarray]:
@@ -68,7 +68,16 @@ class CoachedHand:
         if advice is None or not advice.movements:
             axis = self._rng.normal(size=3)
             return [self._rng.uniform(1.5, 3.0) * axis / np.linalg.norm(axis)]
-        return [movement.angle_rad * np.array(movement.axis) for movement in advice.movements]
+        vectors = [movement.angle_rad * np.array(movement.axis) for movement in advice.movements]
+        up = getattr(advice, "up", None)  # of a coach that asks from a board set straight
+        return vectors if up is None else [self._straightening(np.array(up)), *vectors]
+
+    def _straightening(self, up: np.ndarray) -> np.ndarray:
+        """The shortest way, in the body, to where ``up`` of it points up."""
+        lies = self.attitude.inv().apply([0.0, 0.0, 1.0])
+        axis = np.cross(up, lies)
+        length = float(np.linalg.norm(axis))
+        return axis / length * np.arctan2(length, up @ lies) if length > 1e-9 else np.zeros(3)
 
     def _move(self, vector: np.ndarray, seconds: float):
         """About an axis of the body, from rest to rest."""

@@ -120,7 +120,6 @@ def test_the_board_ends_where_the_ghost_was_when_the_hand_does_what_the_coach_sa
         number = len(missed) + 1
         hand.until(lambda guide, number=number: guide.accepted == number and guide.stage is Stage.TURN and not guide.turn.moving)
         target = hand.server.last["state"]["target"]
-        assert angle_deg(target["turns"][0]["from"], hand.server.last["pose"]["q"]) < 0.5
         hand.until(lambda guide, number=number: guide.accepted == number + 1)
         missed.append(angle_deg(target["q"], hand.server.last["pose"]["q"]))
     assert max(missed) < 6  # 540° at 0.6 %, and what misalignment adds

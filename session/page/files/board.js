@@ -5,6 +5,7 @@ import { arcOf, turnedBy } from "./path.js";
 import { rotated, seen, times } from "./turning.js";
 
 const HALF = [0.95, 0.62, 0.07], TABLE = [1.4, -1.12], TIP = { x: 1.3, y: 1.18, z: 1.1 };
+const LARGER = 1.05;  // a ghost that lies as the board does is still seen around it
 const CORNERS = [0, 1, 2, 3, 4, 5, 6, 7].map(i => HALF.map((half, axis) => (i >> axis & 1 ? half : -half)));
 const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
 const BOTTOM = 0, TOP = 1;
@@ -52,8 +53,9 @@ function drawTable({ context, at }) {
 }
 
 function drawThing(scene, q, kind) {
-  const { context, at, view } = scene, put = points => points.map(point => at(rotated(q, point)));
-  const corners = CORNERS.map(corner => rotated(q, corner)), ghost = kind !== "now", edge = colour(ghost ? "wanted" : "now");
+  const { context, at, view } = scene, ghost = kind !== "now", larger = ghost ? LARGER : 1;
+  const put = points => points.map(point => at(rotated(q, times(point, larger))));
+  const corners = CORNERS.map(corner => rotated(q, times(corner, larger))), edge = colour(ghost ? "wanted" : "now");
   const near = face => face.reduce((sum, i) => sum + view(corners[i])[2], 0), up = view(rotated(q, LETTERS.z))[2] > 0;
   const letters = Object.keys(LETTERS).sort((a, b) => view(rotated(q, LETTERS[a]))[2] - view(rotated(q, LETTERS[b]))[2]);
   const behind = letters.filter(name => view(rotated(q, LETTERS[name]))[2] < 0);
@@ -105,7 +107,9 @@ function drawArc({ context, at, view, scale }, { points, axis }, front) {
   const stroke = (i, colours, width) => line(context, [drawn[i], drawn[i + 1]], colours, width * (1 + 0.3 * view(points[i])[2]));
   const head = (colours, edge) => shown[last] && arrowhead(context, drawn[last - 2], drawn[last], colours, wide * 2.6, edge);
   if (!front) line(context, [at(times(axis, -1.5)), at(times(axis, 1.5))], style, 2, [2, 7]);
+  context.lineCap = "butt";
   for (let i = 0; i < last; i++) if (shown[i]) stroke(i, colour("ground"), wide + 6);
+  context.lineCap = "round";
   head(colour("ground"), 7);
   for (let i = 0; i < last; i++) if (shown[i]) stroke(i, style, wide);
   head(style);

@@ -19,6 +19,8 @@ import sys
 import tempfile
 import threading
 import time
+from multiprocessing import Pipe, Process
+from multiprocessing.connection import Connection
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -36,12 +38,25 @@ CASES = {"no page": None, "0 browsers": (0, 0), "1": (1, 0), "12": (12, 0), "12,
 
 
 class MarkedBoard(Board):
-    """Remembers when which sample went into the port."""
+    """Remembers when which sample went into the port: device time, and the clock of all processes here."""
 
     def _samples(self, stop: int) -> None:
         super()._samples(stop)
-        self.marks = getattr(self, "marks", [])
         self.marks.append(((self._zero_us + (stop - 1 - self._zero) / self.source.info.odr_hz * 1e6) * 1e-6, time.monotonic()))
+
+
+def stream(source, port: Path, asked: Connection) -> None:
+    """The board, in a process of its own, until it is asked for what it remembers."""
+    with Terminal(port) as terminal:
+        board = MarkedBoard(source, terminal, frames=True, lead_s=SETTLED_S, tail_s=None)
+        board.marks = []
+        threading.Thread(target=board.run, daemon=True).start()
+        asked.send("ready")
+        while not board.marks:
+            time.sleep(0.05)
+        asked.send("streaming")
+        asked.recv()
+        asked.send(board.marks)
 
 
 def main() -> None:
@@ -78,28 +93,20 @@ def main() -> None:
         "samples",
         "lost",
     ]
+    print(f"load of the machine: {os.getloadavg()[1]:.1f}, on {os.cpu_count()} cores\n")
     print(markdown(head, rows))
 
 
 def measured(source, looking: tuple[int, int] | None, seconds: float) -> dict:
     """One recording."""
-    with tempfile.TemporaryDirectory(prefix="tinygc-") as folder, Terminal(Path(folder) / "port") as terminal:
-        config = Path(folder) / "bench.toml"
+    with tempfile.TemporaryDirectory(prefix="tinygc-") as name:
+        folder = Path(name)
+        config, port = folder / "bench.toml", folder / "port"
         config.write_text(source.config)
-        board = MarkedBoard(source, terminal, frames=True, lead_s=SETTLED_S, tail_s=None)
-        threading.Thread(target=board.run, daemon=True).start()
-        words = [
-            "record",
-            "--port",
-            terminal.name,
-            "--out",
-            Path(folder) / "s",
-            "--like",
-            config,
-            "--no-coach",
-            "--json",
-            Path(folder) / "told",
-        ]
+        board, asked = Pipe()
+        Process(target=stream, args=(source, port, asked), daemon=True).start()
+        board.recv()
+        words = ["record", "--port", port, "--out", folder / "s", "--like", config, "--no-coach", "--json", folder / "told"]
         command = [sys.executable, str(ROOT / "calibrate.py"), *map(str, words), *(["--view"] if looking is not None else [])]
         environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
         recording = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment)
@@ -108,8 +115,7 @@ def measured(source, looking: tuple[int, int] | None, seconds: float) -> dict:
             line = recording.stderr.readline()
             address = line.split()[-1] if "http://" in line else None
         threading.Thread(target=recording.stderr.read, daemon=True).start()
-        while not getattr(board, "marks", None):
-            time.sleep(0.05)
+        board.recv()
         sockets = [connected(address) for _ in range(sum(looking or (0, 0)))]
         readers = sockets[: looking[0]] if looking else []
         read(readers, SETTLED_S)
@@ -118,9 +124,11 @@ def measured(source, looking: tuple[int, int] | None, seconds: float) -> dict:
         core = 100 * (cpu_s(recording.pid) - spent_s) / (time.monotonic() - began_s)
         recording.send_signal(signal.SIGINT)
         recording.wait(30)
-        told = json.loads((Path(folder) / "told").read_text())
-        stamps = [stamp for stamp, _ in board.marks]
-        late = [1e3 * (at_s - board.marks[bisect.bisect_left(stamps, t_s - 2e-4)][1]) for t_s, at_s in poses]
+        told = json.loads((folder / "told").read_text())
+        board.send("marks")
+        marks = board.recv()
+        stamps = [stamp for stamp, _ in marks]
+        late = [1e3 * (at_s - marks[bisect.bisect_left(stamps, t_s - 2e-4)][1]) for t_s, at_s in poses]
         ages = [late[i] + 1e3 * (poses[i + 1][1] - poses[i][1]) for i in range(len(poses) - 1)]
         return {"core": core, "late_ms": late, "age_ms": ages, "samples": told["samples"], "lost": told["lost"]}
 

@@ -42,6 +42,7 @@ def test_the_board_on_the_page_lies_as_the_table_does():
     page = PageView(Silent(), Kept())
     for first in range(0, len(samples), 20):
         guide.feed(samples.between(first, first + 20))
+        page._sent_s = 0.0  # here nobody waits 40 ms between two portions
         page.watch(guide, samples.between(first, first + 20))
         lies.append((len(guide.taken.stills), page._attitude.q))
     begun = next(q for stills, q in lies if stills == 1)
@@ -123,3 +124,20 @@ def test_the_board_ends_where_the_ghost_was_when_the_hand_does_what_the_coach_sa
         hand.until(lambda guide, number=number: guide.accepted == number + 1)
         missed.append(angle_deg(target["q"], hand.server.last["pose"]["q"]))
     assert max(missed) < 6  # 540° at 0.6 %, and what misalignment adds
+
+
+def test_portions_that_are_followed_together_lead_to_the_same_attitude_and_a_reset_in_between_to_a_level_one():
+    hand, samples = CoachedHand(), TURNED.samples()
+    one, other = PageView(Silent(), Kept()), PageView(Silent(), Kept())
+    for page, portion in ((one, 3), (other, 500)):
+        for first in range(0, len(samples), portion):
+            page._sent_s = 0.0 if portion == 500 else np.inf
+            page.watch(hand.guide, samples.between(first, first + portion))
+        page._follow(hand.guide)
+    assert angle_deg(one._attitude.q, other._attitude.q) < 0.05
+    one._sent_s = np.inf
+    one.watch(hand.guide, samples.between(600, 700))
+    one.watch(hand.guide, samples.between(0, 100))  # the clock has begun anew, and the board lies level
+    one._follow(hand.guide)
+    up = rotated(inverse(one._attitude.q), np.array([0.0, 0.0, 1.0]))
+    assert up[2] < -0.999  # this table's z points down

@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import hmac
 import socket
+from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
-from typing import TYPE_CHECKING, cast
+from typing import Protocol, cast
 
-from session.page.wishes import LONGEST
-
-if TYPE_CHECKING:
-    from session.page.server import PageServer
+from session.page.newest import Newest
+from session.page.wishes import LONGEST, Wishes
 
 SLOW_S = 3.0  #: a browser that takes nothing for so long, or asks nothing, is dropped
 ALIVE_S = 2.0  #: between two events there is never more: a browser that has gone is noticed
@@ -43,6 +42,25 @@ REPORT_HEADERS = {
 }
 
 
+class Site(Protocol):
+    """What a connection needs of its server."""
+
+    token: str
+    pages: dict[str, bytes]
+    wishes: Wishes
+    report: Callable[[], bytes | None]
+    closing: bool
+
+    def is_own(self, host: str | None) -> bool:
+        """Whether a Host header names this server by its address."""
+
+    def joined(self) -> Newest:
+        """One more looks on."""
+
+    def left(self, client: Newest) -> None:
+        """It has gone."""
+
+
 class Handler(BaseHTTPRequestHandler):
     """One connection."""
 
@@ -52,7 +70,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:  # the name that http.server calls
         """A file of the page, the events, or the report."""
-        server = cast("PageServer", self.server)
+        server = cast(Site, self.server)
         name = self._asked(server)
         if name is None:
             return
@@ -68,7 +86,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:  # the name that http.server calls
         """A wish; the recording takes it when it has time."""
-        server = cast("PageServer", self.server)
+        server = cast(Site, self.server)
         name = self._asked(server)
         if name is None:
             return
@@ -82,7 +100,7 @@ class Handler(BaseHTTPRequestHandler):
         else:
             self._refuse(HTTPStatus.BAD_REQUEST)
 
-    def _asked(self, server: PageServer) -> str | None:
+    def _asked(self, server: Site) -> str | None:
         """What is asked for of this server; None: refused, since it is asked for by another name, from another page, or without the
         token."""
         if server.closing:  # a connection that was kept alive: the browser shall look whether somebody else listens there now
@@ -99,7 +117,7 @@ class Handler(BaseHTTPRequestHandler):
             return None
         return name
 
-    def _events(self, server: PageServer) -> None:
+    def _events(self, server: Site) -> None:
         self.close_connection = True
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

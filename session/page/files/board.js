@@ -120,7 +120,7 @@ function drawArc({ context, at, view, scale }, { points, axis }, front) {
 function drawLabel({ context, at, scale }, { points, angle_deg }, { total, number }, [width, height]) {
   const [x0, y0] = at([0, 0, 0]), far = ([x, y]) => Math.hypot(x - x0, y - y0), few = points.length / 7;
   const [x, y] = points.slice(Math.floor(few), -Math.floor(few) || undefined).map(at).reduce((a, b) => (far(b) > far(a) ? b : a));
-  const text = `${Math.abs(Math.round(angle_deg))}°${total > 1 ? ` (${number + 1} of ${total})` : ""}`, size = Math.max(22, scale * 0.22);
+  const text = `${Math.abs(Math.round(angle_deg))}°${total > 1 ? ` (${number + 1}/${total})` : ""}`, size = Math.max(22, scale * 0.22);
   const half = size * text.length * 0.3, inside = (value, edge, whole) => Math.max(edge, Math.min(whole - edge, value));
   const right = x + (x - x0) / far([x, y]) * (half + size * 0.6), low = y + (y - y0) / far([x, y]) * size * 1.2;
   word(context, text, [inside(right, half, width), inside(low, size * 0.7, height)], colour("wanted"), size);

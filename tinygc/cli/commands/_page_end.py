@@ -22,7 +22,7 @@ CALIBRATE = Path(__file__).resolve().parents[3] / "calibrate.py"
 MADE = (0, 1)  #: exit codes of ``report`` with a report: 1 is a calibration that fails
 
 
-def interrupted(server: PageServer, command: str) -> None:
+def say_interrupted(server: PageServer, command: str) -> None:
     """Say on the page how it goes on."""
     server.publish("end", {"words": "interrupted; everything received is kept. To go on:", "command": command, "report": "none"})
 

@@ -94,13 +94,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _end_page(page: PageServer, args: argparse.Namespace, folder: Path, port: str, interrupted: bool) -> None:
     """All is written: what the page says and offers now."""
-    from tinygc.cli.commands import _page_end
+    from tinygc.cli.commands._page_end import say_interrupted, stay
 
     if interrupted:
-        _page_end.interrupted(page, _again(args, folder, port))
+        say_interrupted(page, _again(args, folder, port))
         return
     with Interruption() as wanted:
-        _page_end.stay(page, folder, wanted)
+        stay(page, folder, wanted)
 
 
 def _again(args: argparse.Namespace, folder: Path, port: str) -> str:

@@ -89,7 +89,7 @@ def main() -> None:
         "late, median ms",
         "99 %",
         "most",
-        "shown for at most, 99 %, ms",
+        "old before the next, 99 %, ms",
         "samples",
         "lost",
     ]

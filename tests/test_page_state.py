@@ -129,11 +129,13 @@ def test_the_board_ends_where_the_ghost_was_when_the_hand_does_what_the_coach_sa
 def test_portions_that_are_followed_together_lead_to_the_same_attitude_and_a_reset_in_between_to_a_level_one():
     hand, samples = CoachedHand(), TURNED.samples()
     one, other = PageView(Silent(), Kept()), PageView(Silent(), Kept())
-    for page, portion in ((one, 3), (other, 500)):
-        for first in range(0, len(samples), portion):
-            page._sent_s = 0.0 if portion == 500 else np.inf
-            page.watch(hand.guide, samples.between(first, first + portion))
-        page._follow(hand.guide)
+    for first in range(0, len(samples), 3):
+        one._sent_s, other._sent_s = 0.0, np.inf
+        for page in (one, other):
+            page.watch(hand.guide, samples.between(first, first + 3))
+        if first % 90 == 0:
+            other._follow(hand.guide)
+    other._follow(hand.guide)
     assert angle_deg(one._attitude.q, other._attitude.q) < 0.05
     one._sent_s = np.inf
     one.watch(hand.guide, samples.between(600, 700))

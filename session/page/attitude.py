@@ -40,7 +40,8 @@ class Attitude:
         gap_s = float(t_ns[-1] - (t_ns[0] if self._last_ns is None else self._last_ns)) * NS
         self._last_ns = int(t_ns[-1])
         self.rate, self.peak_rps = gyro.mean(axis=0), float(np.abs(gyro).max())
-        force = np.asarray(samples.accel).mean(axis=0)
+        lately = t_ns > t_ns[-1] - SETTLES_S / NS  # of a recording that is taken in again, a portion holds many seconds
+        force = np.asarray(samples.accel)[lately].mean(axis=0)
         if not self._level:
             self.q, self._level = levelled(NONE if force[2] >= 0 else HEAD_OVER, force), True
         elif resting:

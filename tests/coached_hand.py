@@ -69,8 +69,7 @@ class CoachedHand:
             axis = self._rng.normal(size=3)
             return [self._rng.uniform(1.5, 3.0) * axis / np.linalg.norm(axis)]
         vectors = [movement.angle_rad * np.array(movement.axis) for movement in advice.movements]
-        up = getattr(advice, "up", None)  # of a coach that asks from a board set straight
-        return vectors if up is None else [self._straightening(np.array(up)), *vectors]
+        return vectors if advice.up is None else [self._straightening(np.array(advice.up)), *vectors]
 
     def _straightening(self, up: np.ndarray) -> np.ndarray:
         """The shortest way, in the body, to where ``up`` of it points up."""

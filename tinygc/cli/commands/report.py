@@ -6,7 +6,7 @@ import argparse
 
 from tinygc.cli.arguments import positive
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options
-from tinygc.cli.commands._results import complain, output, try_file, write_json
+from tinygc.cli.commands._results import complain, output, try_file, verdict, write_json
 from tinygc.cli.paths import file_written, path_read
 
 SUMMARY = "the calibration report: one HTML file that needs nothing else"
@@ -44,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
     for doubt in decision.doubts:
         output(args).print(f"  in doubt: {doubt}")
     output(args).print(f"written: {path}", soft_wrap=True)
+    verdict(args, f"{decision.word if decision.passed else 'FAIL'}: {decision.rule}")
     write_json(args.json, summary(evidence))
     if args.limit is not None and not decision.passed:
         complain(f"above --limit {args.limit:g} deg: {'; '.join(text for met, text in decision.reasons if not met)}")

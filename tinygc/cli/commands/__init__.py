@@ -11,6 +11,7 @@ COMMANDS = (
     "board",
     "record",
     "replay",
+    "list",
     "check",
     "accelerometer",
     "fit",
@@ -22,4 +23,5 @@ COMMANDS = (
     "compare",
     "challenge",
     "simulate",
+    "completion",
 )

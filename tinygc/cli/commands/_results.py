@@ -32,10 +32,11 @@ def output(args: argparse.Namespace) -> PlainConsole:
 
 
 def verdict(args: argparse.Namespace, line: RenderableType) -> None:
-    """What a command was asked for, in a line: with ``--quiet`` it is all that is printed; without, it is on the page already."""
+    """What a command was asked for, in a line: with ``--quiet`` it is all that is printed; without, it is on the page already,
+    and of several folders a table says it."""
     from tinygc.cli import console
 
-    if args.quiet and not is_standard_output(args.json):
+    if args.quiet and not is_standard_output(args.json) and not getattr(args, "of_several", False):
         console.output().print(line, soft_wrap=True)
 
 

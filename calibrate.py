@@ -16,6 +16,7 @@ from session.common.texts import printable
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands._interruption import ended_by_signals
 from tinygc.cli.commands._results import standard_output
+from tinygc.cli.defaults import take_defaults
 from tinygc.cli.paths import refuse_overwriting
 
 
@@ -56,6 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     """With the effects of the folders that were named, and no others, in the catalogue."""
+    take_defaults(args)
     refuse_overwriting(args)
     if not getattr(args, "effects", None):
         return args.run(args)

@@ -47,6 +47,10 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument("--quiet", action="store_true", help="print no progress and no page, but errors, and of a check the verdict")
         if getattr(module, "USES_EFFECTS", False):
             command.add_argument("--effects", type=path_read, action="append", default=[], metavar="DIR", help=EFFECTS_HELP)
+        if takes := getattr(module, "DEFAULTS", {}):
+            own = f"take nothing from one's own defaults ({', '.join(takes.values())})"
+            command.add_argument("--no-defaults", action="store_true", help=own)
+            command.set_defaults(takes_defaults=lambda args, known, takes=takes: takes)
         module.add_arguments(command)
         command.set_defaults(paths=Paths.of(command))
     return whole

@@ -39,7 +39,11 @@ def fit_temperature(args: argparse.Namespace) -> Done:
     from tinygc.temperature.save import MODEL, save_thermal
     from tinygc.temperature.thermal_json import to_json
 
-    idle = [*given(args, ()), *(["--limit"] if args.limit is not None else []), *(["--model"] if args.model else [])]
+    idle = [
+        *given(args, ()),
+        *(["--limit"] if args.limit is not None and args.defaults is None else []),
+        *(["--model"] if args.model else []),
+    ]
     if idle:
         raise CalibrationError(
             f"{', '.join(idle)}: of no use over temperature, where each session is fitted by least squares; "

@@ -11,6 +11,7 @@ from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
 from tinygc.cli.commands._results import complain, output, try_destinations, verdict, write_json
 from tinygc.cli.commands._several import Done, run_each
 from tinygc.cli.commands._temperature import add_temperature_arguments, fit_temperature, has_only_rests
+from tinygc.cli.defaults import defaults_json, whose_limit
 from tinygc.cli.paths import folder_written, path_read
 from tinygc.methods.registry import METHODS
 
@@ -20,6 +21,7 @@ HONOURED = ("exclude", "no_earth", "bias")
 OF_DAY = ("start", "gravity", "given")
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
 USES_EFFECTS = True
+DEFAULTS = {"limit": "limits.closure_deg"}
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -70,7 +72,7 @@ def _fit(args: argparse.Namespace) -> Done:
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
         result = fit(args.folder, options, progress=progress)
-    table = result.to_json()
+    table = result.to_json() | defaults_json(args)
     # The results first: a terminal that fails must not cost them.
     folder = result.save(args.out)
     forget(checkpoints)
@@ -80,7 +82,7 @@ def _fit(args: argparse.Namespace) -> Done:
     verdict(args, use_line(result.result))
     above = [] if args.limit is None else _above(table, args.limit)
     if above:
-        complain(f"above --limit {args.limit:g} deg: {'; '.join(above)}")
+        complain(f"above {whose_limit(args)}: {'; '.join(above)}")
     if failed := result.result.against_raw.failed:
         complain(result.result.against_raw.words)
     use = result.result.use
@@ -137,7 +139,7 @@ def _rebias(args: argparse.Namespace) -> Done:
         result = rebias_session(
             args.folder, args.model, args.bias, args.bias_dps, use_earth=not args.no_earth, exclude=exclude, progress=progress
         )
-    table = rebias_to_json(result)
+    table = rebias_to_json(result) | defaults_json(args)
     folder = save_rebiased(result, args.out)
     output(args).print(rebias_report(result))
     output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
@@ -148,7 +150,7 @@ def _rebias(args: argparse.Namespace) -> Done:
     }
     above = [] if args.limit is None else _above(only, args.limit)
     if above:
-        complain(f"above --limit {args.limit:g} deg: {'; '.join(above)}")
+        complain(f"above {whose_limit(args)}: {'; '.join(above)}")
     return _done(1 if above else 0, table, chosen, f"bias of the day: {args.bias}")
 
 

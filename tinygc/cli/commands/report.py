@@ -9,10 +9,12 @@ from tinygc.cli.arguments import positive
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options
 from tinygc.cli.commands._results import complain, output, try_file, verdict, write_json
 from tinygc.cli.commands._several import Done, run_each
+from tinygc.cli.defaults import defaults_json, whose_limit
 from tinygc.cli.paths import file_written, path_read
 
 SUMMARY = "the calibration report: one HTML file that needs nothing else"
 USES_EFFECTS = True
+DEFAULTS = {"limit": "limits.closure_deg"}
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -58,9 +60,9 @@ def _report(args: argparse.Namespace) -> Done:
         output(args).print(f"  in doubt: {doubt}")
     output(args).print(f"written: {path}", soft_wrap=True)
     verdict(args, f"{decision.word if decision.passed else 'FAIL'}: {decision.rule}")
-    table, code = summary(evidence), 0
+    table, code = summary(evidence) | defaults_json(args), 0
     if args.limit is not None and not decision.passed:
-        complain(f"above --limit {args.limit:g} deg: {'; '.join(text for met, text in decision.reasons if not met)}")
+        complain(f"above {whose_limit(args)}: {'; '.join(text for met, text in decision.reasons if not met)}")
         code = 1
     elif evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):
         complain("the calibration closes held-out segments worse than the raw rates do: do not apply it")

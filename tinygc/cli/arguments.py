@@ -44,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
         command.set_defaults(run=module.run)
         command.add_argument("--json", type=file_written, metavar="FILE", help="write the result as JSON (- for standard output)")
         command.add_argument("--seed", type=count(0, LARGEST_SEED), default=0, help="of every random draw (%(default)s)")
-        command.add_argument("--quiet", action="store_true", help="print no progress and no page, but errors, and of a check the verdict")
+        command.add_argument("--quiet", action="store_true", help="print nothing but errors, and the verdict where one was asked for")
         if getattr(module, "USES_EFFECTS", False):
             command.add_argument("--effects", type=path_read, action="append", default=[], metavar="DIR", help=EFFECTS_HELP)
         if takes := getattr(module, "DEFAULTS", {}):

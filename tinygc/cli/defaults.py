@@ -83,8 +83,8 @@ def take_defaults(args: argparse.Namespace) -> None:
 
 
 def defaults_json(args: argparse.Namespace) -> dict:
-    """What a command adds to its JSON."""
-    return {"defaults": None if args.defaults is None else args.defaults.to_json()}
+    """What a command adds to its JSON where it took something."""
+    return {} if args.defaults is None else {"defaults": args.defaults.to_json()}
 
 
 def whose_limit(args: argparse.Namespace) -> str:

@@ -42,6 +42,7 @@ def model_to_use(fits: Mapping[str, MethodFit], raw: AgainstRaw, numbers: Mappin
     able = [name for name in fitted if not raw.is_worse(tilts[name])]
     if not able:
         why = "nothing that was fitted closes held-out turns better than the raw rates" if fitted else "nothing was fitted"
+        why += f", which {raw.segments} turns do not decide" if fitted and not raw.failed else ""
         return ModelToUse(None, min(tilts, key=tilts.__getitem__, default=None), None, why)
 
     def chance(usual: str, other: str) -> float:
@@ -57,18 +58,20 @@ def model_to_use(fits: Mapping[str, MethodFit], raw: AgainstRaw, numbers: Mappin
         if p < BETTER_P / len(others):
             used, p_value = name, p
     best = min(able, key=tilts.__getitem__)
-    if p_value is None and best != used:
-        p_value = chance(used, best)
-    return ModelToUse(used, best, p_value, _why(used, best, p_value, able, tilts))
+    if p_value is None and (near := chance(used, best)) < 1:
+        p_value = near
+    return ModelToUse(used, best, p_value, _why(used, p_value, able, tilts))
 
 
-def _why(used: str, best: str, p_value: float | None, able: list[str], tilts: Mapping[str, float]) -> str:
-    held = f"held out {tilts[used]:.4f}°"
+def _why(used: str, p_value: float | None, able: list[str], tilts: Mapping[str, float]) -> str:
+    held, best = f"held out {tilts[used]:.4f}°", min(able, key=tilts.__getitem__)
+    if len(tilts) == 1:
+        return f"{held}, the only one fitted"
     if len(able) == 1:
-        return f"{held}, the only one"
+        return f"{held}, the only one that is better than the raw rates"
     if used != able[0]:
         simpler = METHODS[able[0]].title
         return f"{held} instead of {tilts[able[0]]:.4f}° ({simpler}), better by more than chance (p = {p_value:.2g})"
-    if best == used:
-        return f"{held}, the best, and the simplest"
+    if p_value is None:
+        return f"{held}, the simplest, and none is better by {100 * SAME:g} %"
     return f"{held}, the simplest; none is better by more than chance ({METHODS[best].title} {tilts[best]:.4f}°, p = {p_value:.2g})"

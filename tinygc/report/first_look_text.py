@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -25,12 +24,11 @@ def findings_table(findings: list[Finding]) -> Table:
     return table
 
 
-def first_look_page(folder: Path, findings: list[Finding]) -> Group:
-    """The table, the verdict, and what to do next."""
-    parts: list[RenderableType] = [findings_table(findings), Text(""), verdict_line(findings)]
+def next_line(folder: Path, findings: list[Finding]) -> Text:
+    """What to do next."""
     word = shell_word(folder)
     said = f"mend it, then calibrate.py check {word}" if worst(findings) == "error" else f"calibrate.py fit {word}"
-    return Group(*parts, one_line(f"next: {said}"))
+    return one_line(f"next: {said}")
 
 
 def verdict_line(findings: list[Finding]) -> Text:

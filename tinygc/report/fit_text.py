@@ -186,7 +186,7 @@ def _parameters(result: FitResult) -> Table:
     for axis in "xyz":
         row(f"misalignment, {axis} to …, mrad", 3, [None if axis == other else ("misalignment", f"{axis} to {other}") for other in "xyz"])
     row("bias, dps", 5, [("bias", axis) for axis in "xyz"])
-    table.caption = "the models hold what undoes them, ω = E m + B: E ≈ 1 − these, B ≈ − bias"
+    table.caption = "the models hold what undoes them: ω = E m + B, E the inverse of the sensor's matrix, B = −E bias"
     table.caption_justify = "left"
     return table
 

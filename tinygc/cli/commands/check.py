@@ -20,10 +20,14 @@ def run(args: argparse.Namespace) -> int:
     """The first look at a session."""
     from session.checks.findings import worst
     from tinygc.library.check import check
-    from tinygc.report.first_look_text import first_look_page, verdict_line
+    from tinygc.report.first_look_text import findings_table, next_line, verdict_line
 
     findings = check(args.folder)
-    output(args).print(first_look_page(args.folder, findings))
+    console = output(args)
+    console.print(findings_table(findings))
+    console.print()
+    for line in (verdict_line(findings), next_line(args.folder, findings)):  # each one line, however long, for who reads them by program
+        console.print(line, soft_wrap=True)
     if worst(findings) != "error":
         verdict(args, verdict_line(findings))
     write_json(args.json, {"schema": "tinygc-check/1", "findings": [vars(finding) for finding in findings]})

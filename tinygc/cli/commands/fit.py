@@ -8,7 +8,7 @@ from dataclasses import replace
 from session.common.errors import CalibrationError
 from tinygc.cli.arguments import positive, three
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
-from tinygc.cli.commands._results import complain, output, try_destinations, verdict, write_json
+from tinygc.cli.commands._results import complain, output, try_destinations, write_json
 from tinygc.cli.commands._several import Done, run_each
 from tinygc.cli.commands._temperature import add_temperature_arguments, fit_temperature, has_only_rests
 from tinygc.cli.defaults import defaults_json, whose_limit
@@ -64,7 +64,7 @@ def _fit(args: argparse.Namespace) -> Done:
     from tinygc.cli.console import progress_bar
     from tinygc.library.fit import fit
     from tinygc.methods.network.adamw_checkpoint import forget
-    from tinygc.report.fit_text import next_line, use_line
+    from tinygc.report.fit_text import next_line
 
     physics = None if args.physics is None else _physics(args.physics)
     checkpoints = args.out or args.folder / "fit"
@@ -79,7 +79,6 @@ def _fit(args: argparse.Namespace) -> Done:
     output(args).print(result.page)
     output(args).print(f"models: {folder}", soft_wrap=True)
     output(args).print(next_line(result.result), soft_wrap=True)
-    verdict(args, use_line(result.result))
     above = [] if args.limit is None else _above(table, args.limit)
     if above:
         complain(f"above {whose_limit(args)}: {'; '.join(above)}")

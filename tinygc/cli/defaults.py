@@ -99,7 +99,8 @@ def _read(path: Path) -> dict[str, Any]:
 
     table = read_toml(path)
     if table.get("schema") != SCHEMA:
-        raise FormatError(f'{path}: schema is {said(table.get("schema"))}, expected "{SCHEMA}" in its first line; or give --no-defaults')
+        there = said(table["schema"]) if "schema" in table else "missing"
+        raise FormatError(f'{path}: schema is {there}, expected "{SCHEMA}" in its first line; or give --no-defaults')
     found = _keys(path, TomlReader(path, table))
     return {key: value for key, value in found.items() if value not in (None, "")}
 

@@ -46,7 +46,7 @@ def run_each(args: argparse.Namespace, one: Callable[[argparse.Namespace], Done]
             code = error.exit_code if isinstance(error, CalibrationError) else 2
             complain(said if str(folder) in said else f"{folder}: {said}")
             entries.append({"folder": str(folder), "exit_code": code, "error": printable(said), "result": None})
-            rows.append((str(folder), "–", "–", "–", printable(said)))
+            rows.append((str(folder), "–", "–", "–", "FAILED: as said above"))
         else:
             code = done.code
             entries.append({"folder": str(folder), "exit_code": code, "error": None, "result": done.table})
@@ -82,7 +82,7 @@ def _print(args: argparse.Namespace, title: str, rows: list[tuple[str, str, str,
 
     table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for column in ("", "held out", "floor", "closure runs", "it says"):
-        table.add_column(column, justify="left" if column in ("", "it says") else "right")
+        table.add_column(column, justify="left" if column in ("", "it says") else "right", overflow="fold")
     for row in rows:
         table.add_row(*map(printable, row))
     console.output(is_standard_output(args.json)).print(table)  # the verdict, with --quiet too

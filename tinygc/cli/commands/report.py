@@ -69,4 +69,4 @@ def _report(args: argparse.Namespace) -> Done:
         code = 1
     figures, word = table["closure"], decision.word if decision.passed else "FAIL"
     runs = tuple(run["rmse_deg"] for run in figures["runs"])
-    return Done(code, table, f"{word}; {path}", figures["holdout_tilt_rms_deg"], figures["floor_rms_deg"], runs)
+    return Done(code, table, word, figures["holdout_tilt_rms_deg"], figures["floor_rms_deg"], runs)

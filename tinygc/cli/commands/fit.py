@@ -42,6 +42,8 @@ def run(args: argparse.Namespace) -> int:
     """From a session to models and closure figures; of several sessions, each by itself."""
     if args.temperature or (args.more and has_only_rests(args.folder)):
         done = fit_temperature(args)
+    elif rests := [folder for folder in args.more if has_only_rests(folder)]:
+        raise CalibrationError(f"{rests[0]}: holds rest logs alone; add --temperature to join them with the sessions in one model")
     elif args.more:
         return run_each(args, _fit, "tinygc-fits/1", "Fits, degrees: held-out tilt rms, RMSE of each closure run")
     else:

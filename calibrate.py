@@ -16,6 +16,7 @@ from session.common.texts import printable
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands._interruption import ended_by_signals
 from tinygc.cli.commands._results import standard_output
+from tinygc.cli.defaults import take_defaults
 from tinygc.cli.paths import refuse_overwriting
 
 
@@ -26,7 +27,11 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         with ended_by_signals():
-            args = parser().parse_args(arguments)
+            words, whole = sys.argv[1:] if arguments is None else arguments, parser()
+            if not words:  # who types the name alone asks what there is; a script whose variable is empty must not take it for done
+                whole.print_help()
+                return 2
+            args = whole.parse_args(words)
             code = _run(args)
             with standard_output():
                 sys.stdout.flush()
@@ -52,6 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     """With the effects of the folders that were named, and no others, in the catalogue."""
+    take_defaults(args)
     refuse_overwriting(args)
     if not getattr(args, "effects", None):
         return args.run(args)

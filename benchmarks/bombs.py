@@ -181,7 +181,7 @@ READERS = {
     "attitudes": SESSION_READERS,
     "session": [
         *SESSION_READERS, "replay {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S} --to json",
-        "record --port {O} --like {S} --out {O}",
+        "record --port {O} --like {S} --out {O}", "list {S}",
     ],
     "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}"],
     "raw": ["replay {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],

@@ -11,6 +11,7 @@ POSIX_ONLY = {
     f"test_{name}.py"
     for name in [
         "board",
+        "board_takes",
         "decisions",
         "emulated_board",
         "ending",

@@ -175,7 +175,7 @@ def test_simulate_makes_a_session_that_fit_reads(run, tmp_path):
 def test_report_names_methods_floor_and_parameters(run, folder):
     code, out, _ = run("fit", folder, "--methods", "raw,least_squares")
     assert code == 0
-    for words in ("10 segments", "least squares", "noise floor", "closure0001.csv.gz", "scale correction, ppm", "±", "models:"):
+    for words in ("10 segments", "least squares", "noise floor", "closure0001.csv.gz", "scale factor error, ppm", "±", "models:"):
         assert words in out
 
 

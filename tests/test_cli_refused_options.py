@@ -35,7 +35,6 @@ def test_simulate_refuses_what_no_sensor_or_bench_has(run, tmp_path, option, val
 @pytest.mark.parametrize(
     "arguments",
     [
-        (),
         ("fly",),
         ("fit",),
         ("fit", "x", "--methods", "magic"),

@@ -192,8 +192,11 @@ def test_what_the_readme_shows_of_fit_is_what_fit_says(in_a_fitted_checkout):
     (run,) = table["closure_runs"]
     figures = " +".join(f"{run['least_squares'][name]:.4f}" for name in ("roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"))
     assert re.search(rf"^  least squares +{figures}$", shown, re.M)
-    B = np.array(json.loads(in_a_fitted_checkout.read_text(encoding="utf-8"))["weights"]["B"]) * 180 / np.pi
-    assert re.search("^B, dps +" + ".*".join(f"{value:.5f} ±" for value in B), shown, re.M)
+    weights = json.loads(in_a_fitted_checkout.read_text(encoding="utf-8"))["weights"]
+    bias = -np.linalg.solve(weights["E"], weights["B"]) * 180 / np.pi  # what the sensor reads at no rate: m = E^-1 (ω - B)
+    assert re.search("^bias, dps +" + ".*".join(f"{value:.5f} ±" for value in bias), shown, re.M)
+    too_far = np.linalg.norm(np.linalg.inv(weights["E"]), axis=1) - 1
+    assert re.search("^scale factor error, ppm +" + ".*".join(f"{1e6 * value:.0f} ±" for value in too_far), shown, re.M)
 
 
 def test_the_citation_names_the_version_and_the_paper():

@@ -60,9 +60,9 @@ def test_the_command_says_what_the_library_says(simulated, fitted, tmp_path, cap
     ours, theirs = fitted.to_json(), json.loads((tmp_path / "fit.json").read_text())
     mine, other = (table["methods"]["least_squares"]["holdout"]["tilt_rms_deg"] for table in (ours, theirs))
     assert other == pytest.approx(mine, rel=1e-6)
-    shown = [line for line in fitted.summary().splitlines() if line.startswith("scale correction")]
+    shown = [line for line in fitted.summary().splitlines() if line.startswith("scale factor error")]
     assert shown
-    assert shown[0].split() == next(line for line in printed.splitlines() if line.startswith("scale correction")).split()
+    assert shown[0].split() == next(line for line in printed.splitlines() if line.startswith("scale factor error")).split()
 
 
 @pytest.mark.slow

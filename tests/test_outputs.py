@@ -112,7 +112,7 @@ def test_no_output_is_a_file_of_the_recording_that_is_read(run, idle, recording,
     for name in RECORDED:
         for way, path in ways_to(recording / name, tmp_path / f"to {name}", name in EVERY_WAY).items():
             words = least(command_parsers()[command], recording, option, path)
-            if command in ("ports", "sensors", "simulate", "challenge", "record", "board") and way == "a hard link":
+            if command in ("ports", "sensors", "simulate", "challenge", "record", "board", "list", "completion") and way == "a hard link":
                 continue  # they read no recording; what is written is put in the link's place, not into the file
             if command == "apply" and option == "--out" and way == "another case" and not path.exists():
                 continue  # a new log beside others is a log
@@ -145,7 +145,7 @@ def test_no_output_has_the_name_that_a_recording_will_have(run, idle, tmp_path, 
             words += [out, str(folder)]
         elif not any(action.type is path_read and not action.option_strings for action in command_parsers()[command]._actions):
             continue  # it has no folder
-        if command == "board":
+        if command in ("board", "list"):
             words = [str(folder), *words]
         refused(run(command, *words), option, "recording")
 

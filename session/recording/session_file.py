@@ -44,8 +44,9 @@ class SessionFile:
     """What is known of the session before the board speaks, and the file once it has.
 
     like: another session.toml, whose accelerometer, site and protocol hold here as well, and its sensor where the board says nothing;
-    odr_hz, gyro_fs_dps, accel_fs_g, sensor (its model): what the user says of the board, or None; notes: for ``[notes]``.  assumed: whether
-    nobody has named the sensor of the file that was written.  Raises FormatError for a broken file, and for a note that says otherwise.
+    odr_hz, gyro_fs_dps, accel_fs_g, sensor (its model): what the user says of the board, or None; notes: for ``[notes]``; bench: where the
+    table stands, without such another.  assumed: whether nobody has named the sensor of the file that was written.  Raises FormatError for
+    a broken file, and for a note that says otherwise.
     """
 
     def __init__(
@@ -57,9 +58,11 @@ class SessionFile:
         accel_fs_g: float | None,
         sensor: str | None = None,
         notes: Mapping[str, Note] | None = None,
+        bench: Site | None = None,
     ):
         self.path, self._model, self.assumed = folder / NAME, sensor, False
         self._notes = dict(notes or {})  # to be written as soon as there is a file
+        self._bench = bench or Site()
         self._said = {"odr_hz": odr_hz, "gyro_fs_dps": gyro_fs_dps, "accel_fs_g": accel_fs_g}
         self._own = read_config(self.path) if self.path.exists() else None
         if like is not None and like.is_dir():
@@ -116,7 +119,7 @@ class SessionFile:
             sensor = None if physical is None else self._sensor(info, waited_s, physical)
             if sensor is None:
                 return None
-            known = _for_another(self._like) if self._like else Config(sensor, Accelerometer(source="none"), Site(), Protocol())
+            known = _for_another(self._like) if self._like else Config(sensor, Accelerometer(source="none"), self._bench, Protocol())
             config = replace(known, sensor=sensor, unknown=(), notes={}, exclude=())  # notes are of one session alone
             self._write(config, bool(physical))
             self._own, self._written = config, True

@@ -21,6 +21,9 @@ FASTEST_DPS = 1e5  #: the largest full scale that session.toml may have
 SHORTEST_CLOSURE_S, LONGEST_CLOSURE_S = 5.0, 3600.0
 EFFECTS_HELP = "folder with further effects, a Python file each, which is run; may be given several times"
 
+BEGIN = """To begin: calibrate.py fit data/session1 calibrates the session that comes with the tool.  At the bench: record, then check, fit,
+explain and report, each with the session's folder.  calibrate.py COMMAND --help says what a command takes."""
+
 
 class _Parser(argparse.ArgumentParser):
     """Bad usage is said in one line, like every other error."""
@@ -31,7 +34,7 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """The whole command line: every command of ``tinygc.cli.commands``."""
-    whole = _Parser(prog="calibrate.py", description="Calibrate a MEMS gyroscope on a hand-turned table.")
+    whole = _Parser(prog="calibrate.py", description="Calibrate a MEMS gyroscope on a hand-turned table.", epilog=BEGIN)
     whole.add_argument("--version", action="version", version=_version())
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name in COMMANDS:
@@ -41,9 +44,13 @@ def parser() -> argparse.ArgumentParser:
         command.set_defaults(run=module.run)
         command.add_argument("--json", type=file_written, metavar="FILE", help="write the result as JSON (- for standard output)")
         command.add_argument("--seed", type=count(0, LARGEST_SEED), default=0, help="of every random draw (%(default)s)")
-        command.add_argument("--quiet", action="store_true", help="print nothing but errors")
+        command.add_argument("--quiet", action="store_true", help="print nothing but errors, and the verdict where one was asked for")
         if getattr(module, "USES_EFFECTS", False):
             command.add_argument("--effects", type=path_read, action="append", default=[], metavar="DIR", help=EFFECTS_HELP)
+        if takes := getattr(module, "DEFAULTS", {}):
+            own = f"take nothing from one's own defaults ({', '.join(takes.values())})"
+            command.add_argument("--no-defaults", action="store_true", help=own)
+            command.set_defaults(takes_defaults=lambda args, known, takes=takes: takes)
         module.add_arguments(command)
         command.set_defaults(paths=Paths.of(command))
     return whole

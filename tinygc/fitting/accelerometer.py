@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from session.accelerometer.lengths import LengthFit
-from session.accelerometer.parameters import BIAS, BIASES, IDENTITY, NAMES, PARAMETERS, SCALES, SHEARS, UPPER, after, matrix_of
+from session.accelerometer.parameters import BIAS, BIASES, IDENTITY, MATRIX, NAMES, PARAMETERS, SCALES, SHEARS, UPPER, after, matrix_of
 from session.common.units import MG
 from session.log.config import Accelerometer
 from tinygc.closure.least_squares import OBSERVED_BELOW
@@ -64,7 +64,7 @@ class AccelerometerFit:
         return None if self.covariance is None else np.sqrt(np.diag(self.jacobian @ self.covariance @ self.jacobian.T))
 
     def rows(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
-        """Key of the JSON, unit, values (3,), sigmas (3,), in that unit, and names, as a table shows them."""
+        """Of the correction: key of the JSON, unit, values (3,), sigmas (3,), in that unit, and names."""
         found = []
         for key, unit, which in (
             ("scale_correction_ppm", "ppm", SCALES),
@@ -74,6 +74,20 @@ class AccelerometerFit:
             sigma = None if self.sigmas is None else self.sigmas[which] / UNITS[unit]
             found.append((key, unit, self.values[which] / UNITS[unit], sigma, [NAMES[i] for i in which]))
         return found
+
+    def errors(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
+        """What the sensor does, as people are shown it and as ``field_parameters`` has the gyroscope's: word, unit, values (3,), sigmas
+        (3,), in that unit, and names.  The contract's numbers, ``rows``, are of what undoes it."""
+        covariance, found = None, triad_errors(self.values)
+        if self.covariance is not None:
+            sides = [[triad_errors(self.values + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
+            slope = (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL)
+            covariance = slope @ self.jacobian @ self.covariance @ self.jacobian.T @ slope.T
+        sigmas = None if covariance is None else np.sqrt(np.diag(covariance))
+        return [
+            (word, unit, found[which] / UNITS[unit], None if sigmas is None else sigmas[which] / UNITS[unit], [NAMES[i] for i in which])
+            for word, unit, which in (("scale factor error", "ppm", SCALES), ("nonorthogonality", "mrad", SHEARS), ("bias", "mg", BIASES))
+        ]
 
     def to_json(self) -> dict:
         """``accelerometer`` of ``tinygc-fit/1``."""
@@ -91,6 +105,23 @@ class AccelerometerFit:
             "gravity_spread_before_mg": before,
             "gravity_spread_mg": after,
         }
+
+
+def triad_errors(values: np.ndarray) -> np.ndarray:
+    """(9,) SI, in the order of ``NAMES``, of a triad whose correction is ``values`` (9,): the sensor is m = U^-1 f + b.
+
+    Row i of U^-1 is the response of axis i: its length less 1 is the scale factor error, and 90 deg less the angle between two such rows
+    their nonorthogonality; b is the bias.
+    """
+    upper = np.eye(3)
+    upper[UPPER] += values[MATRIX]
+    M = np.linalg.inv(upper)
+    length = np.linalg.norm(M, axis=1)
+    u = M / length[:, None]
+    found = np.array(values, dtype=float)
+    found[SCALES] = length - 1
+    found[SHEARS] = [np.arcsin(np.clip(u[i] @ u[j], -1, 1)) for i, j in ((0, 1), (0, 2), (1, 2))]
+    return found
 
 
 def _values(calibration: Accelerometer) -> np.ndarray:

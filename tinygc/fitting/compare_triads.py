@@ -56,9 +56,18 @@ class TriadComparison:
 
     @property
     def rows(self) -> list[tuple[str, str, str, list[float | None], list[float | None]]]:
-        """Word, component, unit, and of each session value, None where it is not observed, and sigma, None where it was given."""
+        """Of the corrections: word, component, unit, and of each session value, None where it is not observed, and sigma, None where it
+        was given."""
+        return self._side_by_side([triad.fit.rows() for triad in self.triads])
+
+    @property
+    def errors(self) -> list[tuple[str, str, str, list[float | None], list[float | None]]]:
+        """The same of what the sensors err by, as people are shown it."""
+        return self._side_by_side([triad.fit.errors() for triad in self.triads])
+
+    def _side_by_side(self, tables: list) -> list[tuple[str, str, str, list[float | None], list[float | None]]]:
         found = []
-        for parts in zip(*(triad.fit.rows() for triad in self.triads), strict=True):
+        for parts in zip(*tables, strict=True):
             key, unit, _, _, names = parts[0]
             for i, name in enumerate(names):
                 seen = [name not in triad.unobserved and triad.calibration.source != "none" for triad in self.triads]

@@ -17,6 +17,7 @@ _NOISE: dict[str, Shape] = {
     "accel_g_rthz": _DENSITY,
     "gyro_bias_instability_dph": Maybe(Number(0, 1e9)),
     "gyro_bias_instability_source": Maybe(Text()),
+    "closure_floor_rms_deg": _TILT_DEG,
 }
 SHAPE = Keys(
     {"schema": Text((SCHEMA,))},
@@ -28,6 +29,7 @@ SHAPE = Keys(
         "goodness": Maybe(Keys({"p_value": Number(0, 1)})),
         "methods": MapOf(Keys(may={"holdout": Keys(may={"tilt_rms_deg": _TILT_DEG})})),
         "against_raw": Maybe(Keys(may={"tilt_rms_deg": _TILT_DEG})),
+        "use": Maybe(Keys(may={"method": Maybe(Text())})),
     },
 )
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from session.alignment.table import alignment_table
@@ -12,10 +10,6 @@ from session.common.version import VERSION
 from tinygc.fitting.figures import closure_figures, run_figures
 from tinygc.fitting.known_turns import known_turns_json
 from tinygc.fitting.result import FitResult
-
-if TYPE_CHECKING:
-    pass
-
 
 SCHEMA = "tinygc-fit/1"
 
@@ -70,6 +64,7 @@ def to_json(result: FitResult) -> dict:
             }
             for name, fit in result.methods.items()
         },
+        "use": {**result.use.to_json(), "model": result.file_to_use},
         "against_raw": result.against_raw.to_json(),
         "closure_runs": [
             {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.fitting.accelerometer import AccelerometerFit, accelerometer_fit
 from tinygc.fitting.against_raw import AgainstRaw
 from tinygc.fitting.bias_choice import BiasChoice
+from tinygc.fitting.model_to_use import ModelToUse, model_to_use
 from tinygc.fitting.stated_noise import StatedNoise
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
@@ -21,6 +23,12 @@ from tinygc.problem.problem import Problem
 
 if TYPE_CHECKING:
     from tinygc.fitting.physics.fit_physics import PhysicsFit
+
+
+#: ends the name of a model for any time, as of its session's end, beside one that follows the session's time
+AT_END = "_at_end"
+#: methods that are fitted to the problem that physics is
+PHYSICS = ("physics", "tinygc_physics")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,3 +82,17 @@ class FitResult:
     def session(self) -> Session:
         """That was fitted."""
         return self.problem.session
+
+    @cached_property
+    def use(self) -> ModelToUse:
+        """Which of the models to use, and why."""
+        problems = {name: self.physics.problem if self.physics and name in PHYSICS else self.problem for name in self.methods}
+        return model_to_use(self.methods, self.against_raw, {name: [s.number for s in p.used] for name, p in problems.items()})
+
+    @property
+    def file_to_use(self) -> str | None:
+        """The name of that model's file; of one that follows its session's time, the one for any time."""
+        name, physics = self.use.method, self.physics
+        if name is None:
+            return None
+        return f"model_{name}{AT_END if physics and name in PHYSICS and physics.model.session_s is not None else ''}.json"

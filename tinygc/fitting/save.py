@@ -13,14 +13,9 @@ from tinygc import models
 from tinygc.fitting import saved_fit
 from tinygc.fitting.accelerometer import JOINT_NAMES
 from tinygc.fitting.fit_json import to_json
-from tinygc.fitting.result import FitResult
+from tinygc.fitting.result import AT_END, PHYSICS, FitResult
 from tinygc.models.accelerometer import accelerometer_table, sensor_table
 from tinygc.problem.problem import Problem
-
-#: ends the name of a model for any time, as of its session's end, beside one that follows the session's time
-AT_END = "_at_end"
-#: methods that are fitted to the problem that physics is
-PHYSICS = ("physics", "tinygc_physics")
 
 
 def save_models(result: FitResult, folder: Path | None = None) -> Path:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Group
+from rich.text import Text
 
 from session.log.config import read_config
 from session.log.folder import Session
@@ -17,10 +18,10 @@ from tinygc.explanation.pictures.canvas import save as save_figure
 from tinygc.explanation.save import save_explanation
 from tinygc.explanation.truth import picture as truth_picture
 from tinygc.explanation.truth.explain import explain_truth
-from tinygc.explanation.truth.result import save_truth, truth_page, truth_to_json
+from tinygc.explanation.truth.result import save_truth, truth_line, truth_page, truth_to_json
 from tinygc.explanation.truth.truth_explanation import TruthExplanation
 from tinygc.explanation.verdict.explain import Explanation, explain_session
-from tinygc.explanation.verdict.pages import explanation_page
+from tinygc.explanation.verdict.pages import explanation_page, verdict_line
 from tinygc.explanation.verdict.result import to_json
 from tinygc.library.text import as_html, as_text
 
@@ -106,6 +107,14 @@ class Why:
     def page(self) -> Group:
         """What the command prints, for rich."""
         return truth_page(self.explanation) if isinstance(self.explanation, TruthExplanation) else explanation_page(self.explanation)
+
+    @property
+    def verdict_line(self) -> Text:
+        """Session, verdict, probability, and the ids that are claimed, for rich."""
+        found = self.explanation
+        line = truth_line(found) if isinstance(found, TruthExplanation) else verdict_line(found)
+        named = ", ".join(effect.id for effect in self.effects)
+        return line.append(f": {named}" if named else "")
 
     def summary(self) -> str:
         """The same as plain text: verdict, effects, where they live, the proof, and what to do next."""

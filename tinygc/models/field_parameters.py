@@ -56,6 +56,11 @@ WORDS = (
 )
 
 
+def scale_factor_errors(E: np.ndarray) -> np.ndarray:
+    """(…, 3): by how much each axis reads too far, of calibrations E (…, 3, 3)."""
+    return np.linalg.norm(np.linalg.inv(E), axis=-1) - 1
+
+
 def field_vector(vector: np.ndarray) -> np.ndarray:
     """(18,) SI, in the order of ``WORDS``, from ``LinearModel.vector`` (12,).  Raises numpy's LinAlgError for a singular E."""
     E, B = vector[MATRIX].reshape(3, 3), vector[BIAS]

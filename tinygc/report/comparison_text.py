@@ -44,7 +44,7 @@ def _triads(comparison: Comparison) -> Table:
     table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
     for column in ("", *(session.name for session in comparison.sessions)):
         table.add_column(column, justify="right" if column else "left")
-    for word, component, unit, values, sigmas in comparison.triads.rows:
+    for word, component, unit, values, sigmas in comparison.triads.errors:
         digits = DIGITS[unit]
         cells = [
             "not observed" if value is None else f"{value:.{digits}f}" + ("" if sigma is None else f" ± {sigma:.{digits}f}")
@@ -64,10 +64,16 @@ def _triads_agree(comparison: Comparison) -> Text:
     return Text(f"The accelerometers {'agree' if agrees else 'DIFFER'} ({_words(found)}).", "bold green" if agrees else "bold red")
 
 
-def _verdict(comparison: Comparison) -> list[Text]:
-    verdict, agrees = comparison.verdict, comparison.verdict.p_value >= DIFFERS_P
+def verdict_line(comparison: Comparison) -> Text:
+    """Whether they agree."""
+    agrees = comparison.verdict.p_value >= DIFFERS_P
     what = "scale factors, misalignments and biases" if comparison.with_bias else "scale factors and misalignments"
-    lines = [Text(f"The {what} {'agree' if agrees else 'DIFFER'} ({_words(verdict)}).", "bold green" if agrees else "bold red")]
+    said = f"The {what} {'agree' if agrees else 'DIFFER'} ({_words(comparison.verdict)})."
+    return Text(said, "bold green" if agrees else "bold red")
+
+
+def _verdict(comparison: Comparison) -> list[Text]:
+    lines, agrees = [verdict_line(comparison)], comparison.verdict.p_value >= DIFFERS_P
     rest = "the others" if len(comparison.sessions) > 2 else comparison.sessions[0].name
     for moved in comparison.moved[:MOST_MOVED]:
         digits = _digits(comparison, comparison.labels.index((moved.word, moved.component, moved.unit)))

@@ -10,7 +10,6 @@ from rich.table import Table
 from rich.text import Text
 
 from session.checks.alignment import truth_words
-from session.checks.first_look import Finding
 from session.common.console import one_line
 from session.common.texts import printable, shell_word
 from session.common.units import DEG
@@ -19,7 +18,8 @@ from tinygc.fitting.known_turns import known_turns_words
 from tinygc.fitting.result import FitResult
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.registry import METHODS
-from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, LinearModel
+from tinygc.models.field_parameters import COVERAGE_FACTOR, Quantity, field_quantities
+from tinygc.models.linear import BIAS, NAMES, PARAMETERS, LinearModel
 from tinygc.problem.closure_run import ClosureRun
 from tinygc.report.accelerometer_text import accelerometer_table
 
@@ -30,7 +30,6 @@ TITLES = {name: method.title for name, method in METHODS.items()}
 NAMELESS = "a mismatch that no effect in the catalogue fits (calibrate.py explain says what is known): nothing is added to the linear model"
 MOST_RESTS = 8  #: rests that are no reference, in the text
 SAME_FLOOR = 0.01  #: two floors that differ by less are one
-LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
 
 
 def fit_report(result: FitResult) -> Group:
@@ -40,17 +39,24 @@ def fit_report(result: FitResult) -> Group:
         parts.append(one_line(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
     if result.runs:
         parts.append(_closure_runs(result))
-    parts += [_parameters(result), *_accelerometer(result), *_remarks(result)]
+    parts += [_parameters(result), *_accelerometer(result), *_remarks(result), use_line(result)]
     return Group(*parts)
 
 
-def findings_table(findings: list[Finding]) -> Table:
-    """The first look at a session, one row a check."""
-    table = _table("First look", "", "where", "what", "it says", "do")
-    for finding in findings:
-        level = Text(finding.level, LEVEL_STYLES[finding.level])
-        table.add_row(level, finding.where, finding.what, finding.says, finding.do)
-    return table
+def use_line(result: FitResult) -> Text:
+    """Which of the models to use, and why."""
+    if result.file_to_use is None:
+        return one_line(f"Use none of the models: {result.use.why}.", "bold red")
+    return one_line(f"Use {result.file_to_use} ({TITLES[result.use.method or '']}): {result.use.why}.", "bold green")
+
+
+def next_line(result: FitResult) -> Text:
+    """What to run next."""
+    folder = shell_word(result.session.folder)
+    if result.file_to_use is None:
+        return one_line(f"next: calibrate.py check {folder}; then record more turns, to more attitudes")
+    unexplained = result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual)
+    return one_line(f"next: calibrate.py {'explain' if unexplained else 'report'} {folder}")
 
 
 def _table(title: str, first: str, *columns: str, right: bool = False) -> Table:
@@ -167,27 +173,27 @@ def _closure_runs(result: FitResult) -> Table:
 
 
 def _parameters(result: FitResult) -> Table:
-    """Least squares in the field's words: omega = E m + B, scale factor error in ppm, misalignment in mrad, bias in dps."""
-    model = _linear(result.linear)
-    sigma = np.sqrt(np.diag(result.covariance))
-    unobserved = set(result.linear.notes.get("unobserved", ()))
-    table = _table("Parameters (least squares): value ± one sigma", "", "x", "y", "z", right=True)
+    """What the sensor does, by least squares, in the words and signs of the report (``field_parameters``)."""
+    hidden = tuple(result.linear.notes.get("unobserved", ()))
+    quantities = field_quantities(_linear(result.linear).vector, result.covariance, hidden)
+    by_name = {(q.word, q.component): q for q in quantities}
+    table = _table("Parameters (least squares), what the sensor errs by: value ± one sigma", "", "x", "y", "z", right=True)
 
-    def cells(values: np.ndarray, sigmas: np.ndarray, names: list[str], unit: float, digits: int) -> list[str]:
-        shown = zip(values, sigmas, names, strict=True)
-        return ["not observed" if n in unobserved else f"{v / unit:.{digits}f} ± {s / unit:.{digits}f}" for v, s, n in shown]
+    def row(title: str, digits: int, names: list[tuple[str, str] | None]) -> None:
+        table.add_row(title, *("" if name is None else _cell(by_name[name], digits) for name in names))
 
-    names = [f"E_{i}{j}" for i in "xyz" for j in "xyz"]
-    E, sE = (model.E - np.eye(3)).ravel(), sigma[MATRIX]
-    diagonal = [0, 4, 8]
-    table.add_row("scale correction, ppm", *cells(E[diagonal], sE[diagonal], [names[i] for i in diagonal], 1e-6, 0))
-    for row, axis in enumerate("xyz"):
-        columns = range(3 * row, 3 * row + 3)
-        shown = cells(E[columns], sE[columns], [names[i] for i in columns], 1e-3, 3)
-        shown[row] = ""
-        table.add_row(f"E, row {axis}, mrad", *shown)
-    table.add_row("B, dps", *cells(model.B, sigma[BIAS], ["B_x", "B_y", "B_z"], DEG, 5))
+    row("scale factor error, ppm", 0, [("scale factor error", axis) for axis in "xyz"])
+    for axis in "xyz":
+        row(f"misalignment, {axis} to …, mrad", 3, [None if axis == other else ("misalignment", f"{axis} to {other}") for other in "xyz"])
+    row("bias, dps", 5, [("bias", axis) for axis in "xyz"])
+    table.caption = "the models hold what undoes them: ω = E m + B, E the inverse of the sensor's matrix, B = −E bias"
+    table.caption_justify = "left"
     return table
+
+
+def _cell(quantity: Quantity, digits: int) -> str:
+    sigma = quantity.expanded / COVERAGE_FACTOR
+    return f"{quantity.value:.{digits}f} ± {sigma:.{digits}f}" if quantity.observed else "not observed"
 
 
 def _accelerometer(result: FitResult) -> list[Table]:
@@ -237,7 +243,7 @@ def _noise_words(result: FitResult) -> list[Text]:
         words.append(
             Text(
                 f"The closure is {above:.1f} times its noise floor{p}: something is missing from the model, or this sensor's noise is more "
-                f"than white. The sigmas above are widened for it. Run `calibrate.py explain {shell_word(result.session.folder)}`.",
+                f"than white. The sigmas above are widened for it.",
                 "yellow",
             )
         )

@@ -8,8 +8,10 @@ from rich.text import Text
 
 from session.common.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc.closure.allan import angle_random_walk, bias_instability
+from tinygc.models.field_parameters import scale_factor_errors
 from tinygc.models.linear import BIAS
-from tinygc.report.fit_text import _table, findings_table
+from tinygc.report.first_look_text import findings_table
+from tinygc.report.fit_text import _table
 from tinygc.temperature.axis_fit import AxisFit
 from tinygc.temperature.hysteresis import Hysteresis
 from tinygc.temperature.rest_fit import RestFit
@@ -64,11 +66,12 @@ def _sessions(found: SessionsFit) -> RenderableType:
 
 def _over_temperature(fit: ThermalFit) -> RenderableType:
     """Scale factors and zeros at five temperatures, with their sigmas."""
-    table = _table("Over temperature", "°C", "scale factor errors of E, ppm (x, y, z)", "zero, dps (x, y, z)")
+    table = _table("Over temperature", "°C", "scale factor error, ppm (x, y, z)", "zero, dps (x, y, z)")
     for temp_c in np.linspace(*fit.model.range_c, 5):
         sigma_E, sigma_zero = fit.sigma_at(float(temp_c))
         E, zero = fit.model.E(np.array([temp_c]))[0], fit.model.zero(np.full((1, 3), temp_c))[0]
-        scale = "  ".join(pm(1e6 * (E[i, i] - 1), 1e6 * sigma_E[i, i]) for i in range(3))
+        too_far = scale_factor_errors(E)
+        scale = "  ".join(pm(1e6 * too_far[i], 1e6 * sigma_E[i, i]) for i in range(3))
         table.add_row(f"{temp_c:.1f}", scale, "  ".join(pm(zero[i] / DEG, sigma_zero[i] / DEG) for i in range(3)))
     table.caption = "± one sigma of the fit; the remaining uncertainty of the rest logs comes on top of the zero"
     table.caption_justify = "left"

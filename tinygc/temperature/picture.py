@@ -10,6 +10,8 @@ import numpy as np
 from session.common.units import DEG, DEG_PER_HOUR
 from tinygc.explanation.pictures.canvas import canvas, save
 from tinygc.explanation.pictures.panels.palette import AXES, PALE
+from tinygc.models.field_parameters import scale_factor_errors
+from tinygc.models.linear import MATRIX
 from tinygc.temperature.rest_fit import RestFit
 from tinygc.temperature.thermal_fit import ThermalFit
 
@@ -103,11 +105,11 @@ def _scale(fit: ThermalFit, axes: Axes) -> None:
     E = fit.model.E(at)
     sigma = np.array([fit.sigma_at(float(temp_c))[0] for temp_c in at])
     for i, axis in enumerate("xyz"):
-        mid = (E[:, i, i] - 1) * 1e6
-        axes.plot(at, mid, "-", color=AXES[axis], label=f"E_{axis}{axis}")
+        mid = scale_factor_errors(E)[:, i] * 1e6
+        axes.plot(at, mid, "-", color=AXES[axis], label=axis)
         axes.fill_between(at, mid - sigma[:, i, i] * 1e6, mid + sigma[:, i, i] * 1e6, color=AXES[axis], alpha=0.15)
         for point in fit.sessions.points:
-            value, error = (point.values[4 * i] - 1) * 1e6, np.sqrt(point.covariance[4 * i, 4 * i]) * 1e6
+            value, error = scale_factor_errors(point.values[MATRIX].reshape(3, 3))[i] * 1e6, np.sqrt(point.covariance[4 * i, 4 * i]) * 1e6
             axes.errorbar(point.temp_c, value, yerr=error, fmt="o", ms=4, color=AXES[axis])
-    axes.set(xlabel="temperature (°C)", ylabel="E − 1 (ppm)", title="Scale factor correction over temperature")
+    axes.set(xlabel="temperature (°C)", ylabel="scale factor error (ppm)", title="Scale factor error over temperature")
     axes.legend(fontsize=8)

@@ -82,5 +82,6 @@ def run_emulated(args: argparse.Namespace, source: Source, terminal: Terminal, s
         if board.late_s:
             say(f"the emulation fell {board.late_s:.1f} s behind the clock: this machine is too busy for --speed {args.speed:g}")
         starts = machine.resets + 1
-        write_json(args.json, {"schema": "tinygc-board/1", "samples": sensor.samples, "dropped": terminal.dropped, "starts": starts})
+        told = {"samples": sensor.samples, "dropped": terminal.dropped, "starts": starts, "take": source.number}
+        write_json(args.json, {"schema": "tinygc-board/1", **told})
     return 0

@@ -19,6 +19,8 @@ from session.files.results import is_stream, json_text, whole
 from tinygc.cli.paths import is_standard_output
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from session.common.console import PlainConsole
 
 
@@ -27,6 +29,15 @@ def output(args: argparse.Namespace) -> PlainConsole:
     from tinygc.cli import console
 
     return console.output(args.quiet or is_standard_output(args.json))
+
+
+def verdict(args: argparse.Namespace, line: RenderableType) -> None:
+    """What a command was asked for, in a line: with ``--quiet`` it is all that is printed; without, it is on the page already,
+    and of several folders a table says it."""
+    from tinygc.cli import console
+
+    if args.quiet and not is_standard_output(args.json) and not getattr(args, "of_several", False):
+        console.output().print(line, soft_wrap=True)
 
 
 def complain(line: str) -> None:

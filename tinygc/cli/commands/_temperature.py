@@ -8,7 +8,8 @@ from pathlib import Path
 from session.common.errors import CalibrationError
 from tinygc.cli.arguments import count
 from tinygc.cli.commands._fitting import given
-from tinygc.cli.commands._results import output, try_destinations, write_json
+from tinygc.cli.commands._results import output, try_destinations
+from tinygc.cli.commands._several import Done
 from tinygc.cli.paths import path_read
 
 HIGHEST_ORDER = 20  #: beyond it powers of a temperature are one and the same in float64
@@ -16,8 +17,10 @@ HIGHEST_ORDER = 20  #: beyond it powers of a temperature are one and the same in
 
 def add_temperature_arguments(command: argparse.ArgumentParser) -> None:
     """What asks for it, and how far it goes."""
-    command.add_argument("more", type=path_read, nargs="*", help="with --temperature: further folders of the same sensor")
-    command.add_argument("--temperature", action="store_true", help="one model over temperature, of all folders and their rest logs")
+    command.add_argument(
+        "more", type=path_read, nargs="*", metavar="folder", help="further folders; with --temperature, of the same sensor"
+    )
+    command.add_argument("--temperature", action="store_true", help="one model over temperature, of all folders and their rests")
     command.add_argument(
         "--temperature-order", type=count(0, HIGHEST_ORDER), metavar="N", help="highest power of the temperature that is tried (5)"
     )
@@ -28,7 +31,7 @@ def has_only_rests(folder: Path) -> bool:
     return folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*"))
 
 
-def fit_temperature(args: argparse.Namespace) -> int:
+def fit_temperature(args: argparse.Namespace) -> Done:
     """The model, the tables, the files."""
     from tinygc.cli.console import progress_bar
     from tinygc.library.temperature import fit_temperature
@@ -36,7 +39,11 @@ def fit_temperature(args: argparse.Namespace) -> int:
     from tinygc.temperature.save import MODEL, save_thermal
     from tinygc.temperature.thermal_json import to_json
 
-    idle = [*given(args, ()), *(["--limit"] if args.limit is not None else []), *(["--model"] if args.model else [])]
+    idle = [
+        *given(args, ()),
+        *(["--limit"] if args.limit is not None and args.defaults is None else []),
+        *(["--model"] if args.model else []),
+    ]
     if idle:
         raise CalibrationError(
             f"{', '.join(idle)}: of no use over temperature, where each session is fitted by least squares; "
@@ -49,5 +56,4 @@ def fit_temperature(args: argparse.Namespace) -> int:
     folder = save_thermal(result, args.out or args.folder / "fit")
     output(args).print(temperature_report(result))
     output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
-    write_json(args.json, to_json(result))
-    return 0
+    return Done(0, to_json(result), f"a model over temperature: {MODEL}")

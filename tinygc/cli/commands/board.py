@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from session.common.errors import CalibrationError
 from session.common.texts import printable
@@ -13,6 +16,9 @@ from tinygc.cli.commands._emulated import check_options, run_emulated, unit_of_t
 from tinygc.cli.commands._interruption import ended_by_signals
 from tinygc.cli.commands._results import write_json
 from tinygc.cli.paths import file_written, is_standard_output, path_read
+
+if TYPE_CHECKING:
+    from tinygc.simulation.board.source import Source
 
 SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 
@@ -39,6 +45,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         metavar="ELF",
         help="run this program on an emulated STM32F405 with a model of the ASM330LHH that feels the session (docs/emulated-board.md)",
     )
+    takes = "which movement of the simulated sensor to stream (the next one that a board at this link has not begun yet)"
+    command.add_argument("--take", type=count(1), metavar="N", help=takes)
     command.add_argument("--frames", action="store_true", help="send frames instead of text lines")
     command.add_argument("--physical", action="store_true", help="send text lines in dps, g and degC instead of registers")
     command.add_argument("--sensor", default="ASM330LHH", metavar="NAME", help="whose registers the simulated one has (%(default)s)")
@@ -81,8 +89,6 @@ def _board(args: argparse.Namespace) -> int:
     from session.files.results import write_text_whole
     from tinygc.simulation.board.board import Board
     from tinygc.simulation.board.faults import Faults
-    from tinygc.simulation.board.source import recorded, simulated
-    from tinygc.simulation.options import SimulationOptions
 
     def say(what: str) -> None:
         if not args.quiet:
@@ -90,23 +96,21 @@ def _board(args: argparse.Namespace) -> int:
 
     if args.frames and args.physical:
         raise CalibrationError("board: frames hold registers; leave --frames or --physical out")
+    if args.folder and args.take:
+        raise CalibrationError("board: a folder is streamed as it was recorded; leave --take out")
     if args.firmware:
         check_options(args)
     faults = Faults() if args.firmware else Faults.parse(args.faults)
-    if args.folder:
-        source = recorded(args.folder)
-    else:
-        say("simulating a session …")
-        odr_hz = int(args.rate) if args.rate == int(args.rate) else args.rate
-        ranges = {"sensor": args.sensor, "gyro_fs_dps": args.gyro_fs, "accel_fs_g": args.accel_fs}
-        options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges)
-        if raw := args.raw_accelerometer:  # its scale and axes are off by as much as any unit's: only nobody says how
-            options = replace(options, accel_bias_mg=raw)
-        source = simulated(options, calibrated=not raw, unit=unit_of_the_model(options) if args.firmware else None)
-    if args.config and source.config:
-        write_text_whole(args.config, source.config)
     # A faster board must hold back more, for a host that is as fast as ever.
-    with Terminal(args.link, args.memory or round(MEMORY_BYTES * max(1.0, args.speed))) as terminal:
+    terminal = Terminal(args.link, args.memory or round(MEMORY_BYTES * max(1.0, args.speed)))
+    try:
+        source = _source(args, terminal.name, say)
+        if args.config and source.config:
+            write_text_whole(args.config, source.config)
+    except BaseException:
+        terminal.let_go()
+        raise
+    with terminal:
         if args.firmware:
             return run_emulated(args, source, terminal, say)
         board = Board(
@@ -129,5 +133,28 @@ def _board(args: argparse.Namespace) -> int:
             board.run()
         finally:
             say(f"{board.sent} samples sent, {terminal.dropped} writes dropped since nobody read")
-            write_json(args.json, {"schema": "tinygc-board/1", "samples": board.sent, "dropped": terminal.dropped, "starts": board.starts})
+            told = {"samples": board.sent, "dropped": terminal.dropped, "starts": board.starts, "take": source.number}
+            write_json(args.json, {"schema": "tinygc-board/1", **told})
     return 0
+
+
+def _source(args: argparse.Namespace, link: Path, say: Callable[[str], None]) -> Source:
+    """What the sensor reads: the folder's session, or a simulated one that no board at this link has streamed."""
+    from tinygc.simulation.board.source import recorded, simulated
+    from tinygc.simulation.board.takes import next_take, remember, taken
+    from tinygc.simulation.options import SimulationOptions
+
+    if args.folder:
+        return recorded(args.folder)
+    odr_hz = int(args.rate) if args.rate == int(args.rate) else args.rate
+    ranges = {"sensor": args.sensor, "gyro_fs_dps": args.gyro_fs, "accel_fs_g": args.accel_fs}
+    options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges)
+    if raw := args.raw_accelerometer:  # its scale and axes are off by as much as any unit's: only nobody says how
+        options = replace(options, accel_bias_mg=raw)
+    take = args.take or next_take(link, args.seed)
+    again = "" if take == 1 else " (the same sensor, turned anew; --take 1 streams the first again)"
+    say(f"simulating a session, take {take} of seed {args.seed}{again} …")
+    options = taken(options, take)
+    source = simulated(options, calibrated=not raw, unit=unit_of_the_model(options) if args.firmware else None)
+    remember(link, args.seed, take)
+    return replace(source, number=take)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.commands._results import complain, output, write_json
+from tinygc.cli.commands._results import complain, output, verdict, write_json
 from tinygc.cli.paths import path_read
 
 SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
@@ -20,10 +20,16 @@ def run(args: argparse.Namespace) -> int:
     """The first look at a session."""
     from session.checks.findings import worst
     from tinygc.library.check import check
-    from tinygc.report.fit_text import findings_table
+    from tinygc.report.first_look_text import findings_table, next_line, verdict_line
 
     findings = check(args.folder)
-    output(args).print(findings_table(findings))
+    console = output(args)
+    console.print(findings_table(findings))
+    console.print()
+    for line in (verdict_line(findings), next_line(args.folder, findings)):  # each one line, however long, for who reads them by program
+        console.print(line, soft_wrap=True)
+    if worst(findings) != "error":
+        verdict(args, verdict_line(findings))
     write_json(args.json, {"schema": "tinygc-check/1", "findings": [vars(finding) for finding in findings]})
     if worst(findings) == "error":
         if output(args).quiet:  # whoever sees no table is told at least what stops the calibration

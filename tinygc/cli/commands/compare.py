@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.commands._results import output, verdict, write_json
 from tinygc.cli.paths import path_read
 
 SUMMARY = "say whether the calibrations of several sessions of one sensor agree"
@@ -23,12 +23,13 @@ def run(args: argparse.Namespace) -> int:
     """Sessions of one sensor side by side."""
     from session.common.errors import CalibrationError
     from tinygc.fitting.compare import DIFFERS_P, compare, read_calibrated, to_json
-    from tinygc.report.comparison_text import comparison_page
+    from tinygc.report.comparison_text import comparison_page, verdict_line
 
     if len(args.folders) < 2:
         raise CalibrationError("compare needs two sessions or more")
     found = compare([read_calibrated(folder) for folder in args.folders], args.bias)
     output(args).print(comparison_page(found))
+    verdict(args, verdict_line(found))
     write_json(args.json, to_json(found))
     limits = [limit for limit in (args.limit, DIFFERS_P if args.strict else None) if limit is not None]
     return 1 if any(found.verdict.p_value < limit for limit in limits) else 0

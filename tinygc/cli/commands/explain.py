@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.commands._results import complain, output, try_destinations, write_json
+from tinygc.cli.commands._results import complain, output, try_destinations, verdict, write_json
 from tinygc.cli.paths import folder_written, path_read
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
@@ -31,6 +31,7 @@ def run(args: argparse.Namespace) -> int:
     folder = why.save(args.out, pictures=_with_pictures(args))
     output(args).print(why.page)
     output(args).print(f"written: {folder}", soft_wrap=True)
+    verdict(args, why.verdict_line)
     write_json(args.json, why.to_json())
     return 1 if args.strict and why.verdict != "no_mismatch" else 0
 

@@ -9,7 +9,9 @@ from session.common.errors import CalibrationError
 from tinygc.cli.arguments import positive, three
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
 from tinygc.cli.commands._results import complain, output, try_destinations, write_json
+from tinygc.cli.commands._several import Done, run_each
 from tinygc.cli.commands._temperature import add_temperature_arguments, fit_temperature, has_only_rests
+from tinygc.cli.defaults import defaults_json, whose_limit
 from tinygc.cli.paths import folder_written, path_read
 from tinygc.methods.registry import METHODS
 
@@ -19,12 +21,13 @@ HONOURED = ("exclude", "no_earth", "bias")
 OF_DAY = ("start", "gravity", "given")
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
 USES_EFFECTS = True
+DEFAULTS = {"limit": "limits.closure_deg"}
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
-    command.add_argument("folder", type=path_read, help="session folder")
+    command.add_argument("folder", type=path_read, help="session folder; several are fitted one by one")
     add_temperature_arguments(command)
     add_fit_arguments(command, OF_DAY)
     command.add_argument("--resume", action="store_true", help="go on with an adamw training that was interrupted")
@@ -36,13 +39,23 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """From a session to models and closure figures."""
-    if args.temperature or has_only_rests(args.folder):
+    """From a session to models and closure figures; of several sessions, each by itself."""
+    if args.temperature or (args.more and has_only_rests(args.folder)):
+        done = fit_temperature(args)
+    elif rests := [folder for folder in args.more if has_only_rests(folder)]:
+        raise CalibrationError(f"{rests[0]}: holds rest logs alone; add --temperature to join them with the sessions in one model")
+    elif args.more:
+        return run_each(args, _fit, "tinygc-fits/1", "Fits, degrees: held-out tilt rms, RMSE of each closure run")
+    else:
+        done = _fit(args)
+    write_json(args.json, done.table)
+    return done.code
+
+
+def _fit(args: argparse.Namespace) -> Done:
+    """One session, or one folder of rest logs."""
+    if has_only_rests(args.folder):
         return fit_temperature(args)
-    if args.more:
-        raise CalibrationError(
-            f"{args.more[0]}: one session is fitted at a time; add --temperature to join sessions of several temperatures"
-        )
     if args.bias in OF_DAY or args.model or args.bias_dps:
         return _rebias(args)
     if args.resume and not _resumable(args):
@@ -53,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.cli.console import progress_bar
     from tinygc.library.fit import fit
     from tinygc.methods.network.adamw_checkpoint import forget
+    from tinygc.report.fit_text import next_line
 
     physics = None if args.physics is None else _physics(args.physics)
     checkpoints = args.out or args.folder / "fit"
@@ -60,19 +74,30 @@ def run(args: argparse.Namespace) -> int:
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
         result = fit(args.folder, options, progress=progress)
-    table = result.to_json()
+    table = result.to_json() | defaults_json(args)
     # The results first: a terminal that fails must not cost them.
     folder = result.save(args.out)
     forget(checkpoints)
     output(args).print(result.page)
     output(args).print(f"models: {folder}", soft_wrap=True)
-    write_json(args.json, table)
+    output(args).print(next_line(result.result), soft_wrap=True)
     above = [] if args.limit is None else _above(table, args.limit)
     if above:
-        complain(f"above --limit {args.limit:g} deg: {'; '.join(above)}")
+        complain(f"above {whose_limit(args)}: {'; '.join(above)}")
     if failed := result.result.against_raw.failed:
         complain(result.result.against_raw.words)
-    return 1 if above or failed else 0
+    use = result.result.use
+    says = f"use {result.result.file_to_use}" if use.method else f"use none: {use.why}"
+    return _done(1 if above or failed else 0, table, use.method or use.best, says)
+
+
+def _done(code: int, table: dict, method: str | None, says: str) -> Done:
+    """With the figures of one method."""
+    if method is None:
+        return Done(code, table, says)
+    runs = tuple(run[method]["rmse_deg"] for run in table["closure_runs"] if method in run)
+    held_out, floor = table["methods"][method]["holdout"]["tilt_rms_deg"], table["noise"]["closure_floor_rms_deg"]
+    return Done(code, table, says, held_out, floor, runs)
 
 
 def _physics(words: str) -> tuple[str, ...]:
@@ -93,7 +118,7 @@ def _resumable(args: argparse.Namespace) -> bool:
     return args.optimizer == "adamw" and any(METHODS[name].trained for name in args.methods)
 
 
-def _rebias(args: argparse.Namespace) -> int:
+def _rebias(args: argparse.Namespace) -> Done:
     """A stored calibration with the bias of the day."""
     if args.model is None or args.bias not in OF_DAY or (args.bias == "given") != (args.bias_dps is not None):
         raise CalibrationError(
@@ -115,11 +140,10 @@ def _rebias(args: argparse.Namespace) -> int:
         result = rebias_session(
             args.folder, args.model, args.bias, args.bias_dps, use_earth=not args.no_earth, exclude=exclude, progress=progress
         )
-    table = rebias_to_json(result)
+    table = rebias_to_json(result) | defaults_json(args)
     folder = save_rebiased(result, args.out)
     output(args).print(rebias_report(result))
     output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
-    write_json(args.json, table)
     chosen = f"stored_{args.bias}"
     only = {
         "methods": {chosen: table["methods"][chosen]},
@@ -127,8 +151,8 @@ def _rebias(args: argparse.Namespace) -> int:
     }
     above = [] if args.limit is None else _above(only, args.limit)
     if above:
-        complain(f"above --limit {args.limit:g} deg: {'; '.join(above)}")
-    return 1 if above else 0
+        complain(f"above {whose_limit(args)}: {'; '.join(above)}")
+    return _done(1 if above else 0, table, chosen, f"bias of the day: {args.bias}")
 
 
 def _above(table: dict, limit_deg: float) -> list[str]:

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 
 from session.common.texts import printable, shell_word
 from tinygc.cli.arguments import accel_full_scale, closure_seconds, count, data_rate, gyro_full_scale, note, stream_header
+from tinygc.cli.commands._bench import DEFAULTS, bench, takes
 from tinygc.cli.commands._interruption import Interruption
 from tinygc.cli.commands._recorded import counted, left_out, missing, so_far, table
 from tinygc.cli.commands._results import complain, output, write_json
 from tinygc.cli.commands._views import LOOPBACK, page_address, page_server, views
+from tinygc.cli.defaults import defaults_json
 from tinygc.cli.paths import folder_written, path_read
 
 if TYPE_CHECKING:
@@ -57,6 +59,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         "--note", type=note, action="append", default=[], metavar="KEY=TEXT", help="for [notes] of session.toml, such as operator=…"
     )
     command.add_argument("--like", type=path_read, metavar="TOML", help="take accelerometer, site and protocol from this session.toml")
+    command.set_defaults(**dict.fromkeys(DEFAULTS, None), takes_defaults=takes)
     command.add_argument("--sensor", metavar="NAME", help="what it is, where the board does not say (calibrate.py sensors)")
     command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
     command.add_argument("--odr", type=data_rate, metavar="HZ", help="data rate: set where the board takes commands, else what it is")
@@ -134,7 +137,7 @@ def _tell(
         complain(f"interrupted; everything received is kept. To go on: {_again(args, folder, port)}")
     else:
         console.print(f"next: calibrate.py check {shell_word(folder)}, then calibrate.py fit {shell_word(folder)}", soft_wrap=True)
-    write_json(args.json, table(guide, folder, recorder))
+    write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
     return interrupted
 
 
@@ -155,7 +158,7 @@ def _led(
     from session.recording.recorder import Recorder
     from session.recording.session_file import SessionFile
 
-    session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note))
+    session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note), bench(args))
     tell(args, folder)
     recorder = Recorder(folder, port, args.baud, args.header, session_file.wanted())
     if recorder.setting.said and not args.quiet:

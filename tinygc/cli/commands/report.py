@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import argparse
 
+from session.common.errors import CalibrationError
 from tinygc.cli.arguments import positive
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options
-from tinygc.cli.commands._results import complain, output, try_file, write_json
+from tinygc.cli.commands._results import complain, output, try_file, verdict, write_json
+from tinygc.cli.commands._several import Done, run_each
+from tinygc.cli.defaults import defaults_json, whose_limit
 from tinygc.cli.paths import file_written, path_read
 
 SUMMARY = "the calibration report: one HTML file that needs nothing else"
 USES_EFFECTS = True
+DEFAULTS = {"limit": "limits.closure_deg"}
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     limit = "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this; exit 1 if not"
-    command.add_argument("folder", type=path_read, help="session folder")
+    command.add_argument("folder", type=path_read, help="session folder; of several, each gets a report of its own")
+    command.add_argument("more", type=path_read, nargs="*", metavar="folder", help="further folders")
     command.add_argument("--out", type=file_written, metavar="FILE", help="the report (report.html in the session folder)")
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
     command.add_argument("--no-explain", action="store_true", help="do not ask why recording and simulation differ")
@@ -24,7 +29,17 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """The calibration as one HTML file."""
+    """The calibration as one HTML file; of several sessions, each gets its own."""
+    if not args.more:
+        done = _report(args)
+        write_json(args.json, done.table)
+        return done.code
+    if args.out is not None:
+        raise CalibrationError("--out names one file; of several folders each gets its report.html in it: leave --out out")
+    return run_each(args, _report, "tinygc-reports/1", "Reports, degrees: held-out tilt rms, RMSE of each closure run")
+
+
+def _report(args: argparse.Namespace) -> Done:
     from session.common.units import DEG
     from tinygc.cli.console import progress_bar
     from tinygc.report.html.evidence import gather
@@ -44,11 +59,14 @@ def run(args: argparse.Namespace) -> int:
     for doubt in decision.doubts:
         output(args).print(f"  in doubt: {doubt}")
     output(args).print(f"written: {path}", soft_wrap=True)
-    write_json(args.json, summary(evidence))
+    verdict(args, f"{decision.word if decision.passed else 'FAIL'}: {decision.rule}")
+    table, code = summary(evidence) | defaults_json(args), 0
     if args.limit is not None and not decision.passed:
-        complain(f"above --limit {args.limit:g} deg: {'; '.join(text for met, text in decision.reasons if not met)}")
-        return 1
-    if evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):
+        complain(f"above {whose_limit(args)}: {'; '.join(text for met, text in decision.reasons if not met)}")
+        code = 1
+    elif evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):
         complain("the calibration closes held-out segments worse than the raw rates do: do not apply it")
-        return 1
-    return 0
+        code = 1
+    figures, word = table["closure"], decision.word if decision.passed else "FAIL"
+    runs = tuple(run["rmse_deg"] for run in figures["runs"])
+    return Done(code, table, word, figures["holdout_tilt_rms_deg"], figures["floor_rms_deg"], runs)

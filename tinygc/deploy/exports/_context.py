@@ -22,7 +22,7 @@ from tinygc.deploy.needs import Needs
 from tinygc.fitting import bias
 from tinygc.fitting.against_raw import worse_in_table
 from tinygc.fitting.fit_file import read_judged
-from tinygc.fitting.save import AT_END
+from tinygc.fitting.result import AT_END
 from tinygc.models.accelerometer import accelerometer_of
 from tinygc.models.model import Model
 

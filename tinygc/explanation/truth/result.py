@@ -128,7 +128,7 @@ def save_truth(e: TruthExplanation, folder: Path | None = None, pictures: bool =
 
 def truth_page(e: TruthExplanation) -> Group:
     """Verdict, claims, and the evidence of sensor, truth and clocks."""
-    parts: list = [Text.assemble((f"{e.problem.session.name}: ", "bold"), e.verdict.replace("_", " "), f"   (p {p_words(e.p_value)})\n")]
+    parts: list = [truth_line(e), Text("")]
     for claim in e.claims:
         share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
         share += f"   or {', '.join(claim.equivalent)}" if claim.equivalent else ""
@@ -138,6 +138,11 @@ def truth_page(e: TruthExplanation) -> Group:
     parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
     parts += [_evidence(e), Text(CANNOT)]
     return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
+
+
+def truth_line(e: TruthExplanation) -> Text:
+    """The session, the verdict, and how probable no more than noise is."""
+    return Text.assemble((f"{e.problem.session.name}: ", "bold"), e.verdict.replace("_", " "), f"   (p {p_words(e.p_value)})")
 
 
 def values_of(claim: TruthClaim) -> list[str]:

@@ -29,8 +29,7 @@ MOST_SAID = 6  #: segments that are worst
 
 def explanation_page(e: Explanation) -> Group:
     """Verdict, effects with their parameters, where it lives, proof, and what to do next."""
-    words, style = VERDICTS[e.verdict]
-    parts: list = [Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {p_words(e.p_value)})\n")]
+    parts: list = [verdict_line(e), Text("")]
     # The first look's own suspicions stand before what has no name: they are the likelier cause.
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
     for claim in e.claimed:
@@ -70,6 +69,12 @@ def explanation_page(e: Explanation) -> Group:
     if following := what_next(e):
         parts.append(Text.assemble(("next: ", "bold"), following))
     return Group(*parts)
+
+
+def verdict_line(e: Explanation) -> Text:
+    """The session, the verdict, and how probable no more than noise is."""
+    words, style = VERDICTS[e.verdict]
+    return Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {p_words(e.p_value)})")
 
 
 def _rivals(claim: Claim) -> list[Text]:

@@ -16,8 +16,7 @@ from tinygc.effects import AppliedEffect
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.fitting.physics.covariance import covariance_at_end, rate_covariance, rows_of_rates
 from tinygc.fitting.physics.lost_in_runs import loss_words, lost_in
-from tinygc.fitting.result import FitResult
-from tinygc.fitting.save import AT_END
+from tinygc.fitting.result import AT_END, FitResult
 from tinygc.models.accelerometer import accelerometer_table, sensor_table
 from tinygc.models.field_parameters import Quantity, field_quantities
 from tinygc.models.linear import BIAS, PARAMETERS, LinearModel

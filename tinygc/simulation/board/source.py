@@ -28,12 +28,13 @@ STILL_S = 0.8
 @dataclass(frozen=True, eq=False)
 class Source:
     """rows (n, 7) int16 registers of the session, at info.odr_hz; config: text of its session.toml, or None; units: what they mean, where
-    the model and the full scales of ``info`` do not say it."""
+    the model and the full scales of ``info`` do not say it; number: which of a simulated sensor's movements (``takes``)."""
 
     rows: np.ndarray
     info: Info
     config: str | None = None
     units: RegisterUnits | None = None
+    number: int | None = None
 
     def in_units(self, rows: np.ndarray) -> np.ndarray:
         """Registers (n, 7) in dps, g and degC; 0 degC where the temperature's meaning is not known."""
@@ -60,7 +61,7 @@ def simulated(options: SimulationOptions, calibrated: bool = True, unit: Simulat
 
     simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)), unit=unit)
     parts = [part for part in (simulation.log, simulation.closure) if part is not None]
-    info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.seed), options.sensor)
+    info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.unit_drawn_from), options.sensor)
     return Source(np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False, calibrated=calibrated))
 
 

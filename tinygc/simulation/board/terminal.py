@@ -38,7 +38,7 @@ class Terminal:
         try:
             self.plug()
         except CalibrationError:
-            self._let_go()
+            self.let_go()
             raise
         return self
 
@@ -49,9 +49,10 @@ class Terminal:
         if self.has_reader:
             time.sleep(DRAIN_S)  # a pseudo-terminal forgets what its reader has not fetched
         self.unplug()
-        self._let_go()
+        self.let_go()
 
-    def _let_go(self) -> None:
+    def let_go(self) -> None:
+        """Give the name back, where nothing was plugged, or no more."""
         lock_of(self.name).unlink(missing_ok=True)
         self._lock.close()
 

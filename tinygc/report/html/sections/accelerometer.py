@@ -17,11 +17,11 @@ from tinygc.report.html.gravity_spread import misses_of, spread_text
 from tinygc.report.html.markup import Section, escape, facts, figure, key, paragraph, table
 from tinygc.report.html.numbers import decimals_for, fixed, probability
 
-#: key of the JSON -> the word, and what it means, in one line
-WORDS = {
-    "scale_correction_ppm": ("scale correction", "what the reading is multiplied by, less 1"),
-    "nonorthogonality_mrad": ("nonorthogonality", "how much of the later axis’s reading is added to the former’s"),
-    "bias_mg": ("bias", "what it reads without any force"),
+#: word -> what it means, in one line
+MEANINGS = {
+    "scale factor error": "the axis reads so much too far",
+    "nonorthogonality": "90° less the angle between two input axes",
+    "bias": "what it reads without any force",
 }
 #: mg: a length that misses by less lies on the chart's lower edge
 LEAST_MG = 1e-3
@@ -90,9 +90,9 @@ def _before(found: AccelerometerFit) -> str:
 def quantities(found: AccelerometerFit) -> list[Quantity]:
     """The nine numbers in the field's words, each with its expanded uncertainty (NaN where it was taken as given)."""
     made = []
-    for name, unit, values, sigmas, names in found.rows():
+    for name, unit, values, sigmas, names in found.errors():
         spread = np.full(3, nan) if sigmas is None else COVERAGE_FACTOR * sigmas
-        word = f"accelerometer {WORDS[name][0]}"
+        word = f"accelerometer {name}"
         for value, expanded, each in zip(values, spread, names, strict=True):
             made.append(Quantity(word, each.split()[-1], unit, float(value), float(expanded), each not in found.unobserved))
     return made
@@ -101,14 +101,14 @@ def quantities(found: AccelerometerFit) -> list[Quantity]:
 def _table(found: AccelerometerFit) -> str:
     rows = []
     numbers = quantities(found)
-    for at, (name, (word, meaning)) in zip(range(0, 9, 3), WORDS.items(), strict=True):
+    for at, (word, meaning) in zip(range(0, 9, 3), MEANINGS.items(), strict=True):
         group = numbers[at : at + 3]
-        unit = name.rsplit("_", 1)[1]
+        unit = group[0].unit
         known = [q.expanded for q in group if q.observed and np.isfinite(q.expanded)]
         decimals = decimals_for(max(known)) if known else {"ppm": 0, "mrad": 3, "mg": 2}[unit]
         heading = f'{word}, <span class="unit">{unit}</span><br><small>{meaning}</small>'
         rows.append((heading, *(_cell(q, decimals) for q in group)))
-    caption = "<i>f</i> = <i>M</i> (<i>a</i> − <i>b</i>), in the sensor’s own triad"
+    caption = "What the sensor does, in its own triad"
     caption += ", as given." if found.sigmas is None else "; each value ± its expanded uncertainty, <i>k</i> = 2 (about 95 %)."
     return table(("Parameter", "x", "y", "z"), rows, caption, kind="parameters")
 

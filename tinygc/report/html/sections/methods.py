@@ -47,6 +47,7 @@ def section(evidence: Evidence) -> Section:
         marked=marked,
         minor=(1, 5, 6, 7, *((9,) if runs else (8,))),
     )
+    html += paragraph(_use(evidence))
     if evidence.adopted.name == "physics":
         html += paragraph(
             'The linear model with physics is the one of <a href="#explain">what explain found</a>, held out over ten folds. '
@@ -54,6 +55,14 @@ def section(evidence: Evidence) -> Section:
             "soft",
         )
     return Section("methods", "Methods side by side", html)
+
+
+def _use(evidence: Evidence) -> str:
+    """Which of the methods that were fitted to use, and why."""
+    fit = evidence.fit
+    if fit.use.method is None:
+        return f"<strong>Of these methods use none:</strong> {escape(fit.use.why)}."
+    return f"<strong>Of these methods use {escape(TITLES[fit.use.method])}</strong>: {escape(fit.use.why)}."
 
 
 def _rows(evidence: Evidence) -> list[tuple]:

@@ -1,0 +1,153 @@
+"""What the commands say: the worst first and the verdict last, one sign for one number, help and version, what is left when quiet."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+
+import numpy as np
+from commandline import spoil
+from scipy.spatial.transform import Rotation
+
+from session.accelerometer.parameters import BIASES, SCALES, SHEARS, UPPER
+from session.checks.findings import Finding
+from session.common.console import PlainConsole
+from session.common.version import VERSION
+from tinygc.fitting.accelerometer import triad_errors
+from tinygc.models.field_parameters import scale_factor_errors
+from tinygc.report.first_look_text import findings_table, verdict_line
+
+
+def printed(renderable) -> list[str]:
+    console = PlainConsole(width=200)
+    with console.capture() as captured:
+        console.print(renderable)
+    return captured.get().splitlines()
+
+
+# check
+
+
+def test_the_first_look_has_the_worst_first_each_level_in_its_order():
+    levels = ["ok", "note", "error", "ok", "warning", "error"]
+    findings = [Finding(level, f"log{number}.csv", "what", "says", "do it") for number, level in enumerate(levels)]
+    rows = [line.split()[:2] for line in printed(findings_table(findings))[2:]]
+    places = [("error", 2), ("error", 5), ("warning", 4), ("note", 1), ("ok", 0), ("ok", 3)]
+    assert rows == [[level, f"log{number}.csv"] for level, number in places]
+    assert str(verdict_line(findings)) == (
+        "FAIL: nothing can be fitted before this is mended (2 errors, 1 warning, 1 note, 2 ok): log2.csv: what: says; do it"
+    )
+    assert str(verdict_line(findings[:1])) == "Pass (1 ok)"
+    assert str(verdict_line([])) == "Pass (nothing was looked at)"
+
+
+def test_check_ends_with_its_verdict_and_what_to_do_next(run, folder):
+    code, out, _ = run("check", folder)
+    *_, verdict, following = out.strip().splitlines()
+    assert code == 0
+    assert verdict.startswith("Pass")
+    assert following == f"next: calibrate.py fit {folder}"
+    assert run("check", folder, "--quiet") == (0, verdict + "\n", "")
+    spoil(folder, lambda lines: lines[:2])
+    code, out, _ = run("check", folder)
+    *_, verdict, following = out.strip().splitlines()
+    assert code == 2
+    assert "error" in verdict
+    assert "no samples" in verdict
+    assert following == f"next: mend it, then calibrate.py check {folder}"
+    assert out.splitlines()[2].startswith("error")
+    code, out, err = run("check", folder, "--quiet")
+    assert (code, out) == (2, "")
+    assert "no samples" in err
+
+
+# one sign for one number
+
+
+def test_a_triads_errors_are_what_the_sensor_does():
+    """A triad made by hand: input axes of given lengths at given angles; its correction is the inverse, brought to an upper triangle."""
+    length, skew = np.array([1.002, 0.997, 1.01]), np.array([0.004, -0.003, 0.002])  # xy, xz, yz
+    gram = np.eye(3)
+    for (i, j), angle in zip(((0, 1), (0, 2), (1, 2)), skew, strict=True):
+        gram[i, j] = gram[j, i] = np.sin(angle)
+    axes = np.linalg.cholesky(gram) * 1.0  # rows are unit vectors at these angles
+    M = length[:, None] * axes @ Rotation.random(random_state=1).as_matrix()
+    Q, upper = np.linalg.qr(np.linalg.inv(M))
+    upper = np.diag(np.sign(np.diag(upper))) @ upper
+    values = np.concatenate([(upper - np.eye(3))[UPPER], [0.1, -0.2, 0.3]])
+    found = triad_errors(values)
+    np.testing.assert_allclose(found[SCALES], length - 1, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found[SHEARS], skew, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(found[BIASES], [0.1, -0.2, 0.3])
+    np.testing.assert_allclose(scale_factor_errors(np.linalg.inv(M)), length - 1, rtol=0, atol=1e-12)
+    assert Q.shape == (3, 3)
+
+
+def numbers(line: str) -> list[float]:
+    return [float(word) for word in re.findall(r"(-?\d+(?:\.\d+)?) ±", line)]
+
+
+def test_fit_report_compare_and_truth_have_one_sign(run, folder, tmp_path):
+    """The unit of the simulation reads ω as M ω + b: every command that people read says these, and the files hold what undoes them."""
+    code, out, _ = run("fit", folder, "--methods", "least_squares")
+    assert code == 0
+    truth = json.loads((folder / "truth.json").read_text())
+    E, B = np.array(truth["E"]), np.array(truth["B_dps"])
+    too_far, bias = np.linalg.norm(np.linalg.inv(E), axis=1) - 1, -np.linalg.solve(E, B)
+    lines = out.splitlines()
+    scale, accel_scale = (numbers(line) for line in lines if line.startswith("scale factor error"))
+    np.testing.assert_allclose(scale, 1e6 * too_far, rtol=0, atol=1500)  # of 10 000, by ten turns
+    (said_bias,) = (numbers(line) for line in lines if line.startswith("bias, dps"))
+    np.testing.assert_allclose(said_bias, bias, rtol=0, atol=0.02)
+    fitted = json.loads((folder / "fit" / "fit.json").read_text())
+    np.testing.assert_allclose(accel_scale, -np.array(fitted["accelerometer"]["scale_correction_ppm"]), rtol=0.03, atol=60)
+    assert run("report", folder, "--methods", "least_squares", "--no-explain", "--quiet", "--json", tmp_path / "r.json")[0] == 0
+    reported = json.loads((tmp_path / "r.json").read_text())["parameters"]
+    for word, said, digits in (("scale factor error", scale, 0), ("bias", said_bias, 5)):
+        values = [entry["value"] for entry in reported if entry["parameter"] == word]
+        np.testing.assert_allclose(said, np.round(values, digits), rtol=0, atol=1.01 * 10.0**-digits)
+    shutil.copytree(folder, tmp_path / "again")
+    spoil(tmp_path / "again", lambda lines: lines[:-5])  # else it is the same recording
+    assert run("fit", tmp_path / "again", "--methods", "least_squares", "--quiet")[0] == 0
+    _, compared, _ = run("compare", folder, tmp_path / "again")
+    for axis, value in zip("xyz", accel_scale, strict=True):
+        gyro, accel = (numbers(line)[0] for line in compared.splitlines() if line.strip().startswith(f"scale factor error {axis}, ppm"))
+        np.testing.assert_allclose(gyro, scale["xyz".index(axis)], rtol=0, atol=1.01)
+        np.testing.assert_allclose(accel, value, rtol=0, atol=1.01)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "scale correction" not in page + out + compared
+    assert lines[-1].startswith("next: calibrate.py ")
+    assert lines[-3].startswith("Use model_least_squares.json (least squares): held out ")
+    assert fitted["use"]["model"] == "model_least_squares.json"
+    assert "Of these methods use least squares" in page
+
+
+# the rest
+
+
+def test_the_name_alone_shows_the_help_and_is_no_success(run):
+    code, out, err = run()
+    assert (code, err) == (2, "")
+    assert out.startswith("usage: calibrate.py")
+    assert "To begin: calibrate.py fit data/session1" in " ".join(out.split())
+
+
+def test_version(run):
+    assert run("--version") == (0, f"TinyGC {VERSION}\n", "")
+
+
+def test_quiet_keeps_a_verdict(run, folder):
+    code, out, err = run("explain", folder, "--quiet", "--no-pictures")
+    assert (code, err) == (0, "")
+    (line,) = out.splitlines()
+    assert re.match(r"session: .*\(p ", line)
+    assert json.loads((folder / "explain" / "explain.json").read_text())["verdict"] == "no_mismatch" or ": " in line.split(")")[-1]
+    code, out, _ = run("report", folder, "--quiet", "--no-explain", "--methods", "least_squares")
+    assert code == 0
+    assert len(out.splitlines()) == 1
+    assert out.startswith(("Pass", "Not decided", "FAIL"))
+
+
+def test_quiet_says_nothing_where_a_file_is_the_result(run, folder):
+    assert run("fit", folder, "--methods", "least_squares", "--quiet") == (0, "", "")

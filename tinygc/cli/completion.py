@@ -1,0 +1,103 @@
+"""Shell scripts that complete the command line, made from its parser: nothing of Python runs when somebody presses Tab.
+
+bash has a function of cases; zsh takes the same through its ``bashcompinit``; fish has a line for each option.  A word without
+completions of its own is a file, unless the option takes a number or a name that nobody can guess.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Iterator
+
+from tinygc.cli.paths import file_written, folder_written, log_written, path_read
+
+SHELLS = ("bash", "zsh", "fish")
+#: what a person may have called
+NAMES = ("calibrate", "calibrate.py")
+PATHS = (file_written, folder_written, log_written, path_read)
+#: paths, though their type is text: a serial port
+PORTS = ("port",)
+
+_BASH = """\
+_calibrate_complete() {{
+    local current=${{COMP_WORDS[COMP_CWORD]}} previous=${{COMP_WORDS[COMP_CWORD-1]}} command= options= words= i
+    for ((i = 1; i < COMP_CWORD; i++)); do
+        case ${{COMP_WORDS[i]}} in -*) ;; *) command=${{COMP_WORDS[i]}}; break ;; esac
+    done
+    COMPREPLY=()
+    case $command in
+{commands}
+    *)  options="--help --version" words="{names}" ;;
+    esac
+    case "$command $previous" in
+{values}
+    *)  case $current in -*) words=$options ;; esac ;;
+    esac
+    [ -n "$words" ] && COMPREPLY=($(compgen -W "$words" -- "$current"))
+    return 0
+}}
+complete -o default -o bashdefault -F _calibrate_complete {called}
+"""
+
+
+def script(shell: str, whole: argparse.ArgumentParser) -> str:
+    """Of ``SHELLS``."""
+    if shell == "fish":
+        return "\n".join(_fish(whole)) + "\n"
+    text = _bash(whole)
+    return f"autoload -U +X bashcompinit && bashcompinit\n{text}" if shell == "zsh" else text
+
+
+def commands_of(whole: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Name -> parser."""
+    (group,) = (action for action in whole._actions if isinstance(action, argparse._SubParsersAction))
+    return dict(group.choices)
+
+
+def _bash(whole: argparse.ArgumentParser) -> str:
+    commands, values = [], []
+    for name, command in commands_of(whole).items():
+        flags = [flag for action in command._actions for flag in action.option_strings if flag.startswith("--")]
+        words = " ".join(str(choice) for action in command._actions if not action.option_strings for choice in action.choices or ())
+        commands.append(f'    {name}) options="{" ".join(flags)}" words="{words}" ;;')
+        for action in command._actions:
+            if not action.option_strings or action.nargs == 0:
+                continue
+            cases = "|".join(f'"{name} {flag}"' for flag in action.option_strings)
+            if action.choices:
+                values.append(f'    {cases}) words="{" ".join(map(str, action.choices))}" ;;')
+            elif _is_path(action):
+                values.append(f"    {cases}) words= ;;")
+            elif action.nargs != "?":
+                values.append(f"    {cases}) compopt +o default +o bashdefault 2>/dev/null; return 0 ;;")
+    names = " ".join(commands_of(whole))
+    return _BASH.format(commands="\n".join(commands), values="\n".join(values), names=names, called=" ".join(NAMES))
+
+
+def _is_path(action: argparse.Action) -> bool:
+    return action.type in PATHS or action.dest in PORTS
+
+
+def _fish(whole: argparse.ArgumentParser) -> Iterator[str]:
+    summaries = {choice.dest: choice.help or "" for group in whole._actions for choice in getattr(group, "_choices_actions", ())}
+    for called in NAMES:
+        begins = f"complete -c {called}"
+        yield f"{begins} -n __fish_use_subcommand -f -l version -d 'print the version'"
+        for name, command in commands_of(whole).items():
+            yield f"{begins} -n __fish_use_subcommand -f -a {name} -d {shlex.quote(summaries.get(name, ''))}"
+            inside = f"{begins} -n '__fish_seen_subcommand_from {name}'"
+            for action in command._actions:
+                yield from _fish_action(inside, action)
+
+
+def _fish_action(inside: str, action: argparse.Action) -> Iterator[str]:
+    choices = " ".join(map(str, action.choices or ()))
+    if not action.option_strings:
+        if choices:
+            yield f"{inside} -f -a '{choices}'"
+        return
+    flags = " ".join(f"-l {flag[2:]}" if flag.startswith("--") else f"-s {flag[1:]}" for flag in action.option_strings)
+    value = "" if action.nargs in (0, "?") else " -r -F" if _is_path(action) else f" -x -a '{choices}'" if choices else " -x"
+    about = "" if action.help in (None, argparse.SUPPRESS) else (action.help or "").split(";")[0].split(" (")[0].replace("%%", "%")
+    yield f"{inside} {flags}{value} -d {shlex.quote(about)}"

@@ -1,0 +1,120 @@
+"""A person's own defaults, from a file in their home: what one sets once for a bench, and would else type each time.
+
+What is given on the command line wins, then what a session's own session.toml says, then this file.  A command that takes something from
+it says so, in a line and in its JSON.  The file never changes how a session that is there is read: what it says of the bench goes into
+the session.toml that ``record`` writes, so that the folder gives the same answer everywhere.  Python programs do not read it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from session.common.errors import FormatError
+from session.common.texts import printable
+
+if TYPE_CHECKING:
+    from session.log.toml_reader import TomlReader
+
+SCHEMA = "tinygc-defaults/1"
+NAME = "tinygc.toml"
+#: names another file; empty: none
+ENVIRONMENT = "TINYGC_DEFAULTS"
+
+
+@dataclass(frozen=True)
+class Defaults:
+    """path of the file; used: key -> value of what the command has taken from it."""
+
+    path: Path
+    used: dict[str, Any]
+
+    def to_json(self) -> dict:
+        """``defaults`` of a command's JSON."""
+        table: dict[str, Any] = {"file": str(self.path)}
+        for key, value in self.used.items():
+            section, name = key.split(".")
+            table.setdefault(section, {})[name] = value
+        return table
+
+
+def place() -> Path | None:
+    """Where the file is looked for; None where the environment says that there is none."""
+    named = os.environ.get(ENVIRONMENT)
+    if named is not None:
+        return Path(named) if named.strip() else None
+    if sys.platform == "win32":
+        base = os.environ.get("APPDATA", "")
+    else:
+        base = os.environ.get("XDG_CONFIG_HOME", "")
+        base = base if os.path.isabs(base) else os.path.join(os.path.expanduser("~"), ".config")
+    return Path(base) / NAME if os.path.isabs(base) else None
+
+
+def take_defaults(args: argparse.Namespace) -> None:
+    """Fill in what the command line has left open, of what its command takes (``DEFAULTS``: destination -> key; of these,
+    ``args.takes_defaults``, a function of the arguments and the file's keys, has those that count now), and say so.
+
+    ``args.defaults`` is then what was taken, or None.  FormatError, which names file and key, for a file that is not sound.
+    """
+    args.defaults = None
+    takes = getattr(args, "takes_defaults", None)
+    path = None if takes is None or args.no_defaults else place()
+    if path is None or not os.path.lexists(path):
+        if path is not None and os.environ.get(ENVIRONMENT):
+            raise FormatError(f"{path}: not found; {ENVIRONMENT} names it. Mend that, or give --no-defaults")
+        return
+    known = _read(path)
+    wanted: dict[str, str] = takes(args, known) if takes else {}
+    used = {key: known[key] for dest, key in wanted.items() if key in known and getattr(args, dest) is None}
+    for dest, key in wanted.items():
+        if key in used:
+            setattr(args, dest, used[key])
+    if not used:
+        return
+    args.defaults = Defaults(path, {key: str(value) if isinstance(value, Path) else value for key, value in used.items()})
+    if not args.quiet:
+        said = ", ".join(f"{key} = {value}" for key, value in args.defaults.used.items())
+        print(f"calibrate: {printable(f'of {path}: {said}')} (--no-defaults leaves it out)", file=sys.stderr)
+
+
+def defaults_json(args: argparse.Namespace) -> dict:
+    """What a command adds to its JSON where it took something."""
+    return {} if args.defaults is None else {"defaults": args.defaults.to_json()}
+
+
+def whose_limit(args: argparse.Namespace) -> str:
+    """``--limit``, and where it is from if not from the command line."""
+    return f"--limit {args.limit:g} deg" + ("" if args.defaults is None else f" (limits.closure_deg of {args.defaults.path})")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Key -> value, of the keys that are there."""
+    from session.files.toml import read_toml
+    from session.log.toml_reader import TomlReader, said
+
+    table = read_toml(path)
+    if table.get("schema") != SCHEMA:
+        there = said(table["schema"]) if "schema" in table else "missing"
+        raise FormatError(f'{path}: schema is {there}, expected "{SCHEMA}" in its first line; or give --no-defaults')
+    found = _keys(path, TomlReader(path, table))
+    return {key: value for key, value in found.items() if value not in (None, "")}
+
+
+def _keys(path: Path, reader: TomlReader) -> dict[str, Any]:
+    like = reader.text("record", "like", "")
+    keys = {
+        "record.port": reader.text("record", "port", ""),
+        "record.like": path.parent / os.path.expanduser(like) if like.strip() else None,
+        "site.latitude_deg": reader.number("site", "latitude_deg", None, low=-90, high=90),
+        "site.gravity_mps2": reader.number("site", "gravity_mps2", None, low=9.7, high=9.9),
+        "limits.closure_deg": reader.number("limits", "closure_deg", None, low=1e-6, high=180),
+    }
+    for key, near in reader.unknown():
+        meant = f"; did you mean {near}?" if near else ""
+        print(f"calibrate: {printable(f'{path}: {key} is not known, and ignored{meant}')}", file=sys.stderr)
+    return keys

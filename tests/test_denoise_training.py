@@ -93,6 +93,23 @@ def test_ideal_taps_keep_their_promises():
     assert (np.sqrt(risk.noise[:, 0] / risk.at_rest(taps)) > 2.999).all()
 
 
+def test_noise_that_rings_longer_than_its_lags_is_still_noise():
+    """A line in the stills: its autocovariance, cut off behind twelve lags, has negative power.  White noise stays as it was estimated."""
+    rng, t = np.random.default_rng(0), np.arange(2000.0)
+    rings = [np.cos(0.9 * t + phase)[:, None] * [1, 2, 3] + 0.01 * rng.standard_normal((2000, 3)) for phase in (0, 1, 2)]
+    r = denoise_risk.autocovariance(rings, REACH + 1)
+    lags = np.abs(np.arange(REACH + 1)[:, None] - np.arange(REACH + 1))
+    cut = np.where(lags > denoise_risk.LAGS, 0, np.cos(0.9 * lags))
+    assert np.linalg.eigvalsh(cut)[0] < -0.1
+    assert (np.linalg.eigvalsh(r[:, lags])[:, 0] > 0).all()
+    np.testing.assert_allclose(r[:, 0], [0.5, 2, 4.5], rtol=0.01)
+    np.testing.assert_allclose(r[:, 1:6] / r[:, :1], np.tile(np.cos(0.9 * np.arange(1, 6)), (3, 1)), atol=0.35)
+    white = [rng.standard_normal((2000, 3)) for _ in range(4)]
+    x = [each - each.mean(axis=0) for each in white]
+    lag3 = sum((each[3:] * each[:-3]).sum(axis=0) for each in x) / (4 * 1996)
+    np.testing.assert_allclose(denoise_risk.autocovariance(white, REACH + 1)[:, 3], lag3)
+
+
 def test_noise_at_rest_falls_threefold_twelve_samples_late(trained):
     """On noise that it has not seen."""
     assert (at_rest(trained) > 3.0).all()

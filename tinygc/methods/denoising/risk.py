@@ -25,6 +25,8 @@ import numpy as np
 
 #: lags beyond which the noise of a gyroscope behind its low-pass is taken to be independent
 LAGS = 12
+#: of white noise of the same variance: what rounding to whole steps alone leaves at any frequency is more
+LEAST_POWER = 0.01
 #: powers of ten between which the weight of rest against motion is sought
 WEIGHTS = (-8.0, 9.0)
 #: moments of the taps about the delay, the zeroth (the gain) included
@@ -93,7 +95,20 @@ def autocovariance(stills: list[np.ndarray], taps: int) -> np.ndarray:
         for lag in range(min(LAGS + 1, taps, len(x))):
             total[:, lag] += np.sum(x[lag:] * x[: len(x) - lag], axis=0)
             count[lag] += max(len(x) - 1 - lag, 0)
-    return total / np.maximum(count, 1)
+    return np.array([_positive(each) for each in total / np.maximum(count, 1)])
+
+
+def _positive(noise: np.ndarray) -> np.ndarray:
+    """(K,) autocovariance of a process that can be.  Lags that were estimated one by one, and cut off at LAGS, need not be one: then the
+    power of the frequencies where they leave less than ``LEAST_POWER`` is raised to that; all else stays."""
+    taps = len(noise)
+    k = np.arange(taps)
+    if not noise[0] > 0 or not np.isfinite(noise).all() or np.linalg.eigvalsh(noise[np.abs(k[:, None] - k)])[0] > 0:
+        return noise
+    around = np.concatenate([noise, np.zeros(2 * taps), noise[:0:-1]])  # a circle, of which K lags in a row are no circle
+    power = np.fft.fft(around).real
+    raised = np.fft.ifft(np.maximum(power, LEAST_POWER * noise[0])).real[:taps]
+    return raised * (noise[0] / raised[0])
 
 
 def measure(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay: int) -> Risk:

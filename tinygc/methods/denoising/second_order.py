@@ -108,14 +108,7 @@ def _smoothing(material: Material, calibration: Model, options: DenoiseOptions) 
         best, weight = risk.ideal(options.reduction)
         form = risk.motion + weight[:, None, None] * risk.covariance
     least = np.einsum("ai,aij,aj->a", best, form, best)
-    try:
-        square = np.linalg.cholesky(form)
-    except np.linalg.LinAlgError:  # correlations that were estimated lag by lag need not go together
-        raise FitError(
-            f"the denoiser cannot learn from these stills: what they show of the noise over {REACH + 1} samples is no covariance; "
-            "longer stills show it better; or name --methods without tinygc_denoised"
-        ) from None
-    root = square.transpose(0, 2, 1) * np.sqrt(risk.samples / least)[:, None, None]
+    root = np.linalg.cholesky(form).transpose(0, 2, 1) * np.sqrt(risk.samples / least)[:, None, None]
     if options.loss == "neighbours":
         pins = denoise_risk.moments(REACH + 1, options.delay)[1:] * PIN
         root = np.concatenate([root, np.broadcast_to(pins, (3, *pins.shape))], axis=1)

@@ -8,7 +8,7 @@ enum {
     TURN_ON_MS = 100,         /* gyroscope's start-up: 70 ms in the family's data sheets */
     SETTLE_MOST_MS = 2000,    /* of the filters */
     TRY_AGAIN_US = 100000,
-    LOOK_AGAIN_US = 5000, /* a fifth of what the FIFO holds at 6667 Hz */
+    LOOK_AGAIN_US = 2000, /* a tenth of what the FIFO holds at 6667 Hz */
     QUIET_US = 15000, SILENCE_US = 50000, /* and four periods; a burst is due each 10 ms */
     BAD_BURSTS = 3,       /* in a row */
 };
@@ -74,7 +74,8 @@ static int of_the_bus(enum fault fault)
 /* Count a fault once, however often it is found again before the sensor runs. */
 static enum fault stand_still(struct asm330lhh *sensor, enum fault fault)
 {
-    const int goes_on = sensor->set_up && of_the_bus(fault);
+    const int once = sensor->running && (fault == FAULT_RESET || fault == FAULT_CHANGED); /* a bus that failed amid the registers looks so */
+    const int goes_on = sensor->set_up && (once || of_the_bus(fault));
     abandon(sensor);
     sensor->tried_us = sensor->bus->time() - (sensor->set_up && !goes_on ? TRY_AGAIN_US : 0); /* a start at once, for the first time */
     sensor->set_up = (uint8_t)goes_on;

@@ -271,7 +271,9 @@ def test_one_tag_that_there_is_none_of_costs_its_slot(bad):
     push(words)
     after = np.concatenate([poll(5), streamed(60, 30)])
     gone = {30 + bad // 3, 30 + (bad - 1) // 3}
-    np.testing.assert_array_equal(after["registers"][:, :6], registers_of(np.setdiff1d(np.arange(29, 29 + len(after) + len(gone)), list(gone))))
+    np.testing.assert_array_equal(
+        after["registers"][:, :6], registers_of(np.setdiff1d(np.arange(29, 29 + len(after) + len(gone)), list(gone)))
+    )
     assert faults() == {"tag": 1, "lost": len(gone)}
 
 

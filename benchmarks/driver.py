@@ -152,10 +152,8 @@ def fault_row(elf: Path, injected: Injected, odr_hz: float) -> Row:
 
 
 def name_of(address: int) -> str:
-    """Of a register that is written."""
-    names = {value: name for name, value in vars(registers).items() if name.isupper() and isinstance(value, int)}
-    known = {address: next(name for name, value in vars(registers).items() if value == address) for address in registers.WRITABLE}
-    return known.get(address, names.get(address, f"0x{address:02X}"))
+    """Of a register that can be written."""
+    return next((name for name, value in vars(registers).items() if value == address and address in registers.WRITABLE), f"0x{address:02X}")
 
 
 def print_start(driven: Driven) -> None:

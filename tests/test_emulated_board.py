@@ -164,6 +164,7 @@ def test_what_the_host_sends_arrives(tmp_path):
     """Through the cable and back, byte by byte."""
 
     class Cable:
+        waiting = 0
         has_reader = True
         sent, heard = bytearray(), [b"abc", b"", bytes(range(250))]
 
@@ -198,6 +199,7 @@ def test_time_passes_as_the_clock_says(tmp_path):
             self.slept_s += seconds
 
     class Cable:
+        waiting = 0
         has_reader = True
         write = read = staticmethod(lambda *data: b"")
 

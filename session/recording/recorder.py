@@ -46,7 +46,7 @@ class Recorder:
             if self.raw.size:
                 self._past = stream(folder / RAW, self.decoder, self.logs, self._sorting)
             self.setting = BoardSetting(wanted or Wanted())
-            self.port = Port(name, baudrate, self._keep, self.setting)
+            self.port = Port(name, baudrate, self._keep, self.setting, self.setting.forgotten)
             self._has_clock = not is_virtual(name)  # a virtual board may be slower than it should, or told to hurry
         except BaseException:
             self.raw.discard()

@@ -1,4 +1,4 @@
-"""The driver's own program on the emulated STM32F405, beside a sensor whose every sample is known: what is streamed against what was made."""
+"""The driver's own program on the emulated STM32F405, beside a sensor whose every sample is known: what was streamed, what was made."""
 
 from __future__ import annotations
 

@@ -95,9 +95,7 @@ def laid_beside(simulation: Simulation, recorded: Path, file: Path) -> dict[str,
     log, odr_hz = simulation.log, simulation.unit.odr_hz
     rows = np.column_stack([log.gyro, log.accel, log.temp]).astype(np.int64)
     first = np.flatnonzero((got[:, 1:7] == rows[0, :6]).all(axis=1))
-    (begin,) = (
-        k for k in first if np.array_equal(got[k : k + 20, 1:7], rows[:20, :6]) and np.array_equal(got[k + 999, 1:7], rows[999, :6])
-    )
+    begin = max(k for k in first if np.array_equal(got[k : k + 20, 1:7], rows[:20, :6]))  # its first rows are the lead, too
     index = np.arange(len(got)) - begin
     still = round(STILL_S * odr_hz)
     behind = len(rows) - 1 - (index - len(rows)) % still

@@ -150,8 +150,8 @@ def test_a_fifo_that_ran_over_is_counted_once_and_the_gap_is_numbered():
     ids=["hangs", "busy", "zeros", "ones"],
 )
 def test_a_bus_that_fails_is_counted_once_and_survived(name, behaviour):
-    """For two seconds, amid samples.  The sensor has gone on, as its registers show: it is not started again, and each sample behind the gap
-    has the number and the time that it would have had."""
+    """For two seconds, amid samples.  The sensor has gone on, as its registers show: it is not started again, and each sample behind
+    the gap has the number and the time that it would have had."""
     started()
     now_us = number("now_us", ctypes.c_uint32)
     before, began_us = streamed(0, 100), now_us.value

@@ -100,6 +100,6 @@ class EmulatedBoard:
         if ahead_s > 0:
             self._clock.sleep(ahead_s)
         elif ahead_s < -BEHIND_S:
-            self.late_s -= ahead_s
+            self.late_s -= ahead_s if self._speed else 0.0
             began_s -= ahead_s
         return began_s

@@ -60,7 +60,7 @@ def chain(folder: Path, elf: Path, rate: float, segments: int, speed: str, reset
     """One session at one data rate: figures by name."""
     options = SimulationOptions(segments=segments, closure_s=0.0, odr_hz=rate, seed=7)
     file, recorded, port, config = folder / "file", folder / "recorded", folder / "port", folder / "bench.toml"
-    words = ["--firmware", elf, "--rate", rate, "--segments", segments, "--seed", 7, "--link", port, "--config", config]
+    words = ["--firmware", elf, "--rate", rate, "--segments", segments, "--seed", 7, "--take", 1, "--link", port, "--config", config]
     words += ["--lead", LEAD_S, "--speed", speed, "--faults", resets, "--json", folder / "board.json"]
     board = subprocess.Popen(_command("board", *words), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
     board.stdout.readline()

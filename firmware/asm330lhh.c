@@ -8,8 +8,9 @@ enum {
     TURN_ON_MS = 100,         /* gyroscope's start-up: 70 ms in the family's data sheets */
     SETTLE_MOST_MS = 2000,    /* of the filters */
     TRY_AGAIN_US = 100000,
-    SILENCE_US = 50000, /* and four periods */
-    BAD_BURSTS = 3,      /* in a row */
+    LOOK_AGAIN_US = 2000, /* a tenth of what the FIFO holds at 6667 Hz */
+    QUIET_US = 15000, SILENCE_US = 50000, /* and four periods; a burst is due each 10 ms */
+    BAD_BURSTS = 3,       /* in a row */
 };
 
 /* A transfer to its end. */
@@ -64,11 +65,20 @@ void asm330lhh_attach(struct asm330lhh *sensor, const struct asm330lhh_bus *bus,
     *sensor = (struct asm330lhh){.bus = bus, .settings = *settings, .reason = FAULTS};
 }
 
+/* Whether it is one that the sensor need not have noticed. */
+static int of_the_bus(enum fault fault)
+{
+    return fault == FAULT_HANG || fault == FAULT_ZEROS || fault == FAULT_ONES || fault == FAULT_IDENTITY;
+}
+
 /* Count a fault once, however often it is found again before the sensor runs. */
 static enum fault stand_still(struct asm330lhh *sensor, enum fault fault)
 {
+    const int once = sensor->running && (fault == FAULT_RESET || fault == FAULT_CHANGED); /* a bus that failed amid the registers looks so */
+    const int goes_on = sensor->set_up && (once || of_the_bus(fault));
     abandon(sensor);
-    sensor->tried_us = sensor->bus->time() - (sensor->running ? TRY_AGAIN_US : 0); /* at once, for the first time */
+    sensor->tried_us = sensor->bus->time() - (sensor->set_up && !goes_on ? TRY_AGAIN_US : 0); /* a start at once, for the first time */
+    sensor->set_up = (uint8_t)goes_on;
     sensor->running = 0;
     if (sensor->reason != fault)
         sensor->faults[fault]++;
@@ -92,6 +102,7 @@ static enum fault identify(struct asm330lhh *sensor)
 enum fault asm330lhh_reset(struct asm330lhh *sensor)
 {
     abandon(sensor);
+    sensor->set_up = 0;
     enum fault fault = identify(sensor);
     for (int ms = 0; fault != FAULTS && fault != FAULT_HANG && !sensor->found && ms < BOOT_MOST_MS; ms += 10) {
         sensor->bus->wait(10000); /* it may have been switched on just now */
@@ -117,6 +128,14 @@ static void settle(struct asm330lhh *sensor)
     sensor->bus->wait(1000u * (TURN_ON_MS + (ms < (float)SETTLE_MOST_MS ? (uint32_t)ms : (uint32_t)SETTLE_MOST_MS)));
 }
 
+static void run(struct asm330lhh *sensor)
+{
+    sensor->reason = FAULTS;
+    sensor->running = 1;
+    sensor->bad_bursts = 0;
+    sensor->data_us = sensor->bus->time();
+}
+
 enum fault asm330lhh_start(struct asm330lhh *sensor)
 {
     uint8_t temperature[2];
@@ -140,10 +159,9 @@ enum fault asm330lhh_start(struct asm330lhh *sensor)
         fault = FAULT_CHANGED;
     if (fault != FAULTS)
         return stand_still(sensor, fault);
-    sensor->reason = FAULTS;
-    sensor->running = sensor->found = 1;
-    sensor->bad_bursts = sensor->overrun = 0;
-    sensor->data_us = sensor->bus->time();
+    run(sensor);
+    sensor->set_up = sensor->found = 1;
+    sensor->overrun = 0;
     return FAULTS;
 }
 
@@ -151,37 +169,27 @@ enum fault asm330lhh_start(struct asm330lhh *sensor)
 static enum fault proof(struct asm330lhh *sensor)
 {
     uint8_t now[ASM330LHH_KEPT];
-    int zeros = 1, ones = 1, same = 1;
     sensor->failed = 0;
     asm330lhh_read(sensor, WHO_AM_I, now, sizeof now);
     if (sensor->failed)
         return FAULT_HANG;
-    for (unsigned n = 0; n < sizeof now; n++) {
-        zeros &= now[n] == 0x00;
-        ones &= now[n] == 0xFF;
-        same &= now[n] == sensor->kept[n];
-    }
     sensor->who = now[0];
-    if (same)
-        return FAULTS;
-    if (zeros || ones)
-        return zeros ? FAULT_ZEROS : FAULT_ONES;
-    if (now[0] != ASM330LHH_WHO)
-        return FAULT_IDENTITY;
-    return now[CTRL1_XL - WHO_AM_I] == 0 && now[CTRL2_G - WHO_AM_I] == 0 ? FAULT_RESET : FAULT_CHANGED;
+    return asm330lhh_as_kept(sensor, now);
 }
 
 /* The words of a burst that has come in whole, if the registers behind it prove it. */
 static unsigned take_burst(struct asm330lhh *sensor, unsigned words, struct fifo_sample *out)
 {
-    const uint32_t now_us = sensor->bus->time();
+    const uint32_t word_us = (uint32_t)(1e6f / (WORDS_PER_SLOT * fifo_rate_hz(sensor->settings.odr, sensor->freq_fine)));
     const enum fault fault = proof(sensor);
+    const unsigned bad = fifo_unknown_tag(sensor->words, words);
     unsigned samples = 0;
     if (fault != FAULTS) {
         stand_still(sensor, fault);
         return 0;
     }
-    if (!fifo_tags_known(sensor->words, words)) {
+    sensor->faults[FAULT_TAG] += bad < words;
+    if (bad == MANY_UNKNOWN) {
         sensor->faults[FAULT_TAG]++;
         fifo_gap(&sensor->fifo);
         if (++sensor->bad_bursts >= BAD_BURSTS)
@@ -189,9 +197,14 @@ static unsigned take_burst(struct asm330lhh *sensor, unsigned words, struct fifo
         return 0;
     }
     sensor->bad_bursts = 0;
-    sensor->data_us = now_us;
-    for (unsigned n = 0; n < words; n++)
-        samples += (unsigned)fifo_take(&sensor->fifo, sensor->words + FIFO_WORD_BYTES * n, now_us, sensor->faults, out + samples);
+    sensor->data_us = sensor->bus->time();
+    for (unsigned n = 0; n < words; n++) {
+        const uint32_t made_us = sensor->burst_us - word_us * (sensor->level - n);
+        if (n == bad) /* and with it the slot in hand: a line that stuck for so long spoilt the word before, too */
+            fifo_gap(&sensor->fifo);
+        else
+            samples += (unsigned)fifo_take(&sensor->fifo, sensor->words + FIFO_WORD_BYTES * n, made_us, sensor->faults, out + samples);
+    }
     if (sensor->fifo.bad_stamps >= BAD_STAMPS)
         stand_still(sensor, FAULT_STAMP);
     return samples;
@@ -235,17 +248,36 @@ static unsigned words_due(struct asm330lhh *sensor)
     }
     sensor->overrun = (status[1] & FIFO_OVERRUN) != 0;
     const unsigned words = status[0] | (status[1] & 3u) << 8, most = FIFO_WORDS;
+    sensor->level = (uint16_t)words;
     return status[1] & FIFO_WATERMARK || words >= most ? (words < most ? words : most) : 0;
+}
+
+/* A bus that failed may be back, and the sensor as it was: then its stamps say what is missing.  Else it is started again. */
+static void try_again(struct asm330lhh *sensor)
+{
+    const uint32_t now_us = sensor->bus->time(), passed_us = now_us - sensor->tried_us;
+    if (!sensor->found || passed_us < (sensor->set_up ? LOOK_AGAIN_US : TRY_AGAIN_US))
+        return;
+    if (!sensor->set_up) {
+        sensor->faults[FAULT_STARTS]++;
+        asm330lhh_start(sensor);
+        return;
+    }
+    const enum fault fault = proof(sensor);
+    if (fault != FAULTS) {
+        stand_still(sensor, fault);
+        return;
+    }
+    fifo_gap(&sensor->fifo);
+    sensor->overrun = 1; /* if it ran over meanwhile, that is no other fault */
+    run(sensor);
 }
 
 unsigned asm330lhh_poll(struct asm330lhh *sensor, struct fifo_sample *out)
 {
     const uint32_t now_us = sensor->bus->time();
     if (!sensor->running) {
-        if (sensor->found && now_us - sensor->tried_us >= TRY_AGAIN_US) {
-            sensor->faults[FAULT_STARTS]++;
-            asm330lhh_start(sensor);
-        }
+        try_again(sensor);
         return 0;
     }
     if (sensor->burst)
@@ -259,10 +291,11 @@ unsigned asm330lhh_poll(struct asm330lhh *sensor, struct fifo_sample *out)
         sensor->burst_us = now_us;
         return go_on(sensor, out);
     }
-    const float period_us = 1e6f / asm330lhh_nominal_hz(sensor->settings.odr);
-    if (sensor->running && now_us - sensor->data_us > SILENCE_US + (uint32_t)(4.0f * period_us)) {
+    const uint32_t periods_us = (uint32_t)(4e6f / asm330lhh_nominal_hz(sensor->settings.odr)), quiet_us = now_us - sensor->data_us;
+    if (sensor->running && quiet_us > QUIET_US + periods_us) {
         const enum fault fault = proof(sensor);
-        stand_still(sensor, fault == FAULTS ? FAULT_SILENT : fault);
+        if (fault != FAULTS || quiet_us > SILENCE_US + periods_us)
+            stand_still(sensor, fault == FAULTS ? FAULT_SILENT : fault);
     }
     return 0;
 }

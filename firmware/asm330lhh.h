@@ -49,11 +49,13 @@ struct asm330lhh {
     int8_t freq_fine;
     uint8_t who;     /* the last WHO_AM_I that was read */
     uint8_t running; /* whether samples are to be expected */
+    uint8_t set_up;  /* whether its registers are those that were set, as far as we know */
     uint8_t found;   /* whether it ever ran */
     uint8_t failed;  /* whether a transfer failed since this was cleared */
     uint8_t reason;  /* of standing still: a fault, or FAULTS */
     uint8_t bad_bursts, overrun;
     unsigned burst; /* bytes that are on their way, or 0 */
+    uint16_t level; /* words in the FIFO when it was last asked */
     uint32_t burst_us, data_us, tried_us; /* when the burst began, the last one ended, a start was last tried */
     uint8_t words[FIFO_WORDS * FIFO_WORD_BYTES];
 };
@@ -73,8 +75,8 @@ void asm330lhh_attach(struct asm330lhh *sensor, const struct asm330lhh_bus *bus,
  * else the fault, which is counted. */
 enum fault asm330lhh_start(struct asm330lhh *sensor);
 
-/* The samples that have come since; most that there can be: FIFO_SAMPLES.  Call it each millisecond or so.  It starts the sensor again
- * after a fault, at most ten times a second. */
+/* The samples that have come since; most that there can be: FIFO_SAMPLES.  Call it each millisecond or so.  After a fault of the bus it
+ * goes on where the sensor is as it was set; else it starts the sensor again, at most ten times a second. */
 unsigned asm330lhh_poll(struct asm330lhh *sensor, struct fifo_sample *out);
 
 /* What follows is between the driver's own files. */
@@ -92,5 +94,8 @@ void asm330lhh_write_settings(struct asm330lhh *sensor);
 
 /* Whether the registers that make up a sample were read back as they were written. */
 int asm330lhh_as_set(const struct asm330lhh *sensor);
+
+/* Whether WHO_AM_I to CTRL10_C are still those of the start; FAULTS, or what is wrong. */
+enum fault asm330lhh_as_kept(const struct asm330lhh *sensor, const uint8_t now[ASM330LHH_KEPT]);
 
 #endif

@@ -53,12 +53,18 @@ static int odd(uint8_t tag)
     return (tag ^ tag >> 1) & 1;
 }
 
-int fifo_tags_known(const uint8_t *words, unsigned count)
+unsigned fifo_unknown_tag(const uint8_t *words, unsigned count)
 {
-    for (; count--; words += FIFO_WORD_BYTES)
-        if (!odd(words[0]) && (words[0] >> 3 < GYRO || words[0] >> 3 > CONFIGURATION))
-            return 0;
-    return 1;
+    unsigned found = count;
+    for (unsigned n = 0; n < count; n++) {
+        const uint8_t tag = words[FIFO_WORD_BYTES * n];
+        if (odd(tag) || (tag >> 3 >= GYRO && tag >> 3 <= CONFIGURATION))
+            continue;
+        if (found < count || n + WORDS_PER_SLOT >= count)
+            return MANY_UNKNOWN;
+        found = n;
+    }
+    return found;
 }
 
 static int16_t get_i16(const uint8_t *from)

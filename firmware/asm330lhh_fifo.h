@@ -9,7 +9,7 @@ enum fault {
     FAULT_OVERRUN,    /* the FIFO was full: the oldest words are gone */
     FAULT_ORDER,      /* TAG_CNT does not follow, or a word came twice */
     FAULT_PARITY,     /* words whose tag has odd parity */
-    FAULT_TAG,        /* bursts with a tag that there is none of */
+    FAULT_TAG,        /* bursts with tags that there are none of */
     FAULT_HANG,       /* a transfer did not end */
     FAULT_ZEROS,      /* the bus answers 0x00 */
     FAULT_ONES,       /* the bus answers 0xFF */
@@ -28,7 +28,9 @@ enum {
     FIFO_WORD_BYTES = 7,
     FIFO_WORDS = 96,                   /* in a burst; the FIFO holds more than four times as many */
     FIFO_SAMPLES = FIFO_WORDS / 3 + 2, /* of a burst at most */
+    WORDS_PER_SLOT = 3,                /* and a temperature now and then */
     BAD_STAMPS = 4,                    /* in a row: then the sensor's time has begun anew */
+    MANY_UNKNOWN = 0xFFFF,
 };
 
 struct fifo_sample {
@@ -51,7 +53,7 @@ struct asm330lhh_fifo {
     /* Time.  A tick is 25 us / (1 + 0.0015 f), a sample period the quotient of the nominal rates in ticks. */
     uint32_t period_q16, elapsed_q16; /* ticks; place within the tick at last_ticks */
     uint64_t tick_q32, time_q32;      /* us of a tick; us of the last sample */
-    uint32_t number, now_us;          /* of the last sample; the target's time when it came */
+    uint32_t number, now_us;          /* of the last sample; the target's time when it was made */
     uint8_t streamed;                 /* whether there is a last sample */
 };
 
@@ -69,10 +71,11 @@ void fifo_gap(struct asm330lhh_fifo *fifo);
 
 void fifo_temperature(struct asm330lhh_fifo *fifo, int16_t value);
 
-/* Whether each tag is one that there is, or has odd parity. */
-int fifo_tags_known(const uint8_t *words, unsigned count);
+/* The place of the one word whose tag is none, its parity even; count where there is no such word.  MANY_UNKNOWN where there are more, or
+ * fewer than a slot's words behind it: then no word can be trusted, as the bytes may have slipped. */
+unsigned fifo_unknown_tag(const uint8_t *words, unsigned count);
 
-/* Take a word at the target's time now_us; 1 where it completes a sample. */
+/* Take a word that was made at the target's time now_us; 1 where it completes a sample. */
 int fifo_take(struct asm330lhh_fifo *fifo, const uint8_t *word, uint32_t now_us, uint32_t faults[FAULTS], struct fifo_sample *out);
 
 #endif

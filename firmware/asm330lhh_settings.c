@@ -4,7 +4,6 @@
 
 enum {
     LATENCY_US = 10000, /* the watermark is what comes in so long */
-    WORDS_PER_SLOT = 3,
     SLOTS_MOST = 16, /* of the watermark: a tenth of the FIFO */
 };
 
@@ -83,4 +82,21 @@ int asm330lhh_as_set(const struct asm330lhh *sensor)
     return filters && kept[CTRL1_XL] >> 4 == settings->odr && (kept[CTRL1_XL] >> 2 & 3) == code_of(ACCEL_FS, settings->accel_fs_g) &&
            kept[CTRL2_G] == (rate | code_of(GYRO_FS, settings->gyro_fs_dps)) && kept[CTRL3_C] == (BDU | IF_INC) &&
            (kept[CTRL10_C] & TIMESTAMP_EN) && !kept[CTRL5_C];
+}
+
+enum fault asm330lhh_as_kept(const struct asm330lhh *sensor, const uint8_t now[ASM330LHH_KEPT])
+{
+    int zeros = 1, ones = 1, same = 1;
+    for (unsigned n = 0; n < ASM330LHH_KEPT; n++) {
+        zeros &= now[n] == 0x00;
+        ones &= now[n] == 0xFF;
+        same &= now[n] == sensor->kept[n];
+    }
+    if (same)
+        return FAULTS;
+    if (zeros || ones)
+        return zeros ? FAULT_ZEROS : FAULT_ONES;
+    if (now[0] != ASM330LHH_WHO)
+        return FAULT_IDENTITY;
+    return now[CTRL1_XL - WHO_AM_I] == 0 && now[CTRL2_G - WHO_AM_I] == 0 ? FAULT_RESET : FAULT_CHANGED;
 }

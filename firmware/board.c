@@ -13,7 +13,6 @@
 #define SYST_CSR REG(0xE000E010u)
 #define SYST_RVR REG(0xE000E014u)
 #define SYST_CVR REG(0xE000E018u)
-#define NVIC_ISER1 REG(0xE000E104u)
 
 /* USART registers. */
 #define SR(base) REG((base) + 0x00)

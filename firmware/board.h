@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-enum { USART1_IRQ = 37, USART2_IRQ = 38 };
+enum { USART1_IRQ = 37, USART2_IRQ = 38, DMA2_STREAM0_IRQ = 56 };
 
 /* The ports, by what is at the other end. */
 enum port { HOST, SENSOR, PORTS };

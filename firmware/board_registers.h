@@ -12,6 +12,8 @@
 #define RCC_APB2ENR REG(RCC + 0x44)
 #define RCC_APB2RSTR REG(RCC + 0x24)
 
+#define NVIC_ISER1 REG(0xE000E104u)
+
 #define GPIOA_MODER REG(0x40020000u)
 #define GPIOA_OSPEEDR REG(0x40020008u)
 #define GPIOA_PUPDR REG(0x4002000Cu)
@@ -32,6 +34,7 @@
 
 enum {
     DMA_ENABLE = 1 << 0,
+    DMA_TELLS = 1 << 4, /* interrupt at its end */
     DMA_FROM_MEMORY = 1 << 6,
     DMA_MEMORY_STEPS = 1 << 10,
     DMA_URGENT = 3 << 16,

@@ -49,7 +49,14 @@ void board_spi_start(void)
     GPIOA_OSPEEDR |= 2u << 8 | 2u << 10 | 2u << 14;
     GPIOA_PUPDR |= 1u << 12;
     GPIOA_AFRL |= 5u << 20 | 5u << 24 | 5u << 28;
+    NVIC_ISER1 = 1u << (DMA2_STREAM0_IRQ - 32);
     start_port();
+}
+
+/* It only wakes the core, so that what a burst has brought is looked at while the bus is as it was. */
+void DMA2_Stream0_Handler(void)
+{
+    DMA2_CR(RECEIVE) &= ~(uint32_t)DMA_TELLS;
 }
 
 void board_spi_select(int selected)
@@ -105,7 +112,7 @@ static void begin_dma(uint8_t *in, unsigned count)
     DMA2_M0AR(SEND) = (uint32_t)&ZERO;
     DMA2_NDTR(RECEIVE) = DMA2_NDTR(SEND) = count;
     SPI_CR2 = BY_DMA;
-    DMA2_CR(RECEIVE) = DMA_CHANNEL(3) | DMA_URGENT | DMA_MEMORY_STEPS | DMA_ENABLE;
+    DMA2_CR(RECEIVE) = DMA_CHANNEL(3) | DMA_URGENT | DMA_MEMORY_STEPS | DMA_TELLS | DMA_ENABLE;
     DMA2_CR(SEND) = DMA_CHANNEL(3) | DMA_FROM_MEMORY | DMA_ENABLE;
     fetching.in = in;
     fetching.began_us = board_microseconds();

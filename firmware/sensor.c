@@ -43,7 +43,7 @@ int sensor_stream(void)
     static uint32_t polled_ms, number;
     static int more;
     const uint32_t now_ms = board_milliseconds();
-    if (!sensor.found || (!more && now_ms == polled_ms))
+    if (!sensor.found || (!more && !sensor.burst && now_ms == polled_ms))
         return 0;
     polled_ms = now_ms;
     const unsigned count = asm330lhh_poll(&sensor, samples);

@@ -2,6 +2,7 @@
 #include <stdint.h>
 
 #include "board.h"
+#include "board_spi.h"
 #include "fault.h"
 
 #define CPACR (*(volatile uint32_t *)0xE000ED88)
@@ -45,4 +46,5 @@ __attribute__((section(".vectors"), used)) static const vector VECTORS[16 + 82] 
     [15] = SysTick_Handler,
     [16 + USART1_IRQ] = USART1_Handler,
     [16 + USART2_IRQ] = USART2_Handler,
+    [16 + DMA2_STREAM0_IRQ] = DMA2_Stream0_Handler,
 };

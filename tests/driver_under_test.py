@@ -110,6 +110,11 @@ def push(words: np.ndarray) -> None:
     library().push(data.ctypes.data_as(ctypes.c_void_p), len(data))
 
 
+def discard() -> None:
+    """What was pushed and not read yet."""
+    number("words_out", ctypes.c_uint32).value = number("words_in", ctypes.c_uint32).value
+
+
 def poll(times: int, most: int = 1 << 18) -> np.ndarray:
     out = np.zeros(most, SAMPLE)
     return out[: library().poll(times, out.ctypes.data_as(ctypes.c_void_p), most)]

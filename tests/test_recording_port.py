@@ -14,7 +14,7 @@ from streams import frame_list, sent
 
 from session.common.errors import CalibrationError, DeviceError, StorageError
 from session.recording.port import Closed, Opened, Port, Received
-from session.recording.ports import is_left_behind, known_ports, lock_of, only_candidate
+from session.recording.ports import is_left_behind, is_virtual, known_ports, lock_of, only_candidate
 from session.recording.rawfile import RawFile, read_marks
 from session.recording.recorder import Recorder
 from session.stream.events import Trouble
@@ -234,6 +234,21 @@ def test_a_board_that_is_killed_while_it_is_read_is_waited_for(wire, tmp_path, m
         assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
         assert again.has_reader
         port.close()
+
+
+def test_a_virtual_boards_time_is_not_compared_with_the_hosts(wire, tmp_path):
+    """It may be told to hurry, or be late; a link of another program is a board."""
+    with Terminal(tmp_path / "port") as terminal:
+        assert is_virtual(str(terminal.name))
+        recorder = Recorder(tmp_path / "virtual", str(terminal.name))
+        terminal.write(b"".join(frame_list(*sent(50))))
+        until(lambda: recorder.decoder.samples >= 40, recorder.poll, "40 samples")
+        assert recorder.clock.compared_s == 0
+        assert not recorder.clock._earliest
+        recorder.close()
+    assert not is_virtual(str(terminal.name))
+    (tmp_path / "vport").symlink_to(wire[1])
+    assert not is_virtual(str(tmp_path / "vport"))
 
 
 def test_a_link_of_another_program_is_opened(wire, tmp_path):

@@ -33,6 +33,7 @@ HINTS = {
     errno.EBUSY: ": another program has it open",
 }
 LEFT_BEHIND = "the virtual board that made this link runs no more; start it again, or remove the link"
+SWITCHED_ON = "the board was switched on again, or has reset itself: it is set again"
 READ_S = 0.2
 RETRY_S = 0.25
 
@@ -65,6 +66,7 @@ class Port:
     """Reads from construction to ``close``; ``items`` is a queue of Received, Opened, Closed, or of the error that ended it.
 
     prepare(port) is called each time that the port has been opened; it gives the first bytes of the connection, or raises what ends it.
+    forgotten(data) says from where on in what has come the board has to be prepared again, or None: that is another connection.
     keep(item) is called in the reader thread before the item is queued: to store the bytes first.
     DeviceError where the port cannot be opened at the start.
     """
@@ -75,8 +77,9 @@ class Port:
         baudrate: int = 921600,
         keep: Callable[[object], None] = lambda item: None,
         prepare: Callable[[serial.Serial], bytes] = lambda port: b"",
+        forgotten: Callable[[bytes], int | None] = lambda data: None,
     ):
-        self.name, self.baudrate, self._keep, self._prepare = name, baudrate, keep, prepare
+        self.name, self.baudrate, self._keep, self._prepare, self._forgotten = name, baudrate, keep, prepare, forgotten
         self._first = b""
         self._identity, self._made = identity_of(name), _made(name)
         self.items: queue.SimpleQueue = queue.SimpleQueue()
@@ -124,8 +127,13 @@ class Port:
                     self._hand_over(Closed(time.monotonic_ns(), _reason(error)))
                     self._reopen()
                     continue
-                if data:
+                place = self._forgotten(data) if data else None
+                if data := data[:place]:
                     self._hand_over(Received(time.monotonic_ns(), data))
+                if place is not None:
+                    self._hand_over(Closed(time.monotonic_ns(), SWITCHED_ON))
+                    self._first = self._prepare(self._serial)
+                    self._opened()
         except CalibrationError as error:
             self.items.put(error)
         finally:

@@ -62,6 +62,12 @@ def lock_of(link: Path) -> Path:
     return link.with_name(link.name + ".lock")
 
 
+def is_virtual(name: str) -> bool:
+    """Whether a virtual board that runs now is behind a port's name: its time is its own."""
+    link = Path(name)
+    return link.is_symlink() and lock_of(link).exists() and is_locked(lock_of(link))
+
+
 def is_left_behind(name: str) -> bool:
     """Whether a port's name is the link of a virtual board that does not run any more.
 

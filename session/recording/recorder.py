@@ -15,6 +15,7 @@ from session.recording.decisions import Decision
 from session.recording.decoding import BLOCK, Piece, new_connection, stream
 from session.recording.logwriter import FOREIGN, NEW_LOG, LogWriter
 from session.recording.port import Closed, Opened, Port, Received
+from session.recording.ports import is_virtual
 from session.recording.rawfile import RAW, RawFile
 from session.recording.setting import BoardSetting, Wanted
 from session.recording.sorting import WORD, Sorting
@@ -45,7 +46,8 @@ class Recorder:
             if self.raw.size:
                 self._past = stream(folder / RAW, self.decoder, self.logs, self._sorting)
             self.setting = BoardSetting(wanted or Wanted())
-            self.port = Port(name, baudrate, self._keep, self.setting)
+            self.port = Port(name, baudrate, self._keep, self.setting, self.setting.forgotten)
+            self._has_clock = not is_virtual(name)  # a virtual board may be slower than it should, or told to hurry
         except BaseException:
             self.raw.discard()
             raise
@@ -147,7 +149,7 @@ class Recorder:
     def _compare(self, events: list[Event], host_ns: int) -> None:
         if any(isinstance(event, Trouble) and event.kind in NEW_LOG for event in events):
             self.clock.restart()
-        elif chunks := [event for event in events if isinstance(event, Chunk)]:
+        elif self._has_clock and (chunks := [event for event in events if isinstance(event, Chunk)]):
             self.clock.add(host_ns, int(chunks[-1].t_us[-1]))
 
     @property

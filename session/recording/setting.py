@@ -6,10 +6,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import serial
 
 from session.common.errors import CalibrationError, DeviceError
-from session.stream import commands
+from session.stream import commands, frames
 from session.stream.board import STANDIN, Board, Done
 from session.stream.decoder import StreamDecoder
 from session.stream.events import Event, Info
@@ -20,8 +21,10 @@ SPEAKS_S = 2.5
 ANSWER_S, TRIES = 3.5, 2
 #: both divide the STM32F405's 84 MHz exactly
 FASTER = (2_000_000, 3_000_000)
-#: the board takes the nominal rate that is so near
-RATE_WITHIN = 0.05
+#: the board takes the nominal rate that is so near; a true rate is within 19 % of its nominal one, the next is half or double
+RATE_WITHIN, TRUE_RATE_WITHIN = 0.05, 0.25
+#: a board that says otherwise sooner than this after it was set means it
+MEANS_IT_S = 5.0
 FINE_STEP = 0.0015  #: of the data rate, for each step of INTERNAL_FREQ_FINE
 RATES = "12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667 Hz"
 
@@ -42,17 +45,48 @@ class Wanted:
 
 class BoardSetting:
     """Called with an open port; gives the bytes that belong to the recording: all where the board takes no commands, else none of those
-    before it was set.  said: what was done, in words.  CalibrationError where the board refuses, DeviceError where it does not answer."""
+    before it was set.  said: what was done, in words.  CalibrationError where the board refuses, DeviceError where it does not answer.
+
+    ``forgotten`` hears what the board sends: one that was switched on again meanwhile, its port open all the time, is as it was made."""
 
     def __init__(self, wanted: Wanted):
         self._wanted = wanted
         self.said: list[str] = []
+        self._set_s: float | None = None  # when a board was set
+        self._cut = b""  # what may be the beginning of a frame
+
+    def forgotten(self, data: bytes) -> int | None:
+        """Where in these bytes, the next that came, the board says that it is not set as it was; None: nowhere."""
+        if self._set_s is None:
+            return None
+        whole, before, place = self._cut + data, len(self._cut), 0
+        *blocks, self._cut = whole.split(b"\0")
+        self._cut = self._cut[-frames.INFO_BYTES :]
+        for block in blocks:
+            if len(block) == frames.INFO_BYTES and self._differs(block):
+                if time.monotonic() - self._set_s < MEANS_IT_S:
+                    self._set_s = None
+                    return None
+                self._cut = b""
+                return max(0, place - before)
+            place += len(block) + 1
+        return None
+
+    def _differs(self, block: bytes) -> bool:
+        bodies, good = frames.decode_blocks(np.frombuffer(block, np.uint8)[None])
+        info = frames.decode_info(bodies[0].tobytes()) if good.all() and bodies[0, 0] == frames.INFO_TYPE else None
+        if info is None:
+            return False
+        wanted = self._wanted
+        rate = wanted.odr_hz is not None and abs(info.odr_hz / wanted.odr_hz - 1) > TRUE_RATE_WITHIN
+        ranges = ((wanted.gyro_fs_dps, info.gyro_fs_dps), (wanted.accel_fs_g, info.accel_fs_g))
+        return rate or any(asked is not None and asked != said for asked, said in ranges)
 
     def __call__(self, port: serial.Serial) -> bytes:
         """Bounded: some seconds for each step."""
         if not self._wanted.anything:
             return b""
-        self.said = []
+        self.said, self._set_s, self._cut = [], None, b""
         talk = _Talk(port)
         talk.listen(lambda: talk.board is not None or talk.is_mute, SPEAKS_S)
         own_baud = port.baudrate
@@ -64,6 +98,7 @@ class BoardSetting:
             port.baudrate = own_baud
             return bytes(talk.heard)
         self._set(talk)
+        self._set_s = time.monotonic()
         return b""
 
     def _set(self, talk: _Talk) -> None:

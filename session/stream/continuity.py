@@ -66,6 +66,7 @@ class Continuity:
         self._stamp = self._t_us = 0  # as it was sent, and unrolled
         self._chain: list[_One] = []
         self._infos: list[int] = []
+        self._infos_have_numbers = True
         self._count = self._since = 0  # periods since the lock, and the unrolled time of the lock
         self._next_period = 0
         self._held: Accepted | None = None  # text: a line counts when the next one follows it
@@ -74,7 +75,8 @@ class Continuity:
 
     def info(self, sequence: int) -> None:
         """An info frame had this number."""
-        self._infos = [*self._infos[-15:], sequence]
+        if self._infos_have_numbers:
+            self._infos = [*self._infos[-15:], sequence]
 
     def take(self, readings: Readings) -> list[Accepted | Trouble]:
         """What counts of these, in order."""
@@ -183,6 +185,8 @@ class Continuity:
         step_us %= TIME_WRAP
         if step_us > LONGEST_GAP_US:
             return None
+        if sequence in self._infos:  # then an info's number is the next sample's, and none is lost for it
+            self._infos, self._infos_have_numbers = [], False
         numbers = _numbers(self._sequence, sequence, self._infos)
         periods = step_us / period_us
         numbers += SEQUENCE_WRAP * max(0, round((periods - numbers) / SEQUENCE_WRAP))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -62,7 +63,15 @@ def run_emulated(args: argparse.Namespace, source: Source, terminal: Terminal, s
     uid = (args.seed + 1).to_bytes(12, "little")
     try:
         board = EmulatedBoard(
-            args.firmware, sensor, terminal, motion, speed=args.speed, lead_s=args.lead, tail_s=args.tail, uid=uid, say=say
+            args.firmware,
+            sensor,
+            terminal,
+            motion,
+            speed=args.speed if args.speed < math.inf else None,
+            lead_s=args.lead,
+            tail_s=args.tail,
+            uid=uid,
+            say=say,
         )
     except (ValueError, OSError, ProgramError) as error:
         raise CalibrationError(f"board: --firmware: {error}") from None
@@ -80,7 +89,7 @@ def run_emulated(args: argparse.Namespace, source: Source, terminal: Terminal, s
         lost = sensor.fifo.lost
         say(f"{sensor.samples} samples made, {lost} words overrun in the FIFO, {terminal.dropped} writes dropped since nobody read")
         if board.late_s:
-            say(f"the emulation fell {board.late_s:.1f} s behind the clock: this machine is too busy for --speed {args.speed:g}")
+            say(f"the emulation fell {board.late_s:.1f} s behind the clock: too busy for --speed {args.speed:g} (max never is)")
         starts = machine.resets + 1
         told = {"samples": sensor.samples, "dropped": terminal.dropped, "starts": starts, "take": source.number}
         write_json(args.json, {"schema": "tinygc-board/1", **told})

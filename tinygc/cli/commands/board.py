@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -52,7 +53,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--sensor", default="ASM330LHH", metavar="NAME", help="whose registers the simulated one has (%(default)s)")
     command.add_argument("--gyro-fs", type=gyro_full_scale, default=500.0, metavar="DPS", help="its full scale (%(default)g)")
     command.add_argument("--accel-fs", type=accel_full_scale, default=4.0, metavar="G", help="its full scale (%(default)g)")
-    command.add_argument("--speed", type=positive, default=1.0, metavar="X", help="so many times faster than real (%(default)g)")
+    command.add_argument(
+        "--speed", type=_speed, default=1.0, metavar="X", help="so many times faster than real (%(default)g); max with --firmware"
+    )
     command.add_argument("--lead", type=seconds, default=10.0, metavar="S", help="still time before the session (%(default)g)")
     command.add_argument("--tail", type=seconds, metavar="S", help="still time behind it, then stop (go on for ever)")
     command.add_argument("--uptime", type=seconds, default=0.0, metavar="S", help="device time at the start (%(default)g)")
@@ -70,6 +73,13 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--link", type=file_written, metavar="PATH", help="name of the port (tinygc-board in the temporary folder)")
     command.add_argument("--config", type=file_written, metavar="FILE", help="write the session.toml that belongs to the stream")
+
+
+def _speed(text: str) -> float:
+    return math.inf if text == "max" else positive(text)
+
+
+_speed.__name__ = "number"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -100,9 +110,12 @@ def _board(args: argparse.Namespace) -> int:
         raise CalibrationError("board: a folder is streamed as it was recorded; leave --take out")
     if args.firmware:
         check_options(args)
+    elif args.speed == math.inf:
+        raise CalibrationError("board: --speed max: only with --firmware, whose time is its own")
     faults = Faults() if args.firmware else Faults.parse(args.faults)
     # A faster board must hold back more, for a host that is as fast as ever.
-    terminal = Terminal(args.link, args.memory or round(MEMORY_BYTES * max(1.0, args.speed)))
+    hurry = max(1.0, args.speed) if args.speed < math.inf else 1.0
+    terminal = Terminal(args.link, args.memory or round(MEMORY_BYTES * hurry))
     try:
         source = _source(args, terminal.name, say)
         if args.config and source.config:

@@ -88,6 +88,11 @@ class Terminal:
         poll.register(self._master, 0)
         return not any(events & (select.POLLHUP | select.POLLERR) for _, events in poll.poll(0))
 
+    @property
+    def waiting(self) -> int:
+        """Bytes that did not fit into the terminal yet."""
+        return len(self._waiting)
+
     def write(self, data: bytes) -> bool:
         """Send, and keep what does not fit at once.  False: ``data`` was dropped, since the memory is full or nobody listens."""
         if not self.has_reader:

@@ -13,6 +13,7 @@ from tinygc.simulation.emulated.replayed import Replayed
 from tinygc.simulation.stm32f405.machine import UID, Machine
 
 SLICE_S = 0.004
+READ_AGAIN_S = 0.001
 BEHIND_S = 0.2  #: what is not made up for: the board's clock then loses against the host's
 
 
@@ -22,6 +23,10 @@ class Cable(Protocol):
     @property
     def has_reader(self) -> bool:
         """Whether somebody listens."""
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that have not been read yet, as far as it knows."""
 
     def write(self, data: bytes) -> bool:
         """To the host; False where nobody listens."""
@@ -33,7 +38,8 @@ class Cable(Protocol):
 class EmulatedBoard:
     """The firmware of an ELF file, a sensor, a motion and a cable on USART1.
 
-    speed: simulated seconds in one of the clock's; None: as quickly as it goes.  lead_s: still time between the first reader and the
+    speed: simulated seconds in one of the clock's; None: as quickly as it goes and is read, once there is a reader.
+    lead_s: still time between the first reader and the
     session; tail_s: still time behind it, then ``run`` returns; None: never returns.
 
     uid: the microcontroller's unique id, 12 bytes, from which it may make its serial number.
@@ -73,8 +79,11 @@ class EmulatedBoard:
                 machine.usart1.feed(heard)
             if end_s is None and cable.has_reader:
                 end_s = self._begin(t_s)
-            if self._speed:
-                began_s = self._pace(began_s, t_s / self._speed)
+            if self._speed or not cable.has_reader:
+                began_s = self._pace(began_s, t_s / (self._speed or 1.0))
+            while not self._speed and cable.waiting:
+                self._clock.sleep(READ_AGAIN_S)
+                cable.write(b"")
 
     def _begin(self, t_s: float) -> float:
         """Somebody reads: when all will be over."""
@@ -91,6 +100,6 @@ class EmulatedBoard:
         if ahead_s > 0:
             self._clock.sleep(ahead_s)
         elif ahead_s < -BEHIND_S:
-            self.late_s -= ahead_s
+            self.late_s -= ahead_s if self._speed else 0.0
             began_s -= ahead_s
         return began_s

@@ -35,8 +35,8 @@ def with_its_own_rate(unit: SimulatedUnit, nominal_hz: float) -> SimulatedUnit:
 class Replayed:
     """Still, and from ``start`` on the source's samples, then still again; a ``Motion``.
 
-    A sensor with the source's true data rate, from whenever it is switched on, makes each of its rows once, unchanged; one of another rate
-    what lies between them, linearly.
+    A sensor with the source's true data rate, from whenever it was last set before the start, makes each of its rows once, unchanged;
+    one of another rate what lies between them, linearly.
     """
 
     def __init__(self, source: Source):
@@ -48,7 +48,7 @@ class Replayed:
         self._values = np.column_stack([rows[:, :3] * units.gyro_rps, rows[:, 3:6] * units.accel_mps2, temp_c])
         self._odr_hz = info.odr_hz
         self._still = max(1, min(len(rows), round(STILL_S * info.odr_hz)))
-        self._zero_s: float | None = None  # of the grid of samples: the first that was ever asked for
+        self._zero_s = 0.0  # of the grid of samples: one of them before the start
         self._start_s = np.inf
 
     @property
@@ -62,7 +62,7 @@ class Replayed:
 
     def __call__(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """At these times."""
-        if self._zero_s is None:
+        if t_s[0] < self._start_s:
             self._zero_s = float(t_s[0])
         place = (t_s - self._zero_s) * self._odr_hz
         if np.isfinite(self._start_s):

@@ -1,0 +1,267 @@
+"""The sensor's driver, its ELF file as it is flashed, on the emulated STM32F405 beside the register model of the ASM330LHH.
+
+start: what it writes, in order; rates: load, rate and stamps at each data rate; million: 10^6 samples at 6667 Hz; faults: what is done to
+it, what it counts and says, and what that costs.  Needs the tools of docs/firmware.md and Unicorn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+from common import markdown, progress
+from emulated_driver import NOMINAL_HZ, Driven, built, cycles_per_sample
+
+from session.guide.board_words import BoardWords
+from session.stream import commands
+from tinygc.simulation.asm330lhh import registers
+from tinygc.simulation.asm330lhh.faults import Fault
+
+SETTLED_S, TIMES, APART_S = 0.6, 20, 0.5
+MILLION_S = 150.0
+
+
+@dataclass(frozen=True)
+class Injected:
+    """A fault, so many times: of a kind of the model, or a stall of the core; words in a row; lasts_s."""
+
+    name: str
+    kind: str
+    lasts_s: float = float("inf")
+    words: int = 1
+    value: int = 31
+    times: int = TIMES
+    apart_s: float = APART_S
+
+
+INJECTED = (
+    Injected("core held for 0.3 s: FIFO overrun", "stall", 0.3),
+    Injected("tag out of order", "tag_count"),
+    Injected("unknown tag", "tag_unknown"),
+    Injected("six unknown tags in a row", "tag_unknown", words=6),
+    Injected("parity", "parity"),
+    Injected("ten words with false parity in a row", "parity", words=10),
+    Injected("a word is missing", "missing"),
+    Injected("two words swapped", "swapped"),
+    Injected("bus 0x00 for 20 ms", "zeros", 0.02),
+    Injected("bus 0xFF for 20 ms", "ones", 0.02),
+    Injected("bus 0xFF for 0.1 ms, at any moment", "ones", 1e-4, times=800, apart_s=0.0123),
+    Injected("bus 0x00 for 0.1 ms, at any moment", "zeros", 1e-4, times=800, apart_s=0.0123),
+    Injected("sensor hangs for 0.1 ms, at any moment", "hang", 1e-4, times=800, apart_s=0.0123),
+    Injected("sensor hangs for 20 ms", "hang", 0.02),
+    Injected("sensor hangs for 0.3 s", "hang", 0.3, apart_s=0.8),
+    Injected("sensor resets itself", "reset"),
+    Injected("another's identity for 20 ms", "identity", 0.02, value=0x6C),
+    Injected("INT1 stays low for 0.2 s", "int1", 0.2),
+)
+
+
+@dataclass
+class Row:
+    """What became of one kind of fault."""
+
+    name: str
+    times: int
+    counted: dict[str, int]
+    said: list[str]
+    made: int
+    missing: int
+    lost: int
+    falsified: int
+    stamp_off_us: float
+    restart_off_us: float
+    objections: list[str] = field(default_factory=list)
+
+
+def at_rate(elf: Path, odr_hz: float, **how) -> Driven:
+    """A board that streams at a data rate, settled; nothing of before counts."""
+    driven = Driven(elf, **how)
+    driven.run(0.4)
+    driven.ask(commands.DATA_RATE, odr_hz)
+    driven.run(SETTLED_S)
+    driven.forget()
+    return driven
+
+
+def start_up(elf: Path) -> Driven:
+    """A board that was switched on."""
+    driven = Driven(elf)
+    driven.run(1.5)
+    return driven
+
+
+def rate_row(elf: Path, odr_hz: float, seconds: float) -> dict[str, float]:
+    """At one data rate, no fault."""
+    driven = at_rate(elf, odr_hz)
+    sent = driven.bytes
+    load = driven.load(seconds)
+    found = driven.verdict()
+    return {
+        "nominal_hz": odr_hz,
+        "stated_hz": driven.info.odr_hz,
+        "stated_ppm": 1e6 * (driven.info.odr_hz / found.true_hz - 1),
+        "stamps_ppm": 1e6 * (found.odr_hz / found.true_hz - 1),
+        "off_us": found.off_us,
+        "samples": found.streamed,
+        "lost": found.missing,
+        "falsified": found.falsified,
+        "load": load,
+        "cycles": cycles_per_sample(load, found.true_hz),
+        "bit_s": 10 * (driven.bytes - sent) / seconds,
+        "objections": driven.objections,
+    }
+
+
+def fault_row(elf: Path, injected: Injected, odr_hz: float) -> Row:
+    """One kind of fault, at seeded moments."""
+    rng = np.random.default_rng(len(injected.name))
+    begin_s = 0.4 + SETTLED_S + 1.0
+    at_s = begin_s + injected.apart_s * (np.arange(injected.times) + 0.4 * rng.random(injected.times))
+    faults, stalls = [], []
+    if injected.kind == "stall":
+        stalls = [(when, injected.lasts_s) for when in at_s]
+    else:
+        faults = [Fault(injected.kind, float(when), injected.lasts_s, injected.words, injected.value) for when in at_s]
+    driven = at_rate(elf, odr_hz, faults=faults, stalls=stalls)
+    words, before = BoardWords(), len(driven.said)
+    for said in driven.said:
+        words.hear(said)
+    counted = dict(driven.counts)
+    driven.run(at_s[-1] + 1.0 - driven.t_s)
+    sentences = [sentence for said in driven.said[before:] for sentence in words.hear(said)]
+    found = driven.verdict()
+    risen = {name: count - counted[name] for name, count in driven.counts.items() if count > counted[name]}
+    return Row(
+        injected.name,
+        injected.times,
+        risen,
+        sentences,
+        found.made,
+        found.missing,
+        found.said_lost,
+        found.falsified,
+        found.off_us,
+        found.restart_off_us,
+        driven.objections,
+    )
+
+
+def name_of(address: int) -> str:
+    """Of a register that can be written."""
+    return next((name for name, value in vars(registers).items() if value == address and address in registers.WRITABLE), f"0x{address:02X}")
+
+
+def print_start(driven: Driven) -> None:
+    print("written: " + ", ".join(f"{name_of(address)} 0x{value:02X}" for address, value in driven.sensor.written))
+    print(f"INTERNAL_FREQ_FINE as stated: {driven.board.freq_fine}; objections: {driven.objections or 'none'}")
+
+
+def print_rates(rows: list[dict]) -> None:
+    head = [
+        "nominal, Hz",
+        "samples",
+        "lost",
+        "falsified",
+        "stated rate, ppm off",
+        "stamps' rate, ppm off",
+        "stamp off, µs",
+        "load",
+        "cycles a sample",
+    ]
+    table = [
+        [
+            f"{row['nominal_hz']:g}",
+            row["samples"],
+            row["lost"],
+            row["falsified"],
+            f"{row['stated_ppm']:.2f}",
+            f"{row['stamps_ppm']:.2f}",
+            f"{row['off_us']:.0f}",
+            f"{100 * row['load']:.2f} %",
+            f"{row['cycles']:.0f}",
+        ]
+        for row in rows
+    ]
+    print(markdown(head, table))
+
+
+def print_faults(rows: list[Row]) -> None:
+    head = [
+        "fault",
+        "times",
+        "the board counts",
+        "`record` says first",
+        "not streamed",
+        "lost, by the numbers",
+        "a fault",
+        "falsified",
+        "stamp off, µs",
+        "behind restarts, ms",
+    ]
+    table = [
+        [
+            row.name,
+            row.times,
+            ", ".join(f"{name} {count}" for name, count in row.counted.items()) or "nothing",
+            row.said[0].split(";")[0] if row.said else "nothing",
+            row.missing,
+            row.lost,
+            f"{row.lost / row.times:.2g}",
+            row.falsified,
+            f"{row.stamp_off_us:.0f}",
+            f"{row.restart_off_us / 1000:.2f}",
+        ]
+        for row in rows
+    ]
+    print(markdown(head, table))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parts = ("start", "rates", "million", "faults")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(parts)} (all)")
+    parser.add_argument("--rate", type=float, default=1667.0, help="data rate of the faults, Hz (%(default)g)")
+    parser.add_argument("--seconds", type=float, default=20.0, help="simulated, at each of the rates (%(default)g)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="all figures")
+    args = parser.parse_args()
+    if unknown := set(args.parts) - set(parts):
+        parser.error(f"no part {unknown.pop()!r}")
+    chosen = args.parts or parts
+    found: dict[str, object] = {}
+    with tempfile.TemporaryDirectory(prefix="tinygc-") as folder:
+        try:
+            elf = built(Path(folder))
+        except RuntimeError as error:
+            sys.exit(f"driver: {error}")
+        if "start" in chosen:
+            driven = start_up(elf)
+            found["start"] = {"written": driven.sensor.written, "objections": driven.objections}
+            print_start(driven)
+        if "rates" in chosen:
+            found["rates"] = [_told(rate_row, elf, odr_hz, args.seconds) for odr_hz in NOMINAL_HZ]
+            print_rates(found["rates"])
+        if "million" in chosen:
+            found["million"] = _told(rate_row, elf, 6667.0, MILLION_S)
+            print_rates([found["million"]])
+        if "faults" in chosen:
+            rows = [_told(fault_row, elf, injected, args.rate) for injected in INJECTED]
+            found["faults"] = [asdict(row) for row in rows]
+            print_faults(rows)
+    if args.json:
+        args.json.write_text(json.dumps(found, indent=1) + "\n")
+
+
+def _told(work, elf: Path, what, more):
+    progress(getattr(what, "name", f"{what} Hz"))
+    row = work(elf, what, more)
+    progress("")
+    return row
+
+
+if __name__ == "__main__":
+    main()

@@ -46,7 +46,7 @@ class Visitor(threading.Thread):
         self.address, self.events = address, {}
 
     def run(self) -> None:
-        """Until the recording ends."""
+        """Until the recording ends: the page would stay as long as somebody looks at it."""
         with urllib.request.urlopen(self.address) as page:
             assert b"<html" in page.read().lower()
         with urllib.request.urlopen(self.address + "events") as stream:
@@ -54,6 +54,8 @@ class Visitor(threading.Thread):
                 if line.startswith(b"event: "):
                     name = line[7:].strip().decode()
                     self.events[name] = self.events.get(name, 0) + 1
+                    if name == "end":
+                        return
 
 
 def chain(folder: Path, elf: Path, rate: float, segments: int, speed: str, resets: str = "") -> dict[str, object]:

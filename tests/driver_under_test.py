@@ -24,6 +24,8 @@ NONE = len(FAULTS)
 GYRO, ACCEL, TEMPERATURE, STAMP, CONFIGURATION = 1, 2, 3, 4, 5
 ANSWERS, HANGS, BUSY_FOR_EVER, ZEROS, ONES = range(5)
 RATES_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 417.0, 833.0, 1667.0, 3333.0, 6667.0)
+#: 1667 Hz in ticks
+PERIOD = 4 * 40000 / 6667
 SAMPLE = np.dtype([("t_us", "<u4"), ("number", "<u4"), ("registers", "<i2", (7,)), ("", "<u2")])
 
 
@@ -130,3 +132,20 @@ def take_words(words: np.ndarray, odr: int = 10, fine: int = 0, word_us: int = 5
 
 
 ORDERS = tuple(itertools.permutations((GYRO, ACCEL, STAMP)))
+
+
+def slots(first: int, count: int) -> np.ndarray:
+    """Words of so many samples at 1667 Hz."""
+    numbers = np.arange(first, first + count)
+    return words_of(numbers, np.floor(100.5 + numbers * PERIOD).astype(np.int64))
+
+
+def streamed(first: int, count: int, polls: int = 20) -> np.ndarray:
+    """What comes of them."""
+    push(slots(first, count))
+    return poll(polls)
+
+
+def fail_behind(behaviour: int) -> None:
+    """The bus fails from here on."""
+    number("behaviour").value = behaviour

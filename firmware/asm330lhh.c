@@ -3,7 +3,6 @@
 #include "asm330lhh_registers.h"
 
 enum {
-    TRANSFER_MOST_US = 20000, /* the longest burst takes 1 ms at 5 MHz */
     BOOT_MOST_MS = 100,       /* from power-up, and from a reset, to a sensor that answers */
     TURN_ON_MS = 100,         /* gyroscope's start-up: 70 ms in the family's data sheets */
     SETTLE_MOST_MS = 2000,    /* of the filters */
@@ -13,51 +12,14 @@ enum {
     BAD_BURSTS = 3,       /* in a row */
 };
 
-/* A transfer to its end. */
-static int transfer(struct asm330lhh *sensor, const uint8_t *out, uint8_t *in, unsigned count)
-{
-    const uint32_t began = sensor->bus->time();
-    int result;
-    do
-        result = sensor->bus->transfer(out, in, count);
-    while (result == TRANSFER_BUSY && sensor->bus->time() - began < TRANSFER_MOST_US);
-    sensor->failed |= result != TRANSFER_DONE;
-    return result;
-}
-
 /* The last burst, if there is one, to its end; what it brought is dropped. */
 static void abandon(struct asm330lhh *sensor)
 {
     if (sensor->burst) {
-        transfer(sensor, 0, sensor->words, sensor->burst);
+        asm330lhh_transfer(sensor, 0, sensor->words, sensor->burst);
         sensor->bus->select(0);
     }
     sensor->burst = 0;
-}
-
-void asm330lhh_read(struct asm330lhh *sensor, uint8_t address, uint8_t *bytes, unsigned count)
-{
-    const uint8_t out = READ | address;
-    sensor->bus->select(1);
-    if (transfer(sensor, &out, 0, 1) != TRANSFER_DONE || transfer(sensor, 0, bytes, count) != TRANSFER_DONE)
-        for (unsigned n = 0; n < count; n++)
-            bytes[n] = 0;
-    sensor->bus->select(0);
-}
-
-uint8_t asm330lhh_read_one(struct asm330lhh *sensor, uint8_t address)
-{
-    uint8_t byte;
-    asm330lhh_read(sensor, address, &byte, 1);
-    return byte;
-}
-
-void asm330lhh_write(struct asm330lhh *sensor, uint8_t address, uint8_t value)
-{
-    const uint8_t out[2] = {address, value};
-    sensor->bus->select(1);
-    transfer(sensor, out, 0, 2);
-    sensor->bus->select(0);
 }
 
 void asm330lhh_attach(struct asm330lhh *sensor, const struct asm330lhh_bus *bus, const struct asm330lhh_settings *settings)
@@ -286,7 +248,7 @@ unsigned asm330lhh_poll(struct asm330lhh *sensor, struct fifo_sample *out)
     if (words) {
         const uint8_t address = READ | FIFO_DATA_OUT_TAG;
         sensor->bus->select(1);
-        transfer(sensor, &address, 0, 1);
+        asm330lhh_transfer(sensor, &address, 0, 1);
         sensor->burst = words * FIFO_WORD_BYTES;
         sensor->burst_us = now_us;
         return go_on(sensor, out);

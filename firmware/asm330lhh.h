@@ -81,6 +81,11 @@ unsigned asm330lhh_poll(struct asm330lhh *sensor, struct fifo_sample *out);
 
 /* What follows is between the driver's own files. */
 
+enum { TRANSFER_MOST_US = 20000 }; /* the longest burst takes 1 ms at 5 MHz */
+
+/* A transfer to its end; TRANSFER_FAILED, or TRANSFER_BUSY where it has none within TRANSFER_MOST_US. */
+int asm330lhh_transfer(struct asm330lhh *sensor, const uint8_t *out, uint8_t *in, unsigned count);
+
 /* Zeros where a transfer failed. */
 void asm330lhh_read(struct asm330lhh *sensor, uint8_t address, uint8_t *bytes, unsigned count);
 uint8_t asm330lhh_read_one(struct asm330lhh *sensor, uint8_t address);

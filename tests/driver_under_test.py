@@ -15,7 +15,8 @@ from conftest import ROOT
 from processes import run
 
 FIRMWARE = ROOT / "firmware"
-SOURCES = ("asm330lhh.c", "asm330lhh_fifo.c", "asm330lhh_settings.c", "asm330lhh_self_test.c", "identity.c", "frames.c")
+DRIVER = ("asm330lhh.c", "asm330lhh_bus.c", "asm330lhh_fifo.c", "asm330lhh_settings.c", "asm330lhh_self_test.c")
+SOURCES = (*DRIVER, "identity.c", "frames.c")
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wdouble-promotion", "-Werror", "-fsanitize=undefined", "-fno-sanitize-recover")
 #: enum fault of asm330lhh_fifo.h, in its order
 FAULTS = ("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset", "changed", "identity", "silent", "stamp", "incomplete")

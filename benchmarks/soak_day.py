@@ -31,7 +31,7 @@ LOG_KEPT = 1 << 22  #: bytes of a log and a raw file that stay on the disk, once
 class VirtualPort:
     """Stands for a port: what is put into ``items`` has arrived."""
 
-    def __init__(self, name: str, baudrate: int, keep: object, prepare: object = None):
+    def __init__(self, name: str, baudrate: int, *prepare: object):
         self.name, self.items = name, queue.SimpleQueue()
 
     def close(self) -> None:

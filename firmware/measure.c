@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "board.h"
+#include "board_spi.h"
 #include "tinygc_model.h"
 
 #define TIM2_CR1 (*(volatile uint32_t *)0x40000000)
@@ -84,7 +85,7 @@ int main(void)
     return 0;
 }
 
-/* Nothing here uses the ports; the vectors want their handlers. */
+/* Nothing here uses ports or bus; the vectors want their handlers. */
 void SysTick_Handler(void)
 {
 }
@@ -94,5 +95,9 @@ void USART1_Handler(void)
 }
 
 void USART2_Handler(void)
+{
+}
+
+void DMA2_Stream0_Handler(void)
 {
 }

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import Table
 from guided_streams import guide_of
+from processes import PATIENCE_S
 from rich.console import Console
 from test_page_state import Kept, Silent
 
@@ -69,7 +70,7 @@ def followed(samples, answers_at_s, portion=20):
 
 
 def wait_for(thread):
-    thread._asked.result(timeout=5)
+    thread._asked.result(timeout=PATIENCE_S)
 
 
 def judged_s(seen, stills):

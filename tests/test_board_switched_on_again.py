@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
+from processes import PATIENCE_S
 from streams import INFO, frame_list, sent
 from test_board_setting import Wire
 from test_stream_board import board_frame
@@ -97,9 +96,8 @@ def test_the_port_sets_it_again_and_begins_another_connection(monkeypatch):
     made = BoardSetting(WANTED)
     opened = Port("wire", prepare=made, forgotten=made.forgotten)
     items = []
-    until_s = time.monotonic() + 20
-    while sum(isinstance(item, Opened) for item in items) < 2 and time.monotonic() < until_s:
-        items.append(opened.items.get(timeout=20))
+    while sum(isinstance(item, Opened) for item in items) < 2:
+        items.append(opened.items.get(timeout=PATIENCE_S))
     opened.close()
     states = [type(item) for item in items if not isinstance(item, Received)]
     assert states == [Opened, Closed, Opened]

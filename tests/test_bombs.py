@@ -266,6 +266,7 @@ ALLOWED = {
     ("session/recording/lock.py", "open"),  # which reads nothing of it
     ("session/recording/growing.py", "open"),
     ("session/page/server.py", "read_bytes"),
+    ("tinygc/cli/commands/_page_end.py", "read_bytes"),  # the report that was just made
     ("tinygc/challenge/examine.py", "open"),
     ("tinygc/challenge/on_recording/examine.py", "open"),
     ("session/dialects/rows.py", "loadtxt"),

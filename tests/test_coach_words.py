@@ -3,13 +3,13 @@
 import json
 import re
 import shutil
-import subprocess
 from itertools import permutations, product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from guided_streams import guide_of
+from processes import run
 from scipy.spatial.transform import Rotation
 
 import session.page
@@ -184,7 +184,7 @@ console.log(JSON.stringify([worst, count]));
 """
     (tmp_path / "check.mjs").write_text(script)
     turning = shutil.copy(Path(session.page.__file__).parent / "files" / "turning.js", tmp_path / "turning.mjs")
-    ran = subprocess.run(["node", tmp_path / "check.mjs", turning, tmp_path / "targets.json"], capture_output=True, text=True, check=True)
+    ran = run(["node", tmp_path / "check.mjs", turning, tmp_path / "targets.json"], capture_output=True, text=True, check=True)
     worst, count = json.loads(ran.stdout)
     assert count > 400
     assert worst < 1e-3

@@ -2,7 +2,6 @@
 wide and narrow, light and dark; the arrow goes as the hand does; keys and pedals; and a connection that was cut off."""
 
 import json
-import time
 
 import numpy as np
 import pytest
@@ -54,11 +53,8 @@ def awaited(browser: Browser, expression: str):
     return answer["result"].get("value")
 
 
-def shown(browser: Browser, true: str, seconds: float = 10.0) -> None:
-    end_s = time.monotonic() + seconds
-    while not browser.evaluate(true):
-        assert time.monotonic() < end_s, f"not so after {seconds:g} s: {true}; {browser.complaints()}"
-        awaited(browser, "new Promise(r => setTimeout(r, 20))")
+def shown(browser: Browser, true: str) -> None:
+    until(lambda: browser.evaluate(true), lambda: awaited(browser, "new Promise(r => setTimeout(r, 20))"), true)
 
 
 def complaints(browser: Browser, server: PageServer) -> list[str]:

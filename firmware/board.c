@@ -114,7 +114,7 @@ uint32_t board_microseconds(void)
         left = SYST_CVR;
     } while (before != milliseconds);
     now = 1000 * before + (CORE_HZ / 1000 - 1 - left) / (CORE_HZ / 1000000);
-    if ((int32_t)(now - last) > 0)
+    if (last - now > 1000) /* not a millisecond that is not counted yet: however long ago somebody asked */
         last = now;
     return last;
 }

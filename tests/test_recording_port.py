@@ -268,3 +268,25 @@ def test_a_board_takes_no_place_of_a_persons_file(tmp_path):
     with pytest.raises(CalibrationError, match="File exists"), Terminal(tmp_path / "port"):
         pass
     assert (tmp_path / "port").read_text() == "mine"
+
+
+def test_a_cable_that_is_pulled_while_the_board_is_set_again(tmp_path):
+    tries = []
+
+    def prepare(port) -> bytes:
+        tries.append(port)
+        if len(tries) == 2:
+            raise serial.SerialException("gone")
+        return b""
+
+    with Terminal(tmp_path / "port") as terminal:
+        port = Port(str(terminal.name), prepare=prepare, forgotten=lambda data: 0 if b"X" in data else None)
+        items = []
+        until(lambda: port.items.qsize() > 0)
+        assert terminal.write(b"X")
+        until(lambda: len(tries) > 2)
+        until(lambda: port.items.qsize() > 3)
+        port.close()
+        while not port.items.empty():
+            items.append(type(port.items.get()))
+    assert items == [Opened, Closed, Closed, Opened]

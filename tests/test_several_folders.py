@@ -6,11 +6,14 @@ import json
 import os
 import re
 import shutil
+from pathlib import Path
 
 import pytest
 from commandline import refused
 from conftest import Table, write_session
 from formats_page import strangers
+
+from tinygc.fitting.listing import list_sessions
 
 QUICK = ("--methods", "least_squares")
 
@@ -110,3 +113,18 @@ def test_list_says_what_lies_there(run, three, tmp_path):
         assert name in out
     assert "no session here" in run("list", three / "no session")[1]
     refused(run("list", three / "nowhere"), "no folder")
+
+
+def test_a_folder_that_nobody_may_look_into_hides_none_beside_it(tmp_path, monkeypatch):
+    for name in ("a", "b", "c"):
+        (tmp_path / name / "s").mkdir(parents=True)
+        (tmp_path / name / "s" / "session.toml").touch()
+    exists = Path.exists
+
+    def guarded(path: Path, **how) -> bool:
+        if path.parent == tmp_path / "b":
+            raise PermissionError(13, "Permission denied", str(path))
+        return exists(path, **how)
+
+    monkeypatch.setattr(Path, "exists", guarded)
+    assert [each.folder.parent.name for each in list_sessions(tmp_path)] == ["a", "c"]

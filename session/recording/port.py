@@ -132,12 +132,21 @@ class Port:
                     self._hand_over(Received(time.monotonic_ns(), data))
                 if place is not None:
                     self._hand_over(Closed(time.monotonic_ns(), SWITCHED_ON))
-                    self._first = self._prepare(self._serial)
-                    self._opened()
+                    self._again()
         except CalibrationError as error:
             self.items.put(error)
         finally:
             _close(self._serial)
+
+    def _again(self) -> None:
+        """Prepare a board that was switched on again, its port open all the time; a cable may be pulled meanwhile."""
+        try:
+            self._first = self._prepare(self._serial)
+        except UNPLUGGED as error:
+            self._hand_over(Closed(time.monotonic_ns(), _reason(error)))
+            self._reopen()
+            return
+        self._opened()
 
     def _reopen(self) -> None:
         _close(self._serial)

@@ -59,18 +59,15 @@ def list_sessions(folder: Path) -> list[ListedSession]:
 
 
 def _folders(folder: Path, depth: int = 0) -> Iterator[Path]:
-    if (folder / "session.toml").exists():
-        yield folder
-        return
-    if depth > DEEPEST:
-        return
-    with contextlib.suppress(OSError):  # what nobody may look into
+    try:
+        if (folder / "session.toml").exists() or (depth and any(folder.glob("log*.csv*"))):
+            yield folder
+            return
         inside = sorted(each for each in folder.iterdir() if not each.name.startswith(".") and each.is_dir() and not each.is_symlink())
-        for each in inside[:MOST_FOLDERS]:
-            if (logs := any(each.glob("log*.csv*"))) and not (each / "session.toml").exists():
-                yield each
-            elif not logs or (each / "session.toml").exists():
-                yield from _folders(each, depth + 1)
+    except OSError:  # what nobody may look into; those beside it are listed
+        return
+    for each in inside[:MOST_FOLDERS] if depth <= DEEPEST else ():
+        yield from _folders(each, depth + 1)
 
 
 def _listed(folder: Path) -> ListedSession:

@@ -94,7 +94,8 @@ static uint32_t periods_since(const struct asm330lhh_fifo *fifo, uint32_t now_us
     return ((periods ^ (uint32_t)(fifo->count - fifo->last_count)) & 3) == 0 ? periods : 0;
 }
 
-/* The first sample after a start: time and number go on by the target's clock. */
+/* The first sample after a start: time and number go on by the target's clock, which wraps: of an absence beyond 71.6 minutes the
+ * whole 71.6 are missing. */
 static void anchor(struct asm330lhh_fifo *fifo, uint32_t now_us, uint32_t faults[FAULTS])
 {
     const uint64_t period_q32 = (fifo->tick_q32 >> 16) * fifo->period_q16;

@@ -99,7 +99,18 @@ def wished(server, body, path="wish", token=None, **headers) -> int:
         return connection.getresponse().status
 
 
+@pytest.mark.parametrize("body", ["pause", "note it rained"])
+def test_a_wish_that_nobody_takes_is_refused(server, body):
+    assert wished(server, body) == 503  # no recording has begun
+    server.wishes.begin()
+    assert wished(server, body) == 200
+    server.wishes.end()
+    assert wished(server, body) == 503
+    assert len(server.wishes()) == 1  # what was answered with 200 is given, behind the end, too
+
+
 def test_a_wish_is_a_key_of_the_terminal(server):
+    server.wishes.begin()
     assert [wished(server, word) for word in ("pause", "drop", "here", "note it  rained\r\nhard", "report")] == [200] * 5
     assert server.wishes() == [(Wish.PAUSE, ""), (Wish.DROP, ""), (Wish.HERE, ""), (Wish.NOTE, "it rained hard")]
     assert server.wishes.report.is_set()
@@ -108,11 +119,13 @@ def test_a_wish_is_a_key_of_the_terminal(server):
 
 @pytest.mark.parametrize("body", ["", "p", "PAUSE", "pause now", "note ", "note \x00\n", "rm -rf", b"\xff\xfe", "n" * 2000])
 def test_any_other_wish_is_none(server, body):
+    server.wishes.begin()
     assert wished(server, body) in (400, 413)
     assert server.wishes() == []
 
 
 def test_a_wish_needs_the_token_and_this_page(server):
+    server.wishes.begin()
     assert wished(server, "pause", token="x" * 24) == 403
     assert wished(server, "pause", Origin="http://evil.example") == 421
     assert wished(server, "pause", Origin="null") == 421
@@ -122,10 +135,10 @@ def test_a_wish_needs_the_token_and_this_page(server):
     assert wished(server, "pause", Origin=f"http://127.0.0.1:{server.server_port}") == 200
 
 
-def test_of_many_wishes_a_few_are_kept(server):
-    for _ in range(100):
-        server.wishes.hear(b"pause")
-    assert len(server.wishes()) == MOST
+def test_of_many_wishes_a_few_are_kept_and_the_others_refused(server):
+    server.wishes.begin()
+    assert [server.wishes.hear(b"note %d" % number) for number in range(100)] == [200] * MOST + [503] * (100 - MOST)
+    assert [text for _, text in server.wishes()] == [str(number) for number in range(MOST)]
 
 
 def test_the_report_is_served_once_it_is_there_and_may_run_nothing(server):

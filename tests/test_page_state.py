@@ -143,3 +143,26 @@ def test_portions_that_are_followed_together_lead_to_the_same_attitude_and_a_res
     one._follow(hand.guide)
     up = rotated(inverse(one._attitude.q), np.array([0.0, 0.0, 1.0]))
     assert up[2] < -0.999  # this table's z points down
+
+
+def test_a_page_that_fails_ends_no_recording(monkeypatch):
+    """It is said once, and the screen goes on being told."""
+    from session.page import view
+
+    class Told(Silent):
+        changes, shown = [], 0
+
+        def change(self, change):
+            self.changes.append(change)
+
+        def show(self, guide):
+            Told.shown += 1
+
+    page = PageView(Told(), Kept())
+    monkeypatch.setattr(view, "state_of", lambda *_: 1 / 0)
+    for _ in range(3):
+        page.show(guide_of())
+    assert Told.shown == 3
+    assert [change.text for change in Told.changes] == [
+        "the page has failed (ZeroDivisionError: division by zero); the recording goes on without it"
+    ]

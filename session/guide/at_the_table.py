@@ -28,6 +28,19 @@ class Notebook(Interface):
         """Whether that is written down (and was not taken back since)."""
 
 
+class Wished(Interface):
+    """What is asked for elsewhere, on a page: call it for what was since it was last asked."""
+
+    def __call__(self) -> list[tuple[Wish, str]]:
+        """In order, each once."""
+
+    def begin(self) -> None:
+        """They are taken from here on."""
+
+    def end(self) -> None:
+        """None that come later are taken."""
+
+
 class AtTheTable:
     """tell: takes what has changed; keys: gives what was typed since it was last asked; None: there are none; wished: what was asked
     for elsewhere, likewise."""
@@ -39,7 +52,7 @@ class AtTheTable:
         tell: Callable[[list[Change]], None],
         notebook: Notebook | None,
         keys: Callable[[], str] | None,
-        wished: Callable[[], list[tuple[Wish, str]]] | None = None,
+        wished: Wished | None = None,
     ):
         self._guide, self._recorder, self._tell, self._notebook = guide, recorder, tell, notebook
         self._keys, self._wished = keys, wished
@@ -62,6 +75,16 @@ class AtTheTable:
         if decision.word != "note":
             self._tell(self._guide.decided(decision))
 
+    def begin(self) -> None:
+        """Somebody obeys from here on."""
+        if self._wished is not None:
+            self._wished.begin()
+
+    def end(self) -> None:
+        """Nobody does any more."""
+        if self._wished is not None:
+            self._wished.end()
+
     def obey(self, begun: bool) -> None:
         """What was typed, or asked for.  begun: whether samples are judged."""
         wishes = self._wished() if self._wished is not None else []
@@ -80,8 +103,8 @@ class AtTheTable:
     def _do(self, wish: Wish, text: str, begun: bool) -> None:
         guide = self._guide
         if wish is Wish.NOTE and self._notebook is not None:
+            self._recorder.decide(Decision("note", text))  # first where nothing can refuse it
             self._notebook.note(text, datetime.now(UTC))
-            self._recorder.decide(Decision("note", text))
             self._say(Kind.STAGE, f"noted: {text}")
         elif wish is Wish.HERE and guide.closure is not None:
             guide.closure.on_the_mark()

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterable
 
 from session.common.errors import CalibrationError, OtherSensor, StorageError
-from session.guide.at_the_table import AtTheTable, Notebook
+from session.guide.at_the_table import AtTheTable, Notebook, Wished
 from session.guide.board_words import BoardWords
 from session.guide.closure_guide import BEGIN
 from session.guide.coach_thread import Coach, CoachThread
@@ -21,7 +21,6 @@ from session.guide.incoming import joined_chunks, samples_of
 from session.guide.messages import Change, Kind, Stage
 from session.guide.own_accelerometer import OwnAccelerometer
 from session.guide.same_sensor import SameSensor
-from session.guide.typing_line import Wish
 from session.guide.view import View
 from session.log.config import Config
 from session.log.samples import Samples
@@ -33,6 +32,7 @@ from session.stream.events import Chunk, Event, Info, Trouble
 
 SILENT_S = 1.5
 UNKNOWN_S = 10.0  #: of samples without a word of their ranges
+KEEPS_BAUD = "a board that was set to 6667 Hz keeps --baud 2000000 until it is switched off"
 LAST_WORD_S = 5.0  #: that the coach may take at the end
 SHOW_EVERY_S = 0.1
 CLOCK_RATIO = 0.005  #: by which the board's second may differ from the host's; a host's is good to 0.0001
@@ -61,7 +61,7 @@ class GuidedRecording:
         notebook: Notebook | None = None,
         keys: Callable[[], str] | None = None,
         watch: Watch | None = None,
-        wished: Callable[[], list[tuple[Wish, str]]] | None = None,
+        wished: Wished | None = None,
     ):
         self.guide, self.recorder, self._configure, self._view, self._watch = guide, recorder, configure, view, watch
         self._table = AtTheTable(guide, recorder, self._tell, notebook, keys, wished)
@@ -87,6 +87,7 @@ class GuidedRecording:
         That is asked between two steps only: what has been taken from the port is in the log by then.
         """
         self._view.show(self.guide)
+        self._table.begin()
         try:
             if not self._catch_up(interrupted):
                 self._live = True
@@ -106,7 +107,10 @@ class GuidedRecording:
                 self._tell(self._coach.hear(self.guide))
                 self._show()
             self._last_word()
+            self._table.end()
+            self._table.obey(self.config is not None)
         finally:
+            self._table.end()
             self._coach.close()
             self._view.show(self.guide)
 
@@ -238,7 +242,9 @@ class GuidedRecording:
             counts = self.recorder.decoder
             what = "nothing comes: is the board sending?"
             if counts.garbage or counts.crc_errors:
-                what = f"{counts.garbage} bytes and {counts.crc_errors} frames that are none: is the baud rate right? (--header)"
+                what = (
+                    f"{counts.garbage} bytes and {counts.crc_errors} frames that are none: is the baud rate right? ({KEEPS_BAUD}; --header)"
+                )
             self.guide.waits(Stage.CHECK_STREAM, f"no samples for {silent_s:.0f} s; {what}")
 
     def _look_at_clock(self) -> None:

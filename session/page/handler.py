@@ -95,10 +95,10 @@ class Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.NOT_FOUND)
         elif not (length.isascii() and length.isdecimal() and len(length) < 6 and int(length) <= LONGEST):
             self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
-        elif server.wishes.hear(self.rfile.read(int(length))):
-            self._answer(HTTPStatus.OK, "text/plain; charset=utf-8", b"")
+        elif (status := server.wishes.hear(self.rfile.read(int(length)))) is HTTPStatus.OK:
+            self._answer(status, "text/plain; charset=utf-8", b"")
         else:
-            self._refuse(HTTPStatus.BAD_REQUEST)
+            self._refuse(status)
 
     def _asked(self, server: Site) -> str | None:
         """What is asked for of this server; None: refused, since it is asked for by another name, from another page, or without the

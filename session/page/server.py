@@ -43,6 +43,7 @@ class PageServer(ThreadingHTTPServer):
         self.report: Callable[[], bytes | None] = lambda: None
         self.pages = {path.name: path.read_bytes() for path in files("session.page").joinpath("files").iterdir() if "." in path.name}
         self._clients: set[Newest] = set()
+        self.visited = False  #: whether anybody has ever looked on
         self._last: dict[str, bytes] = {}
         self._changing = threading.Lock()
         self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
@@ -96,6 +97,7 @@ class PageServer(ThreadingHTTPServer):
             for event, data in self._last.items():
                 client.put(event, data)
             self._clients.add(client)
+            self.visited = True
         return client
 
     def left(self, client: Newest) -> None:

@@ -72,7 +72,11 @@ def _target(guide: Guide, still: Quaternion) -> dict[str, Any] | None:
 
 
 def _sigmas(advice: Advice | None) -> list[dict[str, Any]]:
-    return [] if advice is None else [{"name": name, "of_target": round(min(sigma, 1e6), 3)} for name, sigma in advice.sigmas]
+    return (
+        []
+        if advice is None
+        else [{"name": name, "of_target": round(min(sigma, 1e6), 3) if math.isfinite(sigma) else 1e6} for name, sigma in advice.sigmas]
+    )
 
 
 def _up(force: np.ndarray) -> np.ndarray:

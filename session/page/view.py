@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Callable
 
 from session.common.units import NS
 from session.guide.guide import Guide
-from session.guide.messages import Change, Kind
+from session.guide.messages import AcceptedTurn, Change, Kind
 from session.guide.view import View
 from session.log.samples import Samples, joined
 from session.page.attitude import Attitude, closure_deg
@@ -29,23 +30,41 @@ class PageView:
         self._numbers, self._sent_s = 0, 0.0
         self._unseen: list[Samples] = []
         self._closure_deg: float | None = None
+        self._failed = False
 
     def change(self, change: Change) -> None:
         """Something has changed."""
         self._screen.change(change)
-        if change.accepted is not None:
-            self._closure_deg = closure_deg(change.accepted)
+        if (turn := change.accepted) is not None:
+            self._drawn(lambda: self._closed(turn))
         if change.kind is not Kind.STAGE:
             self._numbers += 1
             self._said.append((self._numbers, change.kind.value, change.at_s, change.text))
 
+    def _closed(self, turn: AcceptedTurn) -> None:
+        self._closure_deg = closure_deg(turn)
+
     def show(self, guide: Guide) -> None:
         """The present state."""
         self._screen.show(guide)
-        self._server.publish("state", state_of(guide, self._still, self._said, self._closure_deg))
+        self._drawn(lambda: self._server.publish("state", state_of(guide, self._still, self._said, self._closure_deg)))
 
     def watch(self, guide: Guide, samples: Samples) -> None:
         """Samples that the guide has just had.  They are followed many at a time, which costs a tenth of following each portion."""
+        self._drawn(lambda: self._watch(guide, samples))
+
+    def _drawn(self, draw: Callable[[], None]) -> None:
+        """Whatever is wrong with the page, it must not end a recording."""
+        if self._failed:
+            return
+        try:
+            draw()
+        except Exception as error:
+            self._failed = True
+            said = f"the page has failed ({type(error).__name__}: {error}); the recording goes on without it"
+            self._screen.change(Change(Kind.WARNING, said, 0.0))
+
+    def _watch(self, guide: Guide, samples: Samples) -> None:
         if len(samples) == 0:
             return
         if self._unseen and samples.t_ns[0] <= self._unseen[-1].t_ns[-1]:  # the board's clock has begun anew

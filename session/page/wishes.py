@@ -4,21 +4,34 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from http import HTTPStatus
 
 from session.guide.typing_line import LONGEST_NOTE, Wish
 
 LONGEST = 4 * LONGEST_NOTE + 16  #: bytes of a request
-MOST = 8  #: that wait; a recording takes them ten times a second
+MOST = 8  #: that wait; a recording takes them ten times a second, and refuses more than it can keep
 WORDS = {"pause": Wish.PAUSE, "drop": Wish.DROP, "here": Wish.HERE}
 REPORT = "report"
 
 
 class Wishes:
-    """Filled by the threads of browsers; call it, as the recording does, for what was asked since.  report: whether that was asked for."""
+    """Filled by the threads of browsers; call it, as the recording does, for what was asked since.  Whatever was answered with OK is
+    given.  report: whether that was asked for."""
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[Wish, str]] = deque(maxlen=MOST)
+        self._waiting: deque[tuple[Wish, str]] = deque()
+        self._changing, self._taken = threading.Lock(), False
         self.report = threading.Event()
+
+    def begin(self) -> None:
+        """A recording takes them from here on."""
+        with self._changing:
+            self._taken = True
+
+    def end(self) -> None:
+        """It takes none that come later."""
+        with self._changing:
+            self._taken = False
 
     def __call__(self) -> list[tuple[Wish, str]]:
         """In order, each once."""
@@ -27,21 +40,26 @@ class Wishes:
             taken.append(self._waiting.popleft())
         return taken
 
-    def hear(self, body: bytes) -> bool:
-        """``pause``, ``drop``, ``here``, ``note TEXT`` or ``report``; whether it was one of them."""
+    def hear(self, body: bytes) -> HTTPStatus:
+        """``pause``, ``drop``, ``here``, ``note TEXT`` or ``report``: BAD_REQUEST where it is none of them, SERVICE_UNAVAILABLE where
+        nobody takes it."""
         try:
             word, _, text = body.decode().partition(" ")
         except UnicodeDecodeError:
-            return False
+            return HTTPStatus.BAD_REQUEST
         if word == "note":
             note = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())[:LONGEST_NOTE]
-            if note:
-                self._waiting.append((Wish.NOTE, note))
-            return bool(note)
+            return self._keep(Wish.NOTE, note) if note else HTTPStatus.BAD_REQUEST
         if text or (word not in WORDS and word != REPORT):
-            return False
-        if word == REPORT:
-            self.report.set()
-        else:
-            self._waiting.append((WORDS[word], ""))
-        return True
+            return HTTPStatus.BAD_REQUEST
+        if word in WORDS:
+            return self._keep(WORDS[word], "")
+        self.report.set()
+        return HTTPStatus.OK
+
+    def _keep(self, wish: Wish, text: str) -> HTTPStatus:
+        with self._changing:
+            if not self._taken or len(self._waiting) >= MOST:
+                return HTTPStatus.SERVICE_UNAVAILABLE
+            self._waiting.append((wish, text))
+        return HTTPStatus.OK

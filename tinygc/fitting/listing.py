@@ -6,6 +6,7 @@ Nothing is computed and no log is read: session.toml, the names of the files, ``
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -104,7 +105,7 @@ def _fitted(path: Path) -> dict[str, Any]:
         "method": method,
         "held_out_deg": held,
         "floor_deg": fit.get("noise", {}).get("closure_floor_rms_deg"),
-        "runs_deg": tuple(figure for figure in figures if isinstance(figure, float)),
+        "runs_deg": tuple(figure for figure in figures if isinstance(figure, float) and math.isfinite(figure)),
     }
 
 

@@ -128,7 +128,8 @@ def _straightened(lies: np.ndarray, up: np.ndarray) -> TurnPart:
     axis, angle = np.cross(up, lies), float(np.arccos(np.clip(up @ lies, -1.0, 1.0)))
     length = np.linalg.norm(axis)
     axis = axis / length if length > 0 else axis
-    words = f"with {up_words(up)} set straight up, " if angle > SLANTED_RAD else ""
+    how = f"with {up_words(up)} set straight up" if on_a_side(up) else f"on its edge with {up_words(up)} up"
+    words = f"{how}, " if angle > SLANTED_RAD else ""
     return TurnPart(axis, angle, STRAIGHT_S, words, up)
 
 

@@ -43,8 +43,9 @@ class _Finished:
         self._say("offered", "The files are closed.")
 
     def stay(self, wanted: Callable[[], bool]) -> None:
+        """Whoever reloads the page, or has a phone that sleeps, is awaited; where nobody ever looked, it ends at once."""
         seen_s = time.monotonic()
-        if self._server.clients:
+        if self._server.visited:
             print("the page stays while it is looked at, and can make the report; Ctrl-C ends it", file=sys.stderr, flush=True)
         else:
             return
@@ -59,7 +60,13 @@ class _Finished:
     def _make(self, wanted: Callable[[], bool]) -> None:
         began_s = time.monotonic()
         with tempfile.TemporaryFile() as said:
-            command = [sys.executable, str(CALIBRATE), "report", str(self._folder), "--quiet"]
+            command = [
+                sys.executable,
+                str(CALIBRATE),
+                "report",
+                str(self._folder.resolve()),
+                "--quiet",
+            ]  # no name that looks like an option
             with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said) as making:
                 try:
                     while making.poll() is None and not wanted():

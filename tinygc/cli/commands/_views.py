@@ -29,6 +29,8 @@ def page_address(text: str) -> tuple[str, int]:
         raise argparse.ArgumentTypeError(f"{text!r} is no address of this computer, such as 127.0.0.1:8000") from None
     if not 0 <= number <= 65535:
         raise argparse.ArgumentTypeError(f"port {number} is none: 0 (any that is free) to 65535")
+    if number == 80:
+        raise argparse.ArgumentTypeError("port 80 is not to be had: browsers leave it out where the page wants it named; take 8080")
     return str(address), number
 
 

@@ -137,3 +137,13 @@ def test_a_file_of_a_users_own_is_left_as_it_is(tmp_path):
     second.configure(replace(INFO, gyro_fs_dps=500.0, accel_fs_g=4.0), board=board)
     assert first.path.read_bytes() == text
     assert second.wanted() == Wanted()
+
+
+def test_a_file_waits_for_the_serial_number_of_a_board_that_says_it(tmp_path):
+    """All else may be given: without its number another board could take the place of this one."""
+    given = SessionFile(tmp_path / "s", None, 1667.0, INFO.gyro_fs_dps, INFO.accel_fs_g)
+    assert given.configure(None, 0.5, speaks=True) is None
+    assert given.configure(INFO, 0.9, speaks=True).sensor.serial == INFO.serial != ""
+    silent = SessionFile(tmp_path / "t", None, 1667.0, 500, 4)
+    assert silent.configure(None, 3.1, speaks=True).sensor.serial == ""
+    assert SessionFile(tmp_path / "u", None, 1667.0, 500, 4).configure(None, 0.0).sensor.serial == ""

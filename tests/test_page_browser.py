@@ -146,6 +146,7 @@ def test_the_arrow_goes_as_the_hand_goes_in_a_right_handed_picture(browser, serv
 
 def test_keys_and_pedals_ask_and_a_note_is_typed(browser, server):
     hand = CoachedHand(server, segments=4)
+    server.wishes.begin()
     browser.open(server.address, 1280, 900)
     hand.until(lambda guide: guide.accepted == 1)
     shown(browser, "document.getElementById('count').textContent.startsWith('1 of')")

@@ -97,11 +97,16 @@ class SessionFile:
         return Wanted(**said)
 
     def configure(
-        self, info: Info | None, waited_s: float = 0.0, physical: bool | None = False, board: Board | None = None
+        self,
+        info: Info | None,
+        waited_s: float = 0.0,
+        physical: bool | None = False,
+        board: Board | None = None,
+        speaks: bool = False,
     ) -> Config | None:
         """The configuration, and the file written; None while not enough is known.  waited_s: seconds of samples without an info;
         physical: whether the samples are in physical units, None while there are none; board: what it
-        says of its sensor, for ``[board]`` of a file that is written here.
+        says of its sensor, for ``[board]`` of a file that is written here; speaks: whether it will say what it is, and its serial number.
 
         OtherSensor where the board contradicts the file, CalibrationError the command line; StorageError where it cannot be written.
         """
@@ -116,7 +121,8 @@ class SessionFile:
                     raise CalibrationError(f"the board says {name} = {value:g}, {FLAGS[name]} says {self._said[name]:g}: leave it out")
         self._info = info = info or self._info
         if self._own is None:
-            sensor = None if physical is None else self._sensor(info, waited_s, physical)
+            awaited = info is None and speaks and waited_s < PATIENCE_S
+            sensor = None if physical is None or awaited else self._sensor(info, waited_s, physical)
             if sensor is None:
                 return None
             known = _for_another(self._like) if self._like else Config(sensor, Accelerometer(source="none"), self._bench, Protocol())

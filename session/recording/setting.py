@@ -55,6 +55,11 @@ class BoardSetting:
         self._set_s: float | None = None  # when a board was set
         self._cut = b""  # what may be the beginning of a frame
 
+    @property
+    def speaks(self) -> bool:
+        """Whether the board was set: such a one says what it is each second."""
+        return self._set_s is not None
+
     def forgotten(self, data: bytes) -> int | None:
         """Where in these bytes, the next that came, the board says that it is not set as it was; None: nowhere."""
         if self._set_s is None:

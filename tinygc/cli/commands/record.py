@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 SUMMARY = "record a guided session from a serial port"
 USUAL_CLOSURE_S = 60.0
+USUAL_SEGMENTS = 40
 EPILOG = """keys, where standard input is a terminal: p pauses (what comes is kept, and not judged) and goes on; d drops the last turn
 (its segment is left out, its data stay); n begins a note, Enter keeps it in session.toml; in the closure run d begins the run again,
 and Enter says that the table stands on its index mark.  Where standard input is no terminal there are no keys."""
@@ -44,7 +45,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="session folder to write (the next free data/sessionN)")
     command.add_argument("--resume", action="store_true", help="go on with the recording in --out")
-    command.add_argument("--segments", type=count(1), default=40, help="to be accepted (%(default)s)")
+    command.add_argument("--segments", type=count(1), default=USUAL_SEGMENTS, help="to be accepted (%(default)s)")
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
     command.add_argument(
         "--closure",
@@ -109,6 +110,8 @@ def _end_page(page: PageServer, args: argparse.Namespace, folder: Path, port: st
 def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     """The command that goes on."""
     again = f"calibrate.py record --resume --out {shell_word(folder)} --port {shell_word(port)}"
+    again += "" if args.segments == USUAL_SEGMENTS else f" --segments {args.segments}"
+    again += "" if args.view is None else " --view"
     return again + (f" --closure {args.closure:g}" if args.closure else "")
 
 
@@ -170,7 +173,7 @@ def _led(
             typed = keys if keys.there else None
 
             def configure(info: Info | None, waited_s: float) -> Config | None:
-                return session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board)
+                return session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board, recorder.setting.speaks)
 
             coach, wished = None if args.no_coach else _coach(), None if page is None else page.wishes
             guided = GuidedRecording(guide, recorder, configure, coach, view, session_file, typed, watch, wished)

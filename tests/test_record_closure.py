@@ -81,7 +81,7 @@ def test_a_cable_pulled_in_the_run_and_ctrl_c_after_it_lose_nothing(boards, tmp_
         process.send_signal(signal.SIGINT)
         _, seen = process.communicate()
     assert process.returncode == 130, seen
-    assert f"--resume --out {folder} --port {port} --closure 15" in seen
+    assert f"--resume --out {folder} --port {port} --segments 3 --closure 15" in seen
     assert not list(folder.glob("closure*"))
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert read_session(folder).closures == ()  # what is there can be read

@@ -7,8 +7,23 @@ import ctypes
 import numpy as np
 import pytest
 from driver_under_test import (
+    CTRL1_XL,
+    CTRL2_G,
+    CTRL3_C,
+    CTRL4_C,
+    CTRL6_C,
+    CTRL8_XL,
+    CTRL9_XL,
+    CTRL10_C,
+    FIFO_CTRL1,
+    FIFO_CTRL2,
+    FIFO_CTRL3,
+    FIFO_CTRL4,
+    FREQ_FINE,
+    INT1_CTRL,
     NONE,
     TEMPERATURE,
+    WHO_AM_I,
     accesses,
     faults,
     library,
@@ -22,10 +37,6 @@ from driver_under_test import (
     streamed,
     tag,
 )
-
-CTRL1_XL, CTRL2_G, CTRL3_C, CTRL4_C, CTRL6_C, CTRL8_XL, CTRL9_XL, CTRL10_C = 0x10, 0x11, 0x12, 0x13, 0x15, 0x17, 0x18, 0x19
-FIFO_CTRL1, FIFO_CTRL2, FIFO_CTRL3, FIFO_CTRL4, INT1_CTRL = 0x07, 0x08, 0x09, 0x0A, 0x0D
-WHO_AM_I, FREQ_FINE = 0x0F, 0x63
 
 
 def test_the_start_in_its_order():

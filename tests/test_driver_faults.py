@@ -9,11 +9,16 @@ import pytest
 from driver_under_test import (
     ANSWERS,
     BUSY_FOR_EVER,
+    CTRL1_XL,
+    CTRL2_G,
+    CTRL6_C,
+    CTRL10_C,
     FAULTS,
     HANGS,
     NONE,
     ONES,
     PERIOD,
+    WHO_AM_I,
     ZEROS,
     discard,
     fail_behind,
@@ -31,8 +36,6 @@ from driver_under_test import (
     tag,
 )
 
-CTRL1_XL, CTRL2_G, CTRL6_C, CTRL10_C = 0x10, 0x11, 0x15, 0x19
-WHO_AM_I = 0x0F
 #: microseconds: the longest that a start may take, filters and all
 LONGEST_START_US = 2_500_000
 

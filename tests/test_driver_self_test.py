@@ -37,6 +37,21 @@ def test_the_self_test_weighs_the_change(pushed, failed):
     assert lib.start() == NONE
 
 
+@pytest.mark.parametrize(
+    ("pushed", "failed"),
+    [(2, 0x3F), (3, 0x07), (8, 0x07), (9, 0), (39, 0), (40, 0x07), (54, 0x07), (55, 0x3F)],
+)
+def test_the_limits_of_the_self_test(pushed, failed):
+    """In steps of 256 LSB: 2142 to 10000 LSB of the gyroscope, 737 to 13934 of the accelerometer."""
+    lib = started()
+    number("pushed").value = pushed
+    tested = SelfTest()
+    lib.self_test(ctypes.byref(tested))
+    assert tested.failed == failed
+    assert list(tested.gyro_dps) == pytest.approx([pushed * 256 * 0.070] * 3)
+    assert lib.start() == NONE
+
+
 def test_a_self_test_of_nobody_fails():
     lib = started()
     fail_behind(HANGS)

@@ -12,6 +12,7 @@ from datetime import datetime
 from pathlib import Path
 
 from session.common.errors import CalibrationError, FormatError, OtherSensor, StorageError
+from session.common.sources import SENSOR_NAME
 from session.files.reading import MOST_TOML, read_bytes
 from session.log.additions import add_board, add_exclude, add_notes
 from session.log.config import Accelerometer, Config, LeftOut, Note, Protocol, Sensor, Site, read_config
@@ -20,7 +21,7 @@ from session.log.truth_reading import TruthGiven
 from session.recording.session_text import toml_text
 from session.recording.setting import Wanted
 from session.sensor.known import DEFAULT, profile_of
-from session.stream.board import SENSOR_NAME, STANDIN, Board
+from session.stream.board import STANDIN, Board
 from session.stream.events import Info
 
 NAME = "session.toml"

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.common.sources import SENSOR_NAME, STANDIN_NAME
+
 BOARD_TYPE, FAULTS_TYPE, DONE_TYPE, TESTED_TYPE = 0x05, 0x06, 0x07, 0x08
 STANDIN, SENSOR = 0, 1
-STANDIN_NAME, SENSOR_NAME = "stand-in", "sensor"
 #: counts of a faults frame, in its order
 FAULTS = (
     "overrun",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from session.common.sources import STANDIN_NAME
 from session.log.config import BoardGiven, Config, Note
-from session.stream.board import STANDIN_NAME
 from tinygc.report.fit_text import TITLES
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, escape, facts, paragraph, table

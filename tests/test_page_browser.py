@@ -172,6 +172,13 @@ def test_keys_and_pedals_ask_and_a_note_is_typed(browser, server):
     browser.ask("Input.insertText", {"text": "p is for pause"})
     press("Enter", "\r")
     until(lambda: heard((Wish.PAUSE, ""), (Wish.DROP, ""), (Wish.NOTE, "p is for pause")))
+    shown(browser, "document.getElementById('text').value === ''")
+    server.wishes.end()
+    press("n", "n")
+    browser.ask("Input.insertText", {"text": "nobody takes this"})
+    press("Enter", "\r")
+    shown(browser, "document.getElementById('sent').textContent.includes('not done')")
+    assert browser.evaluate("document.getElementById('text').value") == "nobody takes this"
     assert browser.evaluate("document.getElementById('sound').ariaPressed") == "true"  # the first key turned it on
     server.publish("end", {"words": "The files are closed.", "command": "", "report": "offered"})
     shown(browser, "!document.getElementById('end').hidden")
@@ -180,6 +187,17 @@ def test_keys_and_pedals_ask_and_a_note_is_typed(browser, server):
     server.publish("end", {"words": "made", "command": "", "report": "ready"})
     shown(browser, "document.getElementById('open').offsetWidth > 0")
     assert heard(*got)
+
+
+def test_an_interrupted_recording_asks_for_nothing_any_more(browser, server):
+    CoachedHand(server, segments=4).until(MOMENTS[1])
+    browser.open(server.address, 1280, 900)
+    shown(browser, "!document.getElementById('wanted').hidden")
+    server.publish("end", {"words": "interrupted; everything received is kept. To go on:", "command": "calibrate.py", "report": "none"})
+    shown(browser, "document.getElementById('do').textContent === 'the recording has ended'")
+    assert browser.evaluate("document.getElementById('stage').textContent") == "ended"
+    assert browser.evaluate("document.getElementById('wanted').hidden")
+    assert complaints(browser, server) == []
 
 
 def test_a_page_that_was_cut_off_comes_back(browser):

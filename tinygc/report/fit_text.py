@@ -240,10 +240,16 @@ def _noise_words(result: FitResult) -> list[Text]:
     if result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual):
         above = closure_figures(result.linear.angles)["tilt_rms_deg"] / (result.problem.floor.tilt_rms / DEG)
         p = f" (p {_p_words(result.goodness.p_value)})" if result.goodness.excess > 1 else ""
+        if above >= 1:
+            much = f"The closure is {above:.1f} times its noise floor{p}"
+        else:  # of all turns alike; weighed each by its own noise, or by the noise that is found, it is more
+            much = (
+                f"The closure is {above:.1f} times its noise floor over all turns, and more than noise where each is weighed by its own{p}"
+            )
         words.append(
             Text(
-                f"The closure is {above:.1f} times its noise floor{p}: something is missing from the model, or this sensor's noise is more "
-                f"than white. The sigmas above are widened for it.",
+                f"{much}: something is missing from the model, or this sensor's noise is more than white. "
+                "The sigmas above are widened for it.",
                 "yellow",
             )
         )

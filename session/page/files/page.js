@@ -33,6 +33,8 @@ function showBar() {
 }
 
 function showState() {
+  const broken = end?.report === "none";  // nothing is asked for any more: what came last is no instruction
+  if (broken) state = { ...state, stage: "ended", do: "the recording has ended", why: "", target: null, part: null, remaining_s: null, good: true };
   document.body.className = `${state.good ? "" : "bad"} ${state.stage === "done" ? "done" : ""}`;
   write("stage", state.stage);
   write("count", `${state.accepted} of ${state.wanted} turns${state.rejected ? `, ${state.rejected} rejected` : ""}`);
@@ -83,8 +85,11 @@ function soon() {
   requestAnimationFrame(draw);
 }
 
-function wish(words) {
-  ask(words, ok => write("sent", ok ? "" : "the recording does not answer: not done"));
+function wish(words, done = () => {}) {
+  ask(words, ok => {
+    write("sent", ok ? "" : "the recording does not answer: not done");
+    if (ok) done();
+  });
 }
 
 follow({
@@ -107,8 +112,8 @@ part("make").addEventListener("click", () => wish("report"));
 part("view").addEventListener("click", () => { turnTheView(); soon(); });
 part("note").addEventListener("submit", event => {
   event.preventDefault();
-  if (part("text").value.trim()) wish(`note ${part("text").value.trim()}`);
-  part("text").value = "";
+  const text = part("text").value;
+  if (text.trim()) wish(`note ${text.trim()}`, () => { if (part("text").value === text) part("text").value = ""; });
   part("text").blur();
 });
 addEventListener("keydown", event => {

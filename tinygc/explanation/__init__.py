@@ -2,5 +2,5 @@
 
 From below: twin; noise; naming; mends; verdict; truth and pictures; ``save.py`` writes what they found.
 
-May import: session, attitude, effects, models, closure, problem.
+May import: session, attitude, effects, models, lot, closure, problem.
 """

@@ -1,0 +1,85 @@
+"""How far units of an array may be apart, and are: their median, their noise, their ends, and what a calibration shows beyond these."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import nnls
+
+from session.common.units import DEG
+from tinygc.array.medians import weighted_median
+from tinygc.array.model import ArrayModel, Disagreement
+
+#: of one unit's disagreement to the units' median: no unit that lies in the calibration widens its own bar without end
+MOST_OWN = 3.0
+#: of what is expected, squared: a residual beyond is a liar's, and does not count
+TRIMMED = 9.0
+_ROUNDS = 8
+#: of the full scale: from here on a reading is the register's end (session/detect/clipping.py)
+END = 0.998
+
+
+def disagreement(model: ArrayModel, measured: np.ndarray) -> Disagreement:
+    """How much the units differ beyond white noise in a recording, measured (T, N, 3) rad/s of the same moments, NaN for none.
+
+    Of each unit d^2 = noise + bias^2 + (scale |omega|)^2 + (delay |domega/dt|)^2 about the units' weighted median, by least squares without
+    negative terms, outliers trimmed; of the units the greatest, but at most three times their median.
+    """
+    calibrated = np.einsum("nij,tnj->tni", model.matrices, measured) + model.offsets
+    clipped = clips(model, measured)
+    there = np.isfinite(calibrated).all(axis=2) & ~clipped
+    middle = weighted_median(calibrated, there, vote_weights(model))
+    rate2 = np.square(middle).sum(axis=1)
+    change = np.square(np.diff(middle, axis=0)).sum(axis=1) * model.rate_hz**2
+    change2 = np.maximum(np.append(change, 0), np.insert(change, 0, 0))
+    noise = sample_variance(model)
+    found = []
+    for i in range(len(model)):
+        use = there[:, i] & np.isfinite(middle).all(axis=1) & np.isfinite(change2)
+        if use.sum() < 10:
+            continue
+        square = np.square(calibrated[use, i] - middle[use]).mean(axis=1) - noise[i].mean()
+        columns = np.column_stack([np.ones(use.sum()), rate2[use], change2[use]])
+        found.append(_components(columns, square, float(noise[i].mean())))
+    if not found:
+        return Disagreement()
+    table = np.array(found)
+    limit = MOST_OWN**2 * np.median(table, axis=0)
+    bias, scale, delay = np.sqrt(np.minimum(table.max(axis=0), np.maximum(limit, 0)))
+    return Disagreement(float(bias), float(scale), float(delay))
+
+
+def _components(columns: np.ndarray, square: np.ndarray, noise: float) -> np.ndarray:
+    """(3,) variances that add up to squares (T,), their spread following their size; squares far beyond are trimmed."""
+    size = np.maximum(columns.max(axis=0), 1e-300)
+    theta = np.zeros(3)
+    expected = np.full(len(square), noise + max(float(np.median(square)), 0.0))
+    for _ in range(_ROUNDS):
+        keep = square < TRIMMED * expected
+        theta = nnls((columns[keep] / size) / expected[keep, None], square[keep] / expected[keep])[0] / size
+        expected = noise + columns @ theta
+    return theta
+
+
+def vote_weights(model: ArrayModel) -> np.ndarray:
+    """(N,): a unit's weight in the median: its share of the combination, at most twice the units' median share, so that none is the
+    median by itself; sum 1."""
+    share = np.maximum(np.trace(model.weights, axis1=1, axis2=2), 1e-6)
+    share = np.minimum(share, 2 * np.median(share))
+    return share / share.sum()
+
+
+def sample_variance(model: ArrayModel) -> np.ndarray:
+    """(N, 3) (rad/s)^2 of one sample's white noise, unit by unit, in the array's frame."""
+    return np.diag(model.density).reshape(-1, 3) * model.rate_hz / 2
+
+
+def ends(model: ArrayModel) -> np.ndarray:
+    """(N,) rad/s: from where on a unit's reading is its end and no rate; infinite where its full scale is not known."""
+    scales = [None if unit.sensor is None else unit.sensor.gyro_fs_dps for unit in model.units]
+    return np.array([np.inf if scale is None else END * scale * DEG for scale in scales])
+
+
+def clips(model: ArrayModel, measured: np.ndarray) -> np.ndarray:
+    """(..., N): whether a unit reads its end on any axis, of measured rates (..., N, 3) rad/s."""
+    with np.errstate(invalid="ignore"):
+        return (np.abs(measured) >= ends(model)[:, None]).any(axis=-1)

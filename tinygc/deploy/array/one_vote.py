@@ -1,0 +1,214 @@
+"""The vote itself, over consecutive samples for as long as nobody's standing changes.  The exported C does the same, sample by sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from tinygc.array.medians import weighted_median
+from tinygc.deploy.array.voting import ASIDE, BACK, DEAD, DIFFERS, FAST, FEWEST, IN, SLOW, STUCK, Tables
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Between two samples: why (N,) each unit is out, 0 for in; disagree: two units do; missing, same, agreed (N,) samples in a row without
+    a reading, with the same one, and in agreement; last (N, 3) reading; middle (3,) of the units' last rates and change2 of the one
+    before it, (rad/s)^2; mean (N, 3), allowed (N,) and square (N,): of d, of its allowance, and of u."""
+
+    why: np.ndarray
+    disagree: bool
+    missing: np.ndarray
+    same: np.ndarray
+    agreed: np.ndarray
+    last: np.ndarray
+    middle: np.ndarray
+    change2: float
+    mean: np.ndarray
+    allowed: np.ndarray
+    square: np.ndarray
+
+    @classmethod
+    def start(cls, count: int) -> State:
+        """All units believed, nothing seen."""
+        whole, none = np.zeros(count, dtype=int), np.zeros((count, 3))
+        return cls(whole, False, whole, whole, whole, none + np.nan, np.full(3, np.nan), 0.0, none, np.zeros(count), np.zeros(count))
+
+
+@dataclass(eq=False)
+class Seen:
+    """Of T samples by one standing: calibrated (T, N, 3); usable (T, N); used (T, N); at_end (T,); middle (T, 3); change2 (T,); apart
+    (T, N, 3) = d; allowed (T,) without noise; u (T, N); missing, same (T, N); disagreement (T, 3); then the means."""
+
+    raw: np.ndarray
+    calibrated: np.ndarray
+    usable: np.ndarray
+    used: np.ndarray
+    at_end: np.ndarray
+    middle: np.ndarray
+    change2: np.ndarray
+    apart: np.ndarray
+    allowed: np.ndarray
+    u: np.ndarray
+    missing: np.ndarray
+    same: np.ndarray
+    disagreement: np.ndarray | None
+    mean: np.ndarray | None = None
+    mean_allowed: np.ndarray | None = None
+    square: np.ndarray | None = None
+    score: np.ndarray | None = None
+
+    def size(self, tables: Tables, unit: int | None, row: int) -> tuple[float, float]:
+        """Of a difference, rad/s: how great, and its bar.  The mean one where that is beyond, else the root of the mean square."""
+        assert self.mean is not None and self.mean_allowed is not None and self.square is not None and self.score is not None
+        i = int(np.argmax(self.score[row])) if unit is None else unit
+        variance = tables.noise[i] * tables.share_of_noise + self.mean_allowed[row, i]
+        axis = int(np.argmax(self.mean[row, i] ** 2 / variance))
+        size, bar = abs(float(self.mean[row, i, axis])), SLOW * float(np.sqrt(variance[axis]))
+        if size > bar:
+            return size, bar
+        one = float(np.sqrt(np.max(tables.noise[i]) + self.allowed[row]))
+        return float(np.sqrt(self.square[row, i])) * one, float(np.sqrt(FAST)) * one
+
+
+def look(tables: Tables, state: State, raw: np.ndarray, vote: bool) -> Seen:
+    """Consecutive samples (T, N, 3) rad/s by the standing before them."""
+    believed = state.why == IN
+    calibrated = np.einsum("nij,tnj->tni", tables.matrix, raw) + tables.offset
+    present = np.isfinite(raw).all(axis=2)
+    with np.errstate(invalid="ignore"):
+        clipped = (np.abs(raw) >= tables.end[:, None]).any(axis=2)
+    before = np.concatenate([state.last[None], raw[:-1]])
+    same = _in_a_row(present & (raw == before).all(axis=2), state.same)
+    missing = _in_a_row(~present, state.missing)
+    usable = present & ~clipped
+    middle = weighted_median(calibrated, usable & believed, tables.share)
+    middle = _kept(middle, state.middle)
+    step2 = np.square(np.diff(np.vstack([state.middle, middle]), axis=0)).sum(axis=1)
+    step2[~np.isfinite(step2)] = 0.0
+    change2 = np.maximum(step2, np.concatenate([[state.change2], step2[:-1]]))
+    with np.errstate(invalid="ignore"):
+        apart = calibrated - middle[:, None]
+        allowed = tables.bias2 + tables.scale2 * np.square(middle).sum(axis=1) + tables.delay2 * change2
+        u = (apart**2 / (tables.noise + allowed[:, None, None])).max(axis=2)
+    known = usable & np.isfinite(u)
+    counted = (known & believed).sum(axis=1)
+    trusted = usable & believed if vote else present & ~clipped
+    aside = known & (u > ASIDE**2) & (counted >= FEWEST)[:, None] if vote else np.zeros_like(known)
+    used = trusted & ~aside
+    used = np.where(used.any(axis=1)[:, None], used, trusted)
+    at_end = ~used.any(axis=1) & (present & believed).any(axis=1)
+    used = np.where(at_end[:, None], present & believed, used)
+    disagreement = None
+    if vote and state.disagree:
+        disagreement = np.where((known & believed)[..., None], np.abs(apart), 0.0).max(axis=1)
+    u = np.where(known, u, np.nan)
+    return Seen(raw, calibrated, known, used, at_end, middle, step2, apart, allowed, u, missing, same, disagreement)
+
+
+def mean_step(tables: Tables, state: State, seen: Seen) -> None:
+    """The running means of every unit, which stand still where it gives nothing to compare."""
+    shape = seen.u.shape
+    seen.mean, seen.mean_allowed, seen.square = np.empty((*shape, 3)), np.empty(shape), np.empty(shape)
+    limit = ASIDE**2
+    for i in range(shape[1]):
+        use = seen.usable[:, i]
+        u = seen.u[use, i]
+        # a false reading beyond the limit counts as the limit does, and less in the mean the farther it is
+        shrunk = seen.apart[use, i] * np.minimum(1.0, limit / np.maximum(u, 1e-30))[:, None]
+        seen.mean[:, i] = _followed(shrunk, state.mean[i], use, tables.alpha)
+        seen.mean_allowed[:, i] = _followed(seen.allowed[use], state.allowed[i], use, tables.alpha)
+        seen.square[:, i] = _followed(np.minimum(u, limit), state.square[i], use, tables.alpha)
+    variance = tables.noise * tables.share_of_noise + np.maximum(seen.mean_allowed, tables.bias2)[..., None]
+    slow = (seen.mean**2 / variance).max(axis=2) / SLOW**2
+    seen.score = np.maximum(slow, seen.square / FAST)
+
+
+def settle(tables: Tables, state: State, seen: Seen) -> tuple[int, State, list[tuple[int | None, str, int]]]:
+    """``(samples taken, state behind them, (unit, what, why) of each change)``: up to and with the first sample that changes a standing."""
+    assert seen.score is not None and seen.mean is not None and seen.mean_allowed is not None and seen.square is not None
+    believed = state.why == IN
+    counted = (seen.usable & believed).sum(axis=1)
+    dead, stuck = seen.missing >= tables.dead, seen.same >= tables.stuck
+    differs = (seen.score > 1) & seen.usable
+    agreed = _in_a_row((seen.score < BACK) & ~dead & ~stuck, state.agreed, hold=~seen.usable & (seen.missing < tables.dead))
+    back = ~believed & (agreed >= tables.hold)
+    lies = differs & believed & (counted >= FEWEST)[:, None]
+    fails = (dead | stuck) & believed
+    two = counted == FEWEST - 1
+    disagree = two & (differs & believed).any(axis=1)
+    agree = ~two | ((seen.score < BACK) | ~believed).all(axis=1)
+    turned = agree if state.disagree else disagree
+    changes = (lies | fails | back).any(axis=1) | turned
+    row = int(np.argmax(changes)) if changes.any() else len(changes) - 1
+    why, told = state.why.copy(), []
+    agreed_now = agreed[row].copy()
+    if changes.any():
+        for i in np.flatnonzero(fails[row]):
+            why[i] = DEAD if dead[row, i] else STUCK
+            told.append((int(i), "out", int(why[i])))
+        for i in np.flatnonzero(back[row]):
+            why[i] = IN
+            told.append((int(i), "in", IN))
+        if lies[row].any():  # one at a time: without it the median, and what is said of the others, is another
+            i = int(np.argmax(np.where(lies[row] & (why == IN), seen.score[row], -1)))
+            if lies[row, i] and why[i] == IN:
+                why[i] = DIFFERS
+                told.append((i, "out", DIFFERS))
+        if turned[row]:
+            told.append((None, "agree" if state.disagree else "disagree", DIFFERS))
+        for i, what, _ in told:
+            if i is not None and what == "out":
+                agreed_now[i] = 0
+    return (
+        row + 1,
+        replace(
+            state,
+            why=why,
+            disagree=bool(state.disagree ^ (changes.any() and turned[row])),
+            missing=seen.missing[row],
+            same=seen.same[row],
+            agreed=agreed_now,
+            last=seen.raw[row],
+            middle=seen.middle[row],
+            change2=float(seen.change2[row]),
+            mean=seen.mean[row],
+            allowed=seen.mean_allowed[row],
+            square=seen.square[row],
+        ),
+        told,
+    )
+
+
+def _followed(values: np.ndarray, before: np.ndarray, use: np.ndarray, alpha: float) -> np.ndarray:
+    """(T, ...): the running mean at every sample, of values (K, ...) at those with use (T,)."""
+    before = np.asarray(before)
+    out = np.empty((len(use), *before.shape))
+    if len(values):
+        start = ((1 - alpha) * before)[None]
+        mean, _ = lfilter([alpha], [1, alpha - 1], values, axis=0, zi=start)
+        whole = np.concatenate([before[None], mean])
+    else:
+        whole = before[None]
+    out[:] = whole[np.cumsum(use)]
+    return out
+
+
+def _in_a_row(happens: np.ndarray, before: np.ndarray, hold: np.ndarray | None = None) -> np.ndarray:
+    """(T, N): for how many samples in a row something happens, begun with before (N,); where hold, the count stands."""
+    counts = np.empty(happens.shape, dtype=int)
+    now = before
+    for t in range(len(happens)):
+        following = np.where(happens[t], now + 1, 0)
+        now = following if hold is None else np.where(hold[t], now, following)
+        counts[t] = now
+    return counts
+
+
+def _kept(middle: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """(T, 3): the last known median where a sample has none, so that what comes behind a gap is held against something."""
+    whole = np.vstack([before, middle])
+    known = np.isfinite(whole).all(axis=1)
+    at = np.maximum.accumulate(np.where(known, np.arange(len(whole)), 0))
+    return whole[at][1:]

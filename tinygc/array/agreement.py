@@ -14,6 +14,12 @@ MOST_OWN = 3.0
 #: of what is expected, squared: a residual beyond is a liar's, and does not count
 TRIMMED = 9.0
 _ROUNDS = 8
+#: a unit with fewer common samples says nothing
+FEWEST_SAMPLES = 10
+#: s of a window, share of windows that may be worse, and what the mean of u, the greatest of three squares, may be there
+WINDOW_S, WINDOWS, EXPECTED_U = 0.5, 0.005, 3.0
+#: a single u counts as no more than this: one impact is no disagreement
+MOST_U = 36.0
 #: of the full scale: from here on a reading is the register's end (session/detect/clipping.py)
 END = 0.998
 
@@ -22,29 +28,34 @@ def disagreement(model: ArrayModel, measured: np.ndarray) -> Disagreement:
     """How much the units differ beyond white noise in a recording, measured (T, N, 3) rad/s of the same moments, NaN for none.
 
     Of each unit d^2 = noise + bias^2 + (scale |omega|)^2 + (delay |domega/dt|)^2 about the units' weighted median, by least squares without
-    negative terms, outliers trimmed; of the units the greatest, but at most three times their median.
+    negative terms, outliers trimmed; of the units the greatest, but at most three times their median.  Delays and scales stand for seconds
+    and do not average out within a window, so all three are widened until all but ``WINDOWS`` of the windows of ``WINDOW_S`` hold, in the
+    unit that is the middle one by this.
     """
     calibrated = np.einsum("nij,tnj->tni", model.matrices, measured) + model.offsets
-    clipped = clips(model, measured)
-    there = np.isfinite(calibrated).all(axis=2) & ~clipped
+    there = np.isfinite(calibrated).all(axis=2) & ~clips(model, measured)
     middle = weighted_median(calibrated, there, vote_weights(model))
     rate2 = np.square(middle).sum(axis=1)
     change = np.square(np.diff(middle, axis=0)).sum(axis=1) * model.rate_hz**2
     change2 = np.maximum(np.append(change, 0), np.insert(change, 0, 0))
     noise = sample_variance(model)
-    found = []
-    for i in range(len(model)):
-        use = there[:, i] & np.isfinite(middle).all(axis=1) & np.isfinite(change2)
-        if use.sum() < 10:
-            continue
-        square = np.square(calibrated[use, i] - middle[use]).mean(axis=1) - noise[i].mean()
-        columns = np.column_stack([np.ones(use.sum()), rate2[use], change2[use]])
-        found.append(_components(columns, square, float(noise[i].mean())))
-    if not found:
+    columns = np.column_stack([np.ones(len(rate2)), rate2, change2])
+    apart = np.square(calibrated - middle[:, None])
+    known = there & np.isfinite(columns).all(axis=1)[:, None]
+    units = [i for i in range(len(model)) if known[:, i].sum() >= FEWEST_SAMPLES]
+    if not units:
         return Disagreement()
-    table = np.array(found)
-    limit = MOST_OWN**2 * np.median(table, axis=0)
-    bias, scale, delay = np.sqrt(np.minimum(table.max(axis=0), np.maximum(limit, 0)))
+    parts = [_components(columns[known[:, i]], apart[known[:, i], i].mean(axis=1) - noise[i].mean(), float(noise[i].mean())) for i in units]
+    table = np.array(parts)
+    theta = np.minimum(table.max(axis=0), MOST_OWN**2 * np.median(table, axis=0))
+    window = max(round(WINDOW_S * model.rate_hz), 2)
+    worst = []
+    for i in units:
+        use = known[:, i]
+        u = (apart[use, i] / (noise[i] + (columns[use] @ theta)[:, None])).max(axis=1)
+        means = np.convolve(np.minimum(u, MOST_U), np.full(window, 1 / window), "valid") if len(u) > window else u
+        worst.append(np.quantile(means, 1 - WINDOWS))
+    bias, scale, delay = np.sqrt(theta * max(float(np.median(worst)) / EXPECTED_U, 1.0))
     return Disagreement(float(bias), float(scale), float(delay))
 
 

@@ -12,7 +12,7 @@ from session.common.errors import CalibrationError
 from session.common.units import DEG
 from session.files.results import write_whole
 from tinygc.array.agreement import disagreement
-from tinygc.array.model import INSTABILITY, WHITE, ArrayModel, FusedUnit, Disagreement, instability_covariance, white_covariance
+from tinygc.array.model import INSTABILITY, WHITE, ArrayModel, Disagreement, FusedUnit, instability_covariance, white_covariance
 from tinygc.array.model_files import to_table
 from tinygc.array.weights import best_weights, combined, divisible
 from tinygc.closure.allan import FLICKER_FLOOR

@@ -12,7 +12,7 @@ from session.common.version import VERSION
 from session.files.results import read_json
 from session.files.shapes import Array, Keys, ListOf, MapOf, Maybe, Number, Text, require, shown
 from session.log.config import Sensor
-from tinygc.array.model import EQUATION, INSTABILITY, WHITE, ArrayModel, FusedUnit, Disagreement
+from tinygc.array.model import EQUATION, INSTABILITY, WHITE, ArrayModel, Disagreement, FusedUnit
 from tinygc.array.place import UnitClock, UnitPlace
 from tinygc.array.weights import divisible
 from tinygc.models.accelerometer import accelerometer_of, accelerometer_table, sensor_table

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from session.common.errors import CalibrationError
 from tinygc.array.model import ArrayModel
-from tinygc.deploy.array.one_vote import Seen, State, look, mean_step, settle
-from tinygc.deploy.array.voting import DIFFERS, IN, REASONS, Event, Tables
+from tinygc.deploy.array.one_vote import Change, Means, Seen, State, look, means, settle
+from tinygc.deploy.array.voting import BETWEEN_TWO, DIFFERS, IN, REASONS, Event, Tables
 
 #: samples that are looked at together; an event begins anew behind it
 BLOCK = 2048
@@ -65,31 +65,33 @@ class LiveArray:
         if not parts:
             nothing = np.zeros((0, 3))
             return Fused(nothing, nothing, np.zeros((0, len(self.model)), dtype=bool), ())
-        joined = [np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Fused)[:3]]
-        return Fused(*joined, tuple(event for part in parts for event in part.events))
+        rate, sigma, used = (np.concatenate(each) for each in zip(*((part.rate, part.sigma, part.used) for part in parts), strict=True))
+        return Fused(rate, sigma, used, tuple(event for part in parts for event in part.events))
 
     def _block(self, rates: np.ndarray) -> Fused:
         """As many of the samples as pass before somebody's standing changes, that sample included."""
         seen = look(self.tables, self._state, rates, self._vote)
         count = len(rates)
-        changes: list[Event] = []
+        events: list[Event] = []
         if self._vote:
-            mean_step(self.tables, self._state, seen)
-            count, self._state, told = settle(self.tables, self._state, seen)
-            changes = [self._event(self._sample + count - 1, *each, seen, count - 1) for each in told]
+            running = means(self.tables, self._state, seen)
+            count, self._state, told = settle(self.tables, self._state, seen, running)
+            events = [self._event(change, seen, running, count - 1) for change in told]
         self._sample += count
         used = seen.used[:count]
         rate, sigma = combine(self.tables, seen.calibrated[:count], used)
         sigma[seen.at_end[:count]] = np.inf
         if seen.disagreement is not None:
             sigma = np.sqrt(sigma**2 + seen.disagreement[:count] ** 2)
-        return Fused(rate, sigma, used, tuple(changes))
+        return Fused(rate, sigma, used, tuple(events))
 
-    def _event(self, sample: int, unit: int | None, what: str, why: int, seen: Seen, row: int) -> Event:
-        number = None if unit is None else self.model.numbers[unit]
-        size, bar = seen.size(self.tables, unit, row) if why == DIFFERS and what in ("out", "disagree") else (float("nan"),) * 2
-        reason = "" if what in ("in", "agree") else "two units differ: which one lies nobody can say" if unit is None else REASONS[why]
-        return Event(sample, number, what, reason, size, bar)
+    def _event(self, change: Change, seen: Seen, running: Means, row: int) -> Event:
+        number = None if change.unit is None else self.model.numbers[change.unit]
+        nothing = (float("nan"), float("nan"))
+        differs = change.why == DIFFERS and change.what in ("out", "disagree")
+        size, bar = running.size(self.tables, seen, change.unit, row) if differs else nothing
+        reason = "" if change.what in ("in", "agree") else BETWEEN_TWO if change.unit is None else REASONS[change.why]
+        return Event(self._sample + row, number, change.what, reason, size, bar)
 
 
 def combine(tables: Tables, calibrated: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

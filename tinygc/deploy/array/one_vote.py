@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
@@ -36,10 +36,20 @@ class State:
         return cls(whole, False, whole, whole, whole, none + np.nan, np.full(3, np.nan), 0.0, none, np.zeros(count), np.zeros(count))
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True)
+class Change:
+    """Of one standing: index of the unit, None where two disagree; what, as ``Event`` has it; why."""
+
+    unit: int | None
+    what: str
+    why: int
+
+
+@dataclass(frozen=True, eq=False)
 class Seen:
     """Of T samples by one standing: calibrated (T, N, 3); usable (T, N); used (T, N); at_end (T,); middle (T, 3); change2 (T,); apart
-    (T, N, 3) = d; allowed (T,) without noise; u (T, N); missing, same (T, N); disagreement (T, 3); then the means."""
+    (T, N, 3) = d; allowed (T,) without noise; u (T, N); missing, same (T, N);
+    disagreement (T, 3) of two units that differ, else None."""
 
     raw: np.ndarray
     calibrated: np.ndarray
@@ -54,21 +64,26 @@ class Seen:
     missing: np.ndarray
     same: np.ndarray
     disagreement: np.ndarray | None
-    mean: np.ndarray | None = None
-    mean_allowed: np.ndarray | None = None
-    square: np.ndarray | None = None
-    score: np.ndarray | None = None
 
-    def size(self, tables: Tables, unit: int | None, row: int) -> tuple[float, float]:
+
+@dataclass(frozen=True, eq=False)
+class Means:
+    """Of the same samples: mean (T, N, 3) of d, allowed (T, N) of its allowance, square (T, N) of u; score (T, N): 1 at the bar."""
+
+    mean: np.ndarray
+    allowed: np.ndarray
+    square: np.ndarray
+    score: np.ndarray
+
+    def size(self, tables: Tables, seen: Seen, unit: int | None, row: int) -> tuple[float, float]:
         """Of a difference, rad/s: how great, and its bar.  The mean one where that is beyond, else the root of the mean square."""
-        assert self.mean is not None and self.mean_allowed is not None and self.square is not None and self.score is not None
         i = int(np.argmax(self.score[row])) if unit is None else unit
-        variance = tables.noise[i] * tables.share_of_noise + self.mean_allowed[row, i]
+        variance = tables.noise[i] * tables.share_of_noise + self.allowed[row, i]
         axis = int(np.argmax(self.mean[row, i] ** 2 / variance))
         size, bar = abs(float(self.mean[row, i, axis])), SLOW * float(np.sqrt(variance[axis]))
         if size > bar:
             return size, bar
-        one = float(np.sqrt(np.max(tables.noise[i]) + self.allowed[row]))
+        one = float(np.sqrt(np.max(tables.noise[i]) + seen.allowed[row]))
         return float(np.sqrt(self.square[row, i])) * one, float(np.sqrt(FAST)) * one
 
 
@@ -107,78 +122,66 @@ def look(tables: Tables, state: State, raw: np.ndarray, vote: bool) -> Seen:
     return Seen(raw, calibrated, known, used, at_end, middle, step2, apart, allowed, u, missing, same, disagreement)
 
 
-def mean_step(tables: Tables, state: State, seen: Seen) -> None:
+def means(tables: Tables, state: State, seen: Seen) -> Means:
     """The running means of every unit, which stand still where it gives nothing to compare."""
     shape = seen.u.shape
-    seen.mean, seen.mean_allowed, seen.square = np.empty((*shape, 3)), np.empty(shape), np.empty(shape)
+    mean, allowed, square = np.empty((*shape, 3)), np.empty(shape), np.empty(shape)
     limit = ASIDE**2
     for i in range(shape[1]):
         use = seen.usable[:, i]
         u = seen.u[use, i]
         # a false reading beyond the limit counts as the limit does, and less in the mean the farther it is
         shrunk = seen.apart[use, i] * np.minimum(1.0, limit / np.maximum(u, 1e-30))[:, None]
-        seen.mean[:, i] = _followed(shrunk, state.mean[i], use, tables.alpha)
-        seen.mean_allowed[:, i] = _followed(seen.allowed[use], state.allowed[i], use, tables.alpha)
-        seen.square[:, i] = _followed(np.minimum(u, limit), state.square[i], use, tables.alpha)
-    variance = tables.noise * tables.share_of_noise + np.maximum(seen.mean_allowed, tables.bias2)[..., None]
-    slow = (seen.mean**2 / variance).max(axis=2) / SLOW**2
-    seen.score = np.maximum(slow, seen.square / FAST)
+        mean[:, i] = _followed(shrunk, state.mean[i], use, tables.alpha)
+        allowed[:, i] = _followed(seen.allowed[use], state.allowed[i], use, tables.alpha)
+        square[:, i] = _followed(np.minimum(u, limit), state.square[i], use, tables.alpha)
+    variance = tables.noise * tables.share_of_noise + np.maximum(allowed, tables.bias2)[..., None]
+    slow = (mean**2 / variance).max(axis=2) / SLOW**2
+    return Means(mean, allowed, square, np.maximum(slow, square / FAST))
 
 
-def settle(tables: Tables, state: State, seen: Seen) -> tuple[int, State, list[tuple[int | None, str, int]]]:
-    """``(samples taken, state behind them, (unit, what, why) of each change)``: up to and with the first sample that changes a standing."""
-    assert seen.score is not None and seen.mean is not None and seen.mean_allowed is not None and seen.square is not None
+def settle(tables: Tables, state: State, seen: Seen, means: Means) -> tuple[int, State, list[Change]]:
+    """``(samples taken, state behind them, changes)``: up to and with the first sample that changes a standing."""
     believed = state.why == IN
-    counted = (seen.usable & believed).sum(axis=1)
     dead, stuck = seen.missing >= tables.dead, seen.same >= tables.stuck
-    differs = (seen.score > 1) & seen.usable
-    agreed = _in_a_row((seen.score < BACK) & ~dead & ~stuck, state.agreed, hold=~seen.usable & (seen.missing < tables.dead))
-    back = ~believed & (agreed >= tables.hold)
-    lies = differs & believed & (counted >= FEWEST)[:, None]
+    differs = (means.score > 1) & seen.usable & believed
+    holds = ~seen.usable & (seen.missing < tables.dead)
+    agreed = _in_a_row((means.score < BACK) & ~dead & ~stuck & seen.usable, state.agreed, holds)
+    counted = (seen.usable & believed).sum(axis=1)
+    lies = differs & (counted >= FEWEST)[:, None]
     fails = (dead | stuck) & believed
+    back = ~believed & (agreed >= tables.hold)
     two = counted == FEWEST - 1
-    disagree = two & (differs & believed).any(axis=1)
-    agree = ~two | ((seen.score < BACK) | ~believed).all(axis=1)
-    turned = agree if state.disagree else disagree
+    agree = ~two | ((means.score < BACK) | ~believed).all(axis=1)
+    turned = agree if state.disagree else two & differs.any(axis=1)
     changes = (lies | fails | back).any(axis=1) | turned
     row = int(np.argmax(changes)) if changes.any() else len(changes) - 1
-    why, told = state.why.copy(), []
-    agreed_now = agreed[row].copy()
-    if changes.any():
-        for i in np.flatnonzero(fails[row]):
-            why[i] = DEAD if dead[row, i] else STUCK
-            told.append((int(i), "out", int(why[i])))
-        for i in np.flatnonzero(back[row]):
-            why[i] = IN
-            told.append((int(i), "in", IN))
-        if lies[row].any():  # one at a time: without it the median, and what is said of the others, is another
-            i = int(np.argmax(np.where(lies[row] & (why == IN), seen.score[row], -1)))
-            if lies[row, i] and why[i] == IN:
-                why[i] = DIFFERS
-                told.append((i, "out", DIFFERS))
-        if turned[row]:
-            told.append((None, "agree" if state.disagree else "disagree", DIFFERS))
-        for i, what, _ in told:
-            if i is not None and what == "out":
-                agreed_now[i] = 0
-    return (
-        row + 1,
-        replace(
-            state,
-            why=why,
-            disagree=bool(state.disagree ^ (changes.any() and turned[row])),
-            missing=seen.missing[row],
-            same=seen.same[row],
-            agreed=agreed_now,
-            last=seen.raw[row],
-            middle=seen.middle[row],
-            change2=float(seen.change2[row]),
-            mean=seen.mean[row],
-            allowed=seen.mean_allowed[row],
-            square=seen.square[row],
-        ),
-        told,
+    told = [Change(int(i), "out", DEAD if dead[row, i] else STUCK) for i in np.flatnonzero(fails[row])]
+    told += [Change(int(i), "in", IN) for i in np.flatnonzero(back[row])]
+    worst = int(np.argmax(np.where(lies[row] & ~fails[row], means.score[row], -1.0)))
+    if lies[row, worst] and not fails[row, worst]:  # one at a time: without it the median is another, and so is what is said of the rest
+        told.append(Change(worst, "out", DIFFERS))
+    if turned[row]:
+        told.append(Change(None, "agree" if state.disagree else "disagree", DIFFERS))
+    why, agreed_now = state.why.copy(), agreed[row].copy()
+    for change in told:
+        if change.unit is not None:
+            why[change.unit] = change.why
+            agreed_now[change.unit] = 0
+    behind = State(
+        why=why,
+        disagree=state.disagree != bool(turned[row]),
+        missing=seen.missing[row],
+        same=seen.same[row],
+        agreed=agreed_now,
+        last=seen.raw[row],
+        middle=seen.middle[row],
+        change2=float(seen.change2[row]),
+        mean=means.mean[row],
+        allowed=means.allowed[row],
+        square=means.square[row],
     )
+    return row + 1, behind, told
 
 
 def _followed(values: np.ndarray, before: np.ndarray, use: np.ndarray, alpha: float) -> np.ndarray:
@@ -195,13 +198,13 @@ def _followed(values: np.ndarray, before: np.ndarray, use: np.ndarray, alpha: fl
     return out
 
 
-def _in_a_row(happens: np.ndarray, before: np.ndarray, hold: np.ndarray | None = None) -> np.ndarray:
-    """(T, N): for how many samples in a row something happens, begun with before (N,); where hold, the count stands."""
+def _in_a_row(happens: np.ndarray, before: np.ndarray, holds: np.ndarray | None = None) -> np.ndarray:
+    """(T, N): for how many samples in a row something happens, begun with before (N,); where it holds, the count stands."""
     counts = np.empty(happens.shape, dtype=int)
     now = before
     for t in range(len(happens)):
         following = np.where(happens[t], now + 1, 0)
-        now = following if hold is None else np.where(hold[t], now, following)
+        now = following if holds is None else np.where(holds[t], now, following)
         counts[t] = now
     return counts
 

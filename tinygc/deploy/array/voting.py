@@ -33,6 +33,7 @@ FEWEST = 3
 #: why a unit is out
 IN, DIFFERS, DEAD, STUCK = 0, 1, 2, 3
 REASONS = {DIFFERS: "differs from the others", DEAD: "gives no samples", STUCK: "gives one and the same reading"}
+BETWEEN_TWO = "two units differ: which one lies nobody can say"
 
 
 @dataclass(frozen=True, eq=False)

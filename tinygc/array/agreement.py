@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from session.common.units import DEG
+from session.detect.clipping import FULL_SCALE_ROUNDING
 from tinygc.array.medians import weighted_median
 from tinygc.array.model import ArrayModel, Disagreement
 
@@ -20,8 +21,8 @@ FEWEST_SAMPLES = 10
 WINDOW_S, WINDOWS, EXPECTED_U = 0.5, 0.005, 3.0
 #: a single u counts as no more than this: one impact is no disagreement
 MOST_U = 36.0
-#: of the full scale: from here on a reading is the register's end (session/detect/clipping.py)
-END = 0.998
+#: of the full scale: from here on a reading is the register's end
+END = 1 - FULL_SCALE_ROUNDING
 
 
 def disagreement(model: ArrayModel, measured: np.ndarray) -> Disagreement:

@@ -46,6 +46,11 @@ class LiveArray:
         return {self.model.numbers[i]: REASONS[int(why)] for i, why in enumerate(self._state.why) if why != IN}
 
     @property
+    def standing(self) -> dict[int, int]:
+        """Number of each unit, and why it is out: ``IN``, ``DIFFERS``, ``DEAD`` or ``STUCK``, as the exported C has them."""
+        return {number: int(why) for number, why in zip(self.model.numbers, self._state.why, strict=True)}
+
+    @property
     def disagree(self) -> bool:
         """Whether the only two units left differ, so that nobody knows which is right."""
         return self._state.disagree

@@ -36,6 +36,7 @@ BANDS = ((0.25, 1.0), (1.0, 5.0), (5.0, 15.0), (15.0, 30.0))
 #: of the speed's deviation within a second: below, the board is at rest; rests of at least so many s
 REST_DPS, LONGEST_S = 0.35, 5.0
 LSB_DPS = 1 / 16.4
+SEEDS = 4
 
 
 def rests(rates: np.ndarray, rate_hz: float) -> list[np.ndarray]:
@@ -146,9 +147,10 @@ def simulated(seconds: float) -> None:
     for name, density in (("equal", 1.0), ("1 to 3", np.linspace(1, 3, 8))):
         for count in (2, 4, 8):
             model = model_of(units(count, density=DENSITY * (density if np.isscalar(density) else density[:count])))
-            samples = round(seconds * RATE_HZ)
-            fused = LiveArray(model)(measured(model, np.zeros((samples, 3)), seed=count)).rate
-            found = fused.std(axis=0) / np.sqrt(RATE_HZ / 2)
+            samples = SEEDS * round(seconds * RATE_HZ)
+            still = np.zeros((samples // SEEDS, 3))
+            each = [LiveArray(model)(measured(model, still, seed=10 * count + seed)).rate.std(axis=0) for seed in range(SEEDS)]
+            found = np.sqrt(np.mean(np.square(each), axis=0)) / np.sqrt(RATE_HZ / 2)
             single = np.sqrt(np.mean([np.diag(unit.in_array(unit.noise_density)) for unit in model.units], axis=0))
             off = (found / model.noise_density - 1) * np.sqrt(2 * samples)
             gain = single / found
@@ -175,7 +177,7 @@ def main() -> None:
     command.add_argument("--only", choices=("simulated", "mimu"))
     args = command.parse_args()
     if args.only != "mimu":
-        simulated(2000.0)
+        simulated(1000.0)
     if args.only == "simulated":
         return
     with tempfile.TemporaryDirectory(prefix="tinygc-") as made:

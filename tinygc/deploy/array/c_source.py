@@ -8,6 +8,7 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.version import VERSION
+from tinygc.array.medians import ALONE
 from tinygc.array.model import ArrayModel
 from tinygc.deploy.array.c_header import HEADER_TEXT
 from tinygc.deploy.array.c_text import REGISTERS_PROTOTYPE, REGISTERS_TEXT, SOURCE_TEXT
@@ -36,7 +37,6 @@ def array_source(model: ArrayModel) -> dict[str, str]:
     inputs, rates, why = self_test_vectors(model)
     constants |= {"TEST_INPUTS": inputs, "TEST_RATES": rates}
     scalars = {
-        "BIAS2": tables.bias2,
         "SCALE2": tables.scale2,
         "DELAY2": tables.delay2,
         "ALPHA": tables.alpha,
@@ -45,6 +45,7 @@ def array_source(model: ArrayModel) -> dict[str, str]:
         "SLOW2": SLOW**2,
         "FAST": FAST,
         "BACK": BACK,
+        "ALONE": ALONE,
     }
     whole = {"DEAD_AFTER": tables.dead, "STUCK_AFTER": tables.stuck, "HOLD_FOR": tables.hold, "FEWEST": FEWEST, "TEST_COUNT": TEST_COUNT}
     fill = {
@@ -82,6 +83,7 @@ def c_constants(model: ArrayModel) -> dict[str, np.ndarray]:
             "WEIGHT": tables.weights,
             "SHARE": tables.share,
             "NOISE": tables.noise,
+            "FIXED": tables.fixed,
             "SPREAD": tables.spread,
             "OWN": tables.own,
             "END_OF_RANGE": end,

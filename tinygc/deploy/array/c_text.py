@@ -35,8 +35,7 @@ static float square(float x)
 /* The weighted median of values[i] with weights[i], count of them, which it sorts. */
 static float median(float values[N], float weights[N], int count)
 {{
-    float half = 0.0f, sum = 0.0f, at = 0.0f, before = 0.0f;
-    int k;
+    float total = 0.0f, sum = 0.0f, end = 0.0f;
     for (int i = 1; i < count; i++)
         for (int j = i; j > 0 && values[j - 1] > values[j]; j--) {{
             const float v = values[j], w = weights[j];
@@ -46,20 +45,15 @@ static float median(float values[N], float weights[N], int count)
             weights[j - 1] = w;
         }}
     for (int i = 0; i < count; i++)
-        half += weights[i];
-    half *= 0.5f;
-    for (k = 0; k < count; k++) {{
-        before = at;
-        sum += weights[k];
-        at = sum - 0.5f * weights[k] - half;
-        if (at > 0.0f)
-            break;
+        total += weights[i];
+    for (int i = 0; i < count; i++) {{
+        const float middle = sum + 0.5f * weights[i] - 0.5f * total, begin = middle - ALONE * weights[i];
+        if (begin > 0.0f && i > 0)
+            return end < 0.0f ? values[i - 1] - end / (begin - end) * (values[i] - values[i - 1]) : values[i - 1];
+        end = middle + ALONE * weights[i];
+        sum += weights[i];
     }}
-    if (k == count)
-        return values[count - 1];
-    if (k == 0)
-        return values[0];
-    return values[k - 1] - before / (at - before) * (values[k] - values[k - 1]);
+    return values[count - 1];
 }}
 
 /* inverse of m; 0 where it has none */
@@ -168,14 +162,14 @@ void tinygc_array_step(tinygc_array_state *state, const tinygc_array_input *in, 
     state->begun = state->begun || candidates;
     change2 = step2 > state->step2 ? step2 : state->step2;
     state->step2 = step2;
-    allowed = BIAS2 + SCALE2 * size2 + DELAY2 * change2;
+    allowed = SCALE2 * size2 + DELAY2 * change2;
 
     for (int i = 0; i < N; i++) {{
         known[i] = usable[i] && state->begun;
         u[i] = 0.0f;
         for (int k = 0; k < 3; k++) {{
             apart[i][k] = x[i][k] - middle[k];
-            const float one = square(apart[i][k]) / (NOISE[i][k] + allowed);
+            const float one = square(apart[i][k]) / (NOISE[i][k] + FIXED[i][k] + allowed);
             u[i] = one > u[i] ? one : u[i];
         }}
         counted += known[i] && believed[i];
@@ -204,7 +198,7 @@ void tinygc_array_step(tinygc_array_state *state, const tinygc_array_input *in, 
 
     out->changed = 0;
     for (int i = 0; i < N; i++) {{
-        float slow = 0.0f, extra;
+        float slow = 0.0f;
         const int dead = state->missing[i] >= DEAD_AFTER, stuck = state->same[i] >= STUCK_AFTER;
         if (known[i]) {{
             const float shrink = u[i] > ASIDE2 ? ASIDE2 / u[i] : 1.0f;
@@ -213,9 +207,8 @@ void tinygc_array_step(tinygc_array_state *state, const tinygc_array_input *in, 
             state->allowed[i] += ALPHA * (allowed - state->allowed[i]);
             state->square[i] += ALPHA * ((u[i] > ASIDE2 ? ASIDE2 : u[i]) - state->square[i]);
         }}
-        extra = state->allowed[i] > BIAS2 ? state->allowed[i] : BIAS2;
         for (int k = 0; k < 3; k++) {{
-            const float one = square(state->mean[i][k]) / (NOISE[i][k] * MEAN_SHARE + extra);
+            const float one = square(state->mean[i][k]) / (NOISE[i][k] * MEAN_SHARE + FIXED[i][k] + state->allowed[i]);
             slow = one > slow ? one : slow;
         }}
         slow /= SLOW2;

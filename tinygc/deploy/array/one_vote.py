@@ -48,7 +48,7 @@ class Change:
 @dataclass(frozen=True, eq=False)
 class Seen:
     """Of T samples by one standing: calibrated (T, N, 3); usable (T, N); used (T, N); at_end (T,); middle (T, 3); change2 (T,); apart
-    (T, N, 3) = d; allowed (T,) without noise; u (T, N); missing, same (T, N);
+    (T, N, 3) = d; allowed (T,), the variance that motion adds; u (T, N); missing, same (T, N);
     disagreement (T, 3) of two units that differ, else None."""
 
     raw: np.ndarray
@@ -78,12 +78,12 @@ class Means:
     def size(self, tables: Tables, seen: Seen, unit: int | None, row: int) -> tuple[float, float]:
         """Of a difference, rad/s: how great, and its bar.  The mean one where that is beyond, else the root of the mean square."""
         i = int(np.argmax(self.score[row])) if unit is None else unit
-        variance = tables.noise[i] * tables.share_of_noise + self.allowed[row, i]
+        variance = tables.noise[i] * tables.share_of_noise + tables.fixed[i] + self.allowed[row, i]
         axis = int(np.argmax(self.mean[row, i] ** 2 / variance))
         size, bar = abs(float(self.mean[row, i, axis])), SLOW * float(np.sqrt(variance[axis]))
         if size > bar:
             return size, bar
-        one = float(np.sqrt(np.max(tables.noise[i]) + seen.allowed[row]))
+        one = float(np.sqrt(np.max(tables.noise[i] + tables.fixed[i]) + seen.allowed[row]))
         return float(np.sqrt(self.square[row, i])) * one, float(np.sqrt(FAST)) * one
 
 
@@ -105,8 +105,8 @@ def look(tables: Tables, state: State, raw: np.ndarray, vote: bool) -> Seen:
     change2 = np.maximum(step2, np.concatenate([[state.change2], step2[:-1]]))
     with np.errstate(invalid="ignore"):
         apart = calibrated - middle[:, None]
-        allowed = tables.bias2 + tables.scale2 * np.square(middle).sum(axis=1) + tables.delay2 * change2
-        u = (apart**2 / (tables.noise + allowed[:, None, None])).max(axis=2)
+        allowed = tables.scale2 * np.square(middle).sum(axis=1) + tables.delay2 * change2
+        u = (apart**2 / (tables.noise + tables.fixed + allowed[:, None, None])).max(axis=2)
     known = usable & np.isfinite(u)
     counted = (known & believed).sum(axis=1)
     trusted = usable & believed if vote else present & ~clipped
@@ -135,7 +135,7 @@ def means(tables: Tables, state: State, seen: Seen) -> Means:
         mean[:, i] = _followed(shrunk, state.mean[i], use, tables.alpha)
         allowed[:, i] = _followed(seen.allowed[use], state.allowed[i], use, tables.alpha)
         square[:, i] = _followed(np.minimum(u, limit), state.square[i], use, tables.alpha)
-    variance = tables.noise * tables.share_of_noise + np.maximum(allowed, tables.bias2)[..., None]
+    variance = tables.noise * tables.share_of_noise + tables.fixed + allowed[..., None]
     slow = (mean**2 / variance).max(axis=2) / SLOW**2
     return Means(mean, allowed, square, np.maximum(slow, square / FAST))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tinygc.array.agreement import ends, sample_variance, vote_weights
+from tinygc.array.agreement import ends, fixed_variance, sample_variance, vote_weights
 from tinygc.array.model import ArrayModel
 from tinygc.array.weights import combined
 
@@ -39,8 +39,9 @@ BETWEEN_TWO = "two units differ: which one lies nobody can say"
 @dataclass(frozen=True, eq=False)
 class Tables:
     """What the vote needs of a model, SI: matrix (N, 3, 3) and offset (N, 3) take the measured rate to the array's frame; weights
-    (N, 3, 3); share (N,) in the median; noise (N, 3) variance of a sample with the median's; spread (N, 3, 3), what each unit adds to a
-    sample's variance of the combination; own (3,) variance of the combination by its parameters at rest; end (N,); bias2, scale2,
+    (N, 3, 3); share (N,) in the median; noise (N, 3) variance of a sample with the median's; fixed
+    (N, 3) variance that stands: bias of the disagreement, bias instability, parameters; spread (N, 3, 3), what each unit adds to a
+    sample's variance of the combination; own (3,) variance of the combination by its parameters at rest; end (N,); scale2,
     delay2 of the disagreement, the last over the squared period; alpha of the means; dead, stuck, hold in samples."""
 
     matrix: np.ndarray
@@ -48,10 +49,10 @@ class Tables:
     weights: np.ndarray
     share: np.ndarray
     noise: np.ndarray
+    fixed: np.ndarray
     spread: np.ndarray
     own: np.ndarray
     end: np.ndarray
-    bias2: float
     scale2: float
     delay2: float
     alpha: float
@@ -76,10 +77,10 @@ class Tables:
             model.weights,
             vote_weights(model),
             noise + MEDIAN * np.diag(spread.sum(axis=0)),
+            fixed_variance(model),
             spread,
             np.zeros(3) if own is None else np.square(own),
             ends(model),
-            apart.bias_rps**2,
             apart.scale**2,
             (apart.delay_s * rate) ** 2,
             min(1 / (MEMORY_S * rate), 1 / 16),

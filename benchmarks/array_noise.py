@@ -1,7 +1,6 @@
 """Noise of an array's fused rate at rest, against single units and against one over the root of their number.
 
     python benchmarks/array_noise.py                     # simulated units, then ../shared/mimu if it is there
-    python benchmarks/array_noise.py --folders DIR       # session folders eNuK that lie ready
     python benchmarks/array_noise.py --only simulated
 
 Single: root mean square over the units.  1/sqrt(N): that over the root of N, what equal, independent units give.  Best: what the weights
@@ -13,16 +12,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
-from arrays import aligned, recorded
 from common import markdown
 from scipy.signal import csd, welch
 
 from session.common.units import DEG
-from session.public.__main__ import main as public
 from tinygc.array.model import ArrayModel
 from tinygc.closure.allan import allan_curve
 from tinygc.deploy.array.live import LiveArray
@@ -159,9 +155,9 @@ def simulated(seconds: float) -> None:
     print(markdown(["densities", "N", "√N", "x", "y", "z"], rows))
 
 
-def quantisation(raw: np.ndarray, rate_hz: float) -> None:
+def quantisation(raw: np.ndarray) -> None:
     """How much of a unit's white noise its registers make."""
-    rest = raw[: round(20 * rate_hz)]
+    rest = raw[:1250]
     sigma = np.sqrt(np.mean(np.square(np.diff(rest, axis=0).std(axis=0)) / 2)) / DEG
     print(
         f"\nA sample's sigma is {1e3 * sigma:.1f} mdps; a register's rounding {1e3 * LSB_DPS / np.sqrt(12):.1f} mdps, "
@@ -172,7 +168,6 @@ def quantisation(raw: np.ndarray, rate_hz: float) -> None:
 def main() -> None:
     """Tables."""
     command = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    command.add_argument("--folders", type=Path, help="where session folders e1u0 … lie")
     command.add_argument("--experiments", type=int, nargs="*", default=[1, 2, 3, 4])
     command.add_argument("--only", choices=("simulated", "mimu"))
     args = command.parse_args()
@@ -180,19 +175,15 @@ def main() -> None:
         simulated(1000.0)
     if args.only == "simulated":
         return
-    with tempfile.TemporaryDirectory(prefix="tinygc-") as made:
-        folder = args.folders
-        if folder is None:
-            if not SHARED.exists():
-                print(f"{SHARED} is not there")
-                return
-            folder = Path(made)
-            public(["mimu", str(SHARED), "--out", made, "--accelerometer", "stills"])
-        for experiment in args.experiments:
-            sessions, raw, rate_hz = recorded(folder, experiment)
-            shown(f"mimu, experiment {experiment}", aligned(sessions, raw, rate_hz), raw)
-            if experiment == args.experiments[0]:
-                quantisation(raw, rate_hz)
+    if not SHARED.exists():
+        print(f"{SHARED} is not there")
+        return
+    from real_array import aligned, recordings
+
+    for number, raw in recordings(SHARED).items():
+        if number in args.experiments:
+            shown(f"mimu, experiment {number}", aligned(raw), raw)
+            quantisation(raw)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
 """The vote of an array: false alarms, and how soon each fault is found, by the thresholds of ``tinygc/deploy/array/voting.py``.
 
     python benchmarks/array_votes.py                    # simulated hours, faults, and ../shared/mimu
-    python benchmarks/array_votes.py --folders DIR      # session folders eNuK that lie ready
     python benchmarks/array_votes.py --quick
 
 False alarms: simulated units whose noise is as stated, in motion and at rest; then eight real units over four recordings of ten minutes,
@@ -14,20 +13,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from arrays import FIRST_REST_S, aligned, recorded
 from common import markdown
 
 from session.common.units import DEG
-from session.public.__main__ import main as public
 from tinygc.array.model import ArrayModel
 from tinygc.deploy.array import one_vote
 from tinygc.deploy.array.live import LiveArray
-from tinygc.models.linear import LinearModel
 
 HERE = Path(__file__).resolve().parent.parent
 SHARED = HERE.parent / "shared" / "mimu"
@@ -124,24 +118,19 @@ def faults() -> None:
     print(markdown(head, rows))
 
 
-def at_rest(model: ArrayModel, raw: np.ndarray) -> ArrayModel:
-    """The same array on another day: biases from its first rest."""
-    zero = raw[: round(FIRST_REST_S * model.rate_hz)].mean(axis=0)
-    units = [replace(unit, model=LinearModel(unit.model.E, -unit.model.E @ zero[i])) for i, unit in enumerate(model.units)]
-    return replace(model, units=tuple(units))
-
-
-def real(folder: Path, quick: bool) -> None:
+def real(quick: bool) -> None:
     """False votes over mimu, the model learnt on another recording."""
-    read = {number: recorded(folder, number) for number in (1, 2, 3, 4)}
-    models = {number: aligned(*read[number]) for number in read}
+    from real_array import aligned, at_rest, recordings
+
+    read = recordings(SHARED)
+    models = {number: aligned(raw) for number, raw in read.items()}
     rows = []
     for learnt, model in models.items():
         apart = model.disagreement
         row = [str(learnt), f"{apart.bias_rps / DEG:.3f}", f"{100 * apart.scale:.2f}", f"{1e3 * apart.delay_s:.2f}"]
         for factor in (1.0,) if quick else FACTORS:
             with_factor(factor)
-            found = [false_votes(at_rest(model, raw), raw) for number, (_, raw, _) in read.items() if number != learnt]
+            found = [false_votes(at_rest(model, raw), raw) for number, raw in read.items() if number != learnt]
             votes, aside, out = sum(each[0] for each in found), np.mean([each[1] for each in found]), np.mean([each[2] for each in found])
             row.append(f"{votes} ({100 * out:.2f} %; {100 * aside:.2f} %)")
         rows.append(row)
@@ -154,18 +143,14 @@ def real(folder: Path, quick: bool) -> None:
 def main() -> None:
     """Tables."""
     command = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    command.add_argument("--folders", type=Path, help="where session folders e1u0 … lie")
     command.add_argument("--quick", action="store_true")
     args = command.parse_args()
     simulated(0.5 if args.quick else 5)
     faults()
-    with tempfile.TemporaryDirectory(prefix="tinygc-") as made:
-        if args.folders is None and SHARED.exists():
-            public(["mimu", str(SHARED), "--out", made, "--accelerometer", "stills"])
-        if (folder := args.folders or Path(made)).joinpath("e1u0").exists():
-            real(folder, args.quick)
-        else:
-            print(f"{SHARED} is not there")
+    if SHARED.exists():
+        real(args.quick)
+    else:
+        print(f"{SHARED} is not there")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import calibrate
 from tinygc.array.build_model import save_array_model
 from tinygc.deploy.array.c_source import array_source
 from tinygc.deploy.array.live import LiveArray
+from tinygc.deploy.array.voting import REASONS
 from tinygc.deploy.embedded.source import FLAGS
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
@@ -84,14 +85,19 @@ def test_c_fuses_and_votes_as_python_does(count, tmp_path):
     raw = raw.astype(np.float32).astype(float)
     compiled = Compiled(tmp_path, array_source(model), count)
     rates, variances, used, why, disagree = compiled.run(raw)
-    live, expected = LiveArray(model), []
-    expected = [(live(sample), live.standing, live.disagree) for sample in raw]
-    assert (why == [list(standing.values()) for _, standing, _ in expected]).all()
-    assert (disagree == [two for _, _, two in expected]).all()
-    assert (used == np.concatenate([fused.used for fused, _, _ in expected])).all()
-    theirs = np.concatenate([fused.rate for fused, _, _ in expected])
-    np.testing.assert_allclose(rates, theirs, rtol=2e-6, atol=5e-6, equal_nan=True)
-    sigma = np.concatenate([fused.sigma for fused, _, _ in expected])
+    fused = LiveArray(model)(raw)
+    standing, two = np.zeros(why.shape, dtype=int), np.zeros(len(raw), dtype=bool)
+    for event in fused.events:
+        if event.unit is None:
+            two[event.sample :] = event.what == "disagree"
+        else:
+            codes = {reason: code for code, reason in REASONS.items()}
+            standing[event.sample :, event.unit] = codes.get(event.reason, 0)
+    np.testing.assert_array_equal(why, standing)
+    np.testing.assert_array_equal(disagree, two)
+    np.testing.assert_array_equal(used, fused.used)
+    np.testing.assert_allclose(rates, fused.rate, rtol=2e-6, atol=5e-6, equal_nan=True)
+    sigma = fused.sigma
     some = np.isfinite(sigma)
     np.testing.assert_allclose(np.sqrt(variances[some]), sigma[some], rtol=2e-3)
     assert len(set(why.ravel())) >= (2 if count == 2 else 3)

@@ -32,10 +32,10 @@ END = 1 - FULL_SCALE_ROUNDING
 def disagreement(model: ArrayModel, measured: np.ndarray) -> Disagreement:
     """How much the units differ beyond white noise in a recording, measured (T, N, 3) rad/s of the same moments, NaN for none.
 
-    Of each unit d^2 = noise + bias^2 + (scale |omega|)^2 + (delay |domega/dt|)^2 about the units' weighted median, by least squares without
-    negative terms, outliers trimmed, the bias at least what differences at rest wander by; of the units the greatest, but at most
-    three times their median.  Delays and scales stand for seconds
-    and do not average out within a window, so all three are widened until all but ``WINDOWS`` of the windows of ``WINDOW_S`` hold.
+    Of each unit |d|^2 = noise + 3 bias^2 + (scale |omega|)^2 + (delay |domega/dt|)^2 about the units' weighted median, by least squares
+    without negative terms, outliers trimmed, the bias at least what differences at rest wander by; of the units the greatest, but at most
+    three times their median.  Delays and scales stand for seconds and do not average out within a window, so all three are widened until
+    all but ``WINDOWS`` of the windows of ``WINDOW_S`` hold.
     """
     calibrated = np.einsum("nij,tnj->tni", model.matrices, measured) + model.offsets
     there = np.isfinite(calibrated).all(axis=2) & ~clips(model, measured)
@@ -45,6 +45,7 @@ def disagreement(model: ArrayModel, measured: np.ndarray) -> Disagreement:
     change2 = np.maximum(np.append(change, 0), np.insert(change, 0, 0))
     noise, fixed = sample_variance(model), fixed_variance(model)
     columns = np.column_stack([np.ones(len(rate2)), rate2, change2])
+    by_vector = columns * [3, 1, 1]  # a bias is each axis' own; a scale and a delay may lie on one axis whole
     apart_signed = calibrated - middle[:, None]
     apart = np.square(apart_signed)
     window = max(round(WINDOW_S * model.rate_hz), 2)
@@ -53,7 +54,7 @@ def disagreement(model: ArrayModel, measured: np.ndarray) -> Disagreement:
     units = [i for i in range(len(model)) if known[:, i].sum() >= FEWEST_SAMPLES]
     if not units:
         return Disagreement()
-    parts = [_components(columns[known[:, i]], apart[known[:, i], i].mean(axis=1) - noise[i].mean(), float(noise[i].mean())) for i in units]
+    parts = [_components(by_vector[known[:, i]], apart[known[:, i], i].sum(axis=1) - noise[i].sum(), float(noise[i].sum())) for i in units]
     table = np.array(parts)
     table[:, 0] = np.maximum(table[:, 0], [_wander(apart_signed[:, i], known[:, i] & quiet, noise[i], window) for i in units])
     theta = _common(table)

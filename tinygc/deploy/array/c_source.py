@@ -13,7 +13,7 @@ from tinygc.array.model import ArrayModel
 from tinygc.deploy.array.c_header import HEADER_TEXT
 from tinygc.deploy.array.c_text import REGISTERS_PROTOTYPE, REGISTERS_TEXT, SOURCE_TEXT
 from tinygc.deploy.array.live import LiveArray
-from tinygc.deploy.array.voting import ASIDE, BACK, FAST, FEWEST, SLOW, Tables
+from tinygc.deploy.array.voting import ASIDE, BACK, FAST, FEWEST, SLOW, SOON_STUCK, Tables
 from tinygc.deploy.embedded.source import FLAGS, commented, constant, initialiser, literal
 from tinygc.deploy.errors import ExportError
 
@@ -47,7 +47,14 @@ def array_source(model: ArrayModel) -> dict[str, str]:
         "BACK": BACK,
         "ALONE": ALONE,
     }
-    whole = {"DEAD_AFTER": tables.dead, "STUCK_AFTER": tables.stuck, "HOLD_FOR": tables.hold, "FEWEST": FEWEST, "TEST_COUNT": TEST_COUNT}
+    whole = {
+        "DEAD_AFTER": tables.dead,
+        "STUCK_AFTER": tables.stuck,
+        "HOLD_FOR": tables.hold,
+        "FEWEST": FEWEST,
+        "SOON_STUCK": SOON_STUCK,
+        "TEST_COUNT": TEST_COUNT,
+    }
     fill = {
         "count": len(model),
         "header": HEADER,

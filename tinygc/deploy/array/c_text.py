@@ -141,7 +141,7 @@ void tinygc_array_step(tinygc_array_state *state, const tinygc_array_input *in, 
             state->last[i][k] = m;
         }}
         state->before[i] = in->present[i] != 0;
-        state->same[i] = same ? longer(state->same[i]) : 0;
+        state->same[i] = same && !end ? longer(state->same[i]) : 0;
         state->missing[i] = in->present[i] ? 0 : longer(state->missing[i]);
         usable[i] = in->present[i] && !end;
         if (usable[i] && believed[i]) {{
@@ -233,7 +233,7 @@ void tinygc_array_step(tinygc_array_state *state, const tinygc_array_input *in, 
             agree = 0;
     }}
     if (worst >= 0) {{
-        state->why[worst] = TINYGC_ARRAY_DIFFERS;
+        state->why[worst] = state->same[worst] >= SOON_STUCK ? TINYGC_ARRAY_STUCK : TINYGC_ARRAY_DIFFERS;
         state->agreed[worst] = 0;
         out->changed = 1;
     }}

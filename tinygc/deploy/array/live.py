@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from session.common.errors import CalibrationError
 from tinygc.array.model import ArrayModel
 from tinygc.deploy.array.one_vote import Change, Means, Seen, State, look, means, settle
-from tinygc.deploy.array.voting import BETWEEN_TWO, DIFFERS, IN, REASONS, Event, Tables
+from tinygc.deploy.array.voting import BETWEEN_TWO, DIFFERS, IN, REASONS, STUCK, Event, Tables
 
 #: samples that are looked at together; an event begins anew behind it
 BLOCK = 2048
@@ -93,7 +93,7 @@ class LiveArray:
     def _event(self, change: Change, seen: Seen, running: Means, row: int) -> Event:
         number = None if change.unit is None else self.model.numbers[change.unit]
         nothing = (float("nan"), float("nan"))
-        differs = change.why == DIFFERS and change.what in ("out", "disagree")
+        differs = change.why in (DIFFERS, STUCK) and change.what in ("out", "disagree")
         size, bar = running.size(self.tables, seen, change.unit, row) if differs else nothing
         reason = "" if change.what in ("in", "agree") else BETWEEN_TWO if change.unit is None else REASONS[change.why]
         return Event(self._sample + row, number, change.what, reason, size, bar)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from tinygc.array.medians import weighted_median
-from tinygc.deploy.array.voting import ASIDE, BACK, DEAD, DIFFERS, FAST, FEWEST, IN, SLOW, STUCK, Tables
+from tinygc.deploy.array.voting import ASIDE, BACK, DEAD, DIFFERS, FAST, FEWEST, IN, SLOW, SOON_STUCK, STUCK, Tables
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def look(tables: Tables, state: State, raw: np.ndarray, vote: bool) -> Seen:
     with np.errstate(invalid="ignore"):
         clipped = (np.abs(raw) >= tables.end[:, None]).any(axis=2)
     before = np.concatenate([state.last[None], raw[:-1]])
-    same = _in_a_row(present & (raw == before).all(axis=2), state.same)
+    same = _in_a_row(present & ~clipped & (raw == before).all(axis=2), state.same)
     missing = _in_a_row(~present, state.missing)
     usable = present & ~clipped
     middle = weighted_median(calibrated, usable & believed, tables.share)
@@ -160,7 +160,7 @@ def settle(tables: Tables, state: State, seen: Seen, means: Means) -> tuple[int,
     told += [Change(int(i), "in", IN) for i in np.flatnonzero(back[row])]
     worst = int(np.argmax(np.where(lies[row] & ~fails[row], means.score[row], -1.0)))
     if lies[row, worst] and not fails[row, worst]:  # one at a time: without it the median is another, and so is what is said of the rest
-        told.append(Change(worst, "out", DIFFERS))
+        told.append(Change(worst, "out", STUCK if seen.same[row, worst] >= SOON_STUCK else DIFFERS))
     if turned[row]:
         told.append(Change(None, "agree" if state.disagree else "disagree", DIFFERS))
     why, agreed_now = state.why.copy(), agreed[row].copy()

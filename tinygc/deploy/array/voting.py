@@ -25,6 +25,8 @@ SLOW, FAST = 6.0, 9.0
 BACK, HOLD_S = 0.5, 1.0
 #: s without a sample, and of one and the same reading on all axes, after which a unit is dead or stuck
 DEAD_S, STUCK_S = 0.1, 0.5
+#: samples of one and the same reading after which a unit that differs is said to be stuck
+SOON_STUCK = 4
 #: of the median's variance to the mean's, many normal units
 MEDIAN = np.pi / 2
 #: fewer units cannot say which one of them lies

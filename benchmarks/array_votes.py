@@ -145,7 +145,7 @@ def main() -> None:
     command = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     command.add_argument("--quick", action="store_true")
     args = command.parse_args()
-    simulated(0.5 if args.quick else 5)
+    simulated(0.5 if args.quick else 3)
     faults()
     if SHARED.exists():
         real(args.quick)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-SCHEMA = re.compile(r"tinygc-[a-z]+/\d+")
+SCHEMA = re.compile(r"tinygc-[a-z]+(?:-[a-z]+)*/\d+")
 CODE = re.compile(r"`([^`]+)`")
 
 

@@ -90,7 +90,7 @@ def lot_of_table(table: Any, where: str) -> Lot:
             f"{where}: names are {shown(table['names'])}, expected the {len(NAMES)} of docs/formats.md in their order; {_AGAIN}"
         )
     if table["sessions"] < table["units"]:
-        raise FormatError(f"{where}: sessions is {table['sessions']}, expected at least one for each of {table['units']} units; {_AGAIN}")
+        raise FormatError(f"{where}: sessions is {table['sessions']}, expected at least one for each unit of {table['units']}; {_AGAIN}")
     effects = {
         name: PooledEffect(e["share"], _known(e["mean"]), _known(e["spread"]), e["p_value"], e["units"])
         for name, e in table.get("effects", {}).items()

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize, stats
 
-from tinygc.lot.one_pass import Belief, Sums, add, combined, log_density
+from tinygc.lot.one_pass import Belief, Sums, add, log_density
 from tinygc.lot.sessions import COUNT, LotSessions
 
 #: units of the first, smaller lot, and by what each following one is larger
@@ -26,6 +26,8 @@ TAILS_P = 0.01
 LEAST_TAILS = 2.5
 #: a drift of any number this improbable by chance (over all of them) belongs into the mean of the next unit
 DRIFT_P = 0.01
+#: passes before a leap; the fastest that steps are believed to go on, and the farthest leap of a variance's logarithm
+LEAP_AFTER, FASTEST, LEAP = 3, 0.97, 1.5
 _LEAST = 1e-9
 
 
@@ -95,19 +97,45 @@ def _begin(lot: LotSessions) -> Belief:
 
 
 def _settle(lot: LotSessions, belief: Belief, units: np.ndarray | None, most: int, tails: bool) -> tuple[Belief, Sums, int, bool]:
-    """Passes until nothing moves any more by what could be seen."""
+    """Passes until nothing moves any more by what could be seen; every third one leaps to where the two before it were heading."""
     count = lot.units if units is None else len(units)
-    sums = Sums()
+    sums, steps = Sums(), []
     for number in range(1, most + 1):
         sums = Sums()
         for _, chunk in lot.chunks(units):
             add(sums, chunk, belief, count)
         after = _updated(lot, belief, sums, count, tails)
-        moved = _moved(belief, after, count)
+        steps.append(_step(lot, belief, after))
+        rate = _rates(steps)
+        moved = _moved(lot, belief, after, sums, steps[-1], rate)
         belief = after
-        if moved < SETTLED:
+        if moved < SETTLED and (len(steps) > 1 or lot.units > BEGIN_UNITS):
             return belief, sums, number, True
+        if len(steps) == LEAP_AFTER and number < most:
+            belief, steps = _leapt(belief, steps[-1], rate), []
     return belief, sums, most, False
+
+
+def _step(lot: LotSessions, before: Belief, after: Belief) -> np.ndarray:
+    """(2, 21): by how much the logarithms of both kinds of variances changed."""
+    known = np.stack([lot.known, lot.twice])
+    sizes = [np.stack([np.diag(each.spread), np.diag(each.repeatability)]) for each in (before, after)]
+    return np.where(known, np.log(np.maximum(sizes[1], _LEAST) / np.maximum(sizes[0], _LEAST)), 0.0)
+
+
+def _rates(steps: list[np.ndarray]) -> np.ndarray:
+    """(2, 21): how much of a step the next one is; 0 where that is not known yet."""
+    if len(steps) < 2:
+        return np.zeros_like(steps[-1])
+    before = np.where(np.abs(steps[-2]) > 1e-12, steps[-2], np.inf)
+    return np.clip(steps[-1] / before, 0.0, FASTEST)
+
+
+def _leapt(belief: Belief, step: np.ndarray, rate: np.ndarray) -> Belief:
+    """Variances where steps that shrink at their rate end."""
+    spread, again = np.exp(np.clip(step * rate / (1 - rate), -LEAP, LEAP) / 2)
+    grown = belief.spread * np.outer(spread, spread)
+    return replace(belief, spread=grown, repeatability=belief.repeatability * np.outer(again, again))
 
 
 def _updated(lot: LotSessions, belief: Belief, sums: Sums, units: int, tails: bool) -> Belief:
@@ -150,17 +178,13 @@ def _tails(delta: np.ndarray, told: np.ndarray, member: np.ndarray) -> float:
     return float(1 / found.x) if stats.chi2.sf(max(gain, 0.0), 1) / 2 < TAILS_P else np.inf
 
 
-def _moved(before: Belief, after: Belief, units: int) -> float:
-    """The largest change, in its own sigmas."""
+def _moved(lot: LotSessions, before: Belief, after: Belief, sums: Sums, step: np.ndarray, rate: np.ndarray) -> float:
+    """The largest change that is still to come, in its own sigmas."""
     sigma = np.sqrt(np.maximum(np.diag(after.beta_covariance), 1e-12)).reshape(2, COUNT)
-    mean = np.abs(after.beta - before.beta) / sigma
-    share = np.sqrt(units / 2)
-    sizes = [
-        share * np.abs(np.diag(getattr(after, name)) / np.maximum(np.diag(getattr(before, name)), 1e-6) - 1)
-        for name in ("spread", "repeatability")
-    ]
-    small = np.diag(after.repeatability) < 1e-3
-    return float(max(np.max(mean), np.max(sizes[0]), np.max(np.where(small, 0, sizes[1]), initial=0)))
+    freedom = np.stack([np.diag(after.spread) ** 2 * sums.spread_info, np.diag(after.repeatability) ** 2 * sums.repeat_info])
+    # Of a variance's own sigma, 2 / freedom of its square; one of less than a freedom is not told from none.
+    sizes = np.abs(step) / (1 - rate) * np.sqrt(np.where(freedom > 1, freedom, 0.0) / 2)
+    return float(max(np.max(np.abs(after.beta - before.beta) / sigma), np.max(sizes)))
 
 
 def _told(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bool) -> Hierarchy:
@@ -185,7 +209,7 @@ def _told(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bo
     spread, repeatability = _hidden(belief.spread * factor, hidden), _hidden(belief.repeatability, ~lot.twice)
     s = lot.scale
     noise = np.sqrt(np.nanmean(np.where(lot.told, lot.sigmas() ** 2, np.nan), axis=0)) if lot.told.any() else np.full(COUNT, np.nan)
-    spread_freedom, repeat_freedom = _freedoms(lot, belief)
+    spread_freedom, repeat_freedom = _freedoms(lot, belief, sums)
     member = np.concatenate(sums.member)
     return Hierarchy(
         lot.centre + s * mean,
@@ -223,21 +247,13 @@ def _hidden(matrix: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     return np.where(hidden[:, None] | hidden, np.nan, matrix)
 
 
-def _freedoms(lot: LotSessions, belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+def _freedoms(lot: LotSessions, belief: Belief, sums: Sums) -> tuple[np.ndarray, np.ndarray]:
     """Of chi-square, of the spread's and the repeatability's variances (21,): 2 variance^2 / (its own variance), by Fisher's information of
     each alone; tails make them less."""
     spread, again = np.diag(belief.spread), np.diag(belief.repeatability)
-    info, info_again = np.zeros(COUNT), np.zeros(COUNT)
-    for _, chunk in lot.chunks():
-        of = combined(chunk, belief.repeatability)
-        info += np.sum(1 / (np.einsum("uii->ui", of.noise) + spread) ** 2, axis=0)
-        if len(of.several):
-            total = np.einsum("sii->si", chunk.noise[of.several]) + again
-            more = chunk.count[chunk.count > 1]
-            info_again += np.sum(np.repeat((more - 1) / more, more)[:, None] / total**2, axis=0)
     kurtosis = (belief.tails + 2) / (belief.tails + 3) if np.isfinite(belief.tails) else 1.0
-    freedom = spread**2 * info * (max(lot.units - 2, 0.5) / lot.units) * kurtosis
-    return np.where(lot.known, freedom, np.nan), np.where(lot.twice, again**2 * info_again, np.nan)
+    freedom = spread**2 * sums.spread_info * (max(lot.units - 2, 0.5) / lot.units) * kurtosis
+    return np.where(lot.known, freedom, np.nan), np.where(lot.twice, again**2 * sums.repeat_info, np.nan)
 
 
 def without_tails(belief: Belief) -> Belief:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
-from scipy.special import logsumexp
+from scipy.special import gammaln, logsumexp
 
 from tinygc.lot.sessions import COUNT, Chunk
 
@@ -41,7 +41,8 @@ class Belief:
 
 @dataclass(eq=False)
 class Sums:
-    """Over the units so far: weights, beta's normal equations, Sigma's and V's moments; and of each unit its distance delta and told."""
+    """Over the units so far: weights, beta's normal equations, Sigma's and V's moments, twice Fisher's information of their variances, and
+    of each unit its squared distance delta, how many numbers it tells, and the probability that it belongs."""
 
     belongs: float = 0.0
     information: np.ndarray = field(default_factory=lambda: np.zeros((2 * COUNT, 2 * COUNT)))
@@ -50,6 +51,8 @@ class Sums:
     weight: np.ndarray = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
     repeated: np.ndarray = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
     repeats: float = 0.0
+    spread_info: np.ndarray = field(default_factory=lambda: np.zeros(COUNT))
+    repeat_info: np.ndarray = field(default_factory=lambda: np.zeros(COUNT))
     delta: list = field(default_factory=list)
     told: list = field(default_factory=list)
     member: list = field(default_factory=list)
@@ -86,8 +89,6 @@ def log_density(delta: np.ndarray, told: np.ndarray, tails: float) -> np.ndarray
     """(U,): of Student's t in ``told`` numbers at a squared distance, without the determinant."""
     if np.isinf(tails):
         return -0.5 * delta - 0.5 * told * np.log(2 * np.pi)
-    from scipy.special import gammaln
-
     shape = gammaln((tails + told) / 2) - gammaln(tails / 2) - 0.5 * told * np.log(tails * np.pi)
     return shape - 0.5 * (tails + told) * np.log1p(delta / tails)
 
@@ -110,23 +111,24 @@ def add(sums: Sums, chunk: Chunk, belief: Belief, units: int) -> None:
     W = np.linalg.inv(of.noise + belief.spread)
     along = chunk.place - 0.5
     r = of.y - belief.beta[0] - along[:, None] * belief.beta[1]
-    pulled = np.einsum("uij,uj->ui", W, r)
+    pulled = (W @ r[..., None])[..., 0]
     delta = np.einsum("ui,ui->u", pulled, r)
     t_weight = np.ones(len(r)) if np.isinf(belief.tails) else (belief.tails + chunk.told) / (belief.tails + delta)
     member = membership(delta, chunk.told, pulled, W, belief)
     powers = np.stack([np.ones_like(along), along, along**2])
-    m0, m1, m2 = np.einsum("ku,uij->kij", powers * member * t_weight, W)
+    m0, m1, m2 = ((powers * member * t_weight) @ W.reshape(len(W), -1)).reshape(3, COUNT, COUNT)
     sums.information += np.block([[m0, m1], [m1, m2]])
-    back = np.einsum("uij,uj->ui", W, of.y) * (member * t_weight)[:, None]
+    back = (W @ of.y[..., None])[..., 0] * (member * t_weight)[:, None]
     sums.right += np.concatenate([back.sum(axis=0), (along[:, None] * back).sum(axis=0)])
-    sums.outer += np.einsum("u,ui,uj->ij", member * t_weight, pulled, pulled)
-    g0, g1, g2 = np.einsum("ku,uij->kij", powers * member, W)
+    sums.outer += (pulled * (member * t_weight)[:, None]).T @ pulled
+    g0 = (member @ W.reshape(len(W), -1)).reshape(COUNT, COUNT)
     sums.weight += g0
+    sums.spread_info += np.sum(member[:, None] / (np.einsum("uii->ui", of.noise) + np.diag(belief.spread)) ** 2, axis=0)
     K = belief.beta_covariance.reshape(2, COUNT, 2, COUNT)
     K00, K01, K11 = K[0, :, 0], K[0, :, 1] + K[1, :, 0], K[1, :, 1]
     if units <= EXACT_UNITS:
         of_mean = K00 + along[:, None, None] * K01 + along[:, None, None] ** 2 * K11
-        sums.outer += np.einsum("u,uij->ij", member * t_weight, W @ of_mean @ W)
+        sums.outer += ((member * t_weight) @ (W @ of_mean @ W).reshape(len(W), -1)).reshape(COUNT, COUNT)
     else:
         per = g0 / max(member.sum(), 1e-9)
         sums.outer += per @ (K00 * member.sum() + K01 * (member @ along) + K11 * (member @ along**2)) @ per
@@ -135,10 +137,10 @@ def add(sums: Sums, chunk: Chunk, belief: Belief, units: int) -> None:
     sums.told.append(chunk.told)
     sums.member.append(member)
     if len(of.several):
-        _repeats(sums, chunk, of, W, r, pulled, t_weight, member, belief)
+        _repeats(sums, chunk, of, W, pulled, member, belief)
 
 
-def _repeats(sums, chunk, of, W, r, pulled, t_weight, member, belief) -> None:
+def _repeats(sums: Sums, chunk: Chunk, of: Combined, W: np.ndarray, pulled: np.ndarray, member: np.ndarray, belief: Belief) -> None:
     """V's moments, of the units with more than one session."""
     unit = np.repeat(np.arange(len(chunk.count)), chunk.count)[of.several]
     along = chunk.place - 0.5
@@ -153,5 +155,8 @@ def _repeats(sums, chunk, of, W, r, pulled, t_weight, member, belief) -> None:
     total = np.linalg.inv(np.linalg.inv(of.precision) + doubt[unit])
     far = np.einsum("si,sij,sj->s", d, total, d)
     keep = member[unit] * (stats.chi2.sf(far, told) > BAD_SESSION_P)
-    sums.repeated += np.einsum("s,si,sj->ij", keep, left, left) + np.einsum("s,sij->ij", keep, moved)
+    sums.repeated += (left * keep[:, None]).T @ left + (keep @ moved.reshape(len(moved), -1)).reshape(COUNT, COUNT)
     sums.repeats += keep.sum()
+    variance = np.einsum("sii->si", chunk.noise[of.several]) + np.diag(V)
+    more = chunk.count[unit]
+    sums.repeat_info += np.sum((keep * (more - 1) / more)[:, None] / variance**2, axis=0)

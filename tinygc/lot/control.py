@@ -22,11 +22,13 @@ FAMILY_P = 0.01
 D2 = 2 / np.sqrt(np.pi)
 #: of the newest point in the moving average: what finds a step of about one sigma soonest
 EWMA_WEIGHT = 0.2
+#: score beyond which a point says no more of a drift
+WILD = 3.0
 #: chance of each rule at a point in control, of independent normal points
 RULES = {
-    "beyond 3 sigma": 2 * stats.norm.sf(3),
-    "2 of 3 beyond 2 sigma": 2 * (3 * stats.norm.sf(2) ** 2 * stats.norm.cdf(2) + stats.norm.sf(2) ** 3),
-    "4 of 5 beyond 1 sigma": 2 * (5 * stats.norm.sf(1) ** 4 * stats.norm.cdf(1) + stats.norm.sf(1) ** 5),
+    "beyond 3 sigma": float(2 * stats.norm.sf(3)),
+    "2 of 3 beyond 2 sigma": float(2 * stats.binom.sf(1, 3, stats.norm.sf(2))),
+    "4 of 5 beyond 1 sigma": float(2 * stats.binom.sf(3, 5, stats.norm.sf(1))),
     "9 on one side": 2 * 0.5**9,
 }
 #: a count above what chance gives this seldom is said, over all rules and charts
@@ -35,12 +37,15 @@ COUNT_P = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """One number's charts, in its unit.  y (N,), sigma (N,) short-term and the point's own noise; centre; short_term: one sigma of the
-    process without measurement noise; moving_range (N,), first NaN; range_limit; score (N,); ewma (N,) of scores and its limit;
-    limit: of a score, over all charts; alarms and ewma_alarms: numbers of points; counts and chance: of each rule, found and by chance;
-    broken: rules that ring more often than chance.
+    """One number's charts, in its unit.
+
+    place (N,) in production, y (N,), sigma (N,) short-term and the point's own noise; centre; short_term: one sigma of the process without
+    measurement noise; moving_range (N,), first NaN; range_limit; score (N,); ewma (N,) of scores and its limit; limit: of a score, over
+    all charts; alarms and ewma_alarms: numbers of points; counts and chance: of each rule, found and by chance; broken: rules that
+    ring more often than chance.
     """
 
+    place: np.ndarray
     y: np.ndarray
     sigma: np.ndarray
     centre: float
@@ -58,9 +63,12 @@ class Chart:
     broken: tuple[str, ...]
 
 
-def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int = 1) -> Chart:
+def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int = 1, place: np.ndarray | None = None) -> Chart:
     """Of points y (N,) in production order with one sigma of noise each (N,), a unit each; tails: degrees of freedom of the units'
-    distribution; charts: how many the lot has in all.  Raises ValueError for fewer than 3 points."""
+    distribution; charts: how many the lot has in all; place (N,): which unit made, from 0.
+
+    Raises ValueError for fewer than 3 points.
+    """
     n = len(y)
     if n < 3:
         raise ValueError(f"a control chart needs 3 points, got {n}")
@@ -80,6 +88,7 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
     runs = {"beyond 3 sigma": 1, "2 of 3 beyond 2 sigma": 2, "4 of 5 beyond 1 sigma": 4, "9 on one side": 4}
     broken = tuple(name for name in RULES if stats.poisson.sf((counts[name] - 1) // runs[name], chance[name] / runs[name]) < seldom)
     return Chart(
+        np.arange(n) if place is None else place,
         y,
         sigma,
         centre,
@@ -109,7 +118,8 @@ def _scores(z: np.ndarray, tails: float) -> np.ndarray:
 def _ewma(score: np.ndarray, charts: int) -> tuple[np.ndarray, float]:
     """In sigmas of its own at each point, and the limit over all points of all charts."""
     w = EWMA_WEIGHT
-    found = signal.lfilter([w], [1, w - 1], score)
+    # One wild point is no drift: it has a rule of its own, and counts here as what is still of this process.
+    found = signal.lfilter([w], [1, w - 1], np.clip(score, -WILD, WILD))
     own = np.sqrt(w / (2 - w) * (1 - (1 - w) ** (2 * np.arange(1, len(score) + 1))))
     # Its points follow one another: the limit of independent ones is on the safe side.
     return found / own, float(stats.norm.isf(FAMILY_P / 2 / (len(score) * charts) / 2))

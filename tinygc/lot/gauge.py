@@ -91,7 +91,7 @@ def gauge(
 
 def _nothing(parts: int, sessions: int, why: str) -> Gauge:
     nan = float("nan")
-    return Gauge(*[nan] * 9, (nan, nan), (nan, nan), "none", None, "", parts, sessions, why)
+    return Gauge(nan, nan, nan, nan, nan, nan, nan, nan, nan, (nan, nan), (nan, nan), "none", None, "", parts, sessions, why)
 
 
 def _crossed(y: np.ndarray, part: np.ndarray, who: np.ndarray) -> np.ndarray | None:
@@ -134,7 +134,6 @@ def _in_words(
     spread = np.sum(draws[:, 1:], axis=1)
     shares = 100 * np.sqrt(spread / np.maximum(spread + draws[:, 0], 1e-300))
     categories = NDC * np.sqrt(draws[:, 0] / np.maximum(spread, 1e-300))
-    ends = [50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)]
     return Gauge(
         float(again),
         av,
@@ -145,8 +144,8 @@ def _in_words(
         100 * grr / tv if tv else float("nan"),
         100 * WIDTH * grr / tolerance if np.isfinite(tolerance) else float("nan"),
         NDC * pv / grr if grr else float("inf"),
-        tuple(map(float, np.percentile(shares, ends))),
-        tuple(map(float, np.percentile(categories, ends))),
+        _ends(shares),
+        _ends(categories),
         method,
         table,
         what,
@@ -154,3 +153,8 @@ def _in_words(
         sessions,
         why,
     )
+
+
+def _ends(draws: np.ndarray) -> tuple[float, float]:
+    low, high = np.percentile(draws, [50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)])
+    return float(low), float(high)

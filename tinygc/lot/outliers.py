@@ -156,7 +156,8 @@ def _odd_units(lot: LotSessions, found: Hierarchy, closures: tuple, excused: set
             if kind == UNIT:
                 words += "; its sessions agree, so it is the unit"
             elif kind == UNKNOWN:
-                words += "; one session alone cannot tell whether it is the unit, though it closes as the lot's sessions do"
+                words += "; one session alone cannot tell whether it is the unit"
+                words += ", though it closes as the lot's sessions do" if np.isfinite(closures[1][row]) and closures[0][row] > 0 else ""
             else:
                 words += "; its session does not close as the lot's do, so mistrust the session first"
             made.append(_said(lot.serials[number], "" if kind == UNIT else lot.names[row], kind, p[u], [*reasons, *closure], words))

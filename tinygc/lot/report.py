@@ -88,14 +88,18 @@ def lot_of(
         points = _points(read, n)
         if len(points) >= FEWEST_POINTS:
             again = np.nan_to_num(quantities[n].repeatability)
-            charts[SEEN[n].key] = chart(read.values[points, n], np.hypot(read.sigmas[points, n], again), found.tails, len(known))
+            noise = np.hypot(read.sigmas[points, n], again)
+            charts[SEEN[n].key] = chart(read.values[points, n], noise, found.tails, len(known), read.unit[points])
     what, who = _appraisers(sessions)
     bounds = limits or {}
     gauges, capabilities = {}, {}
+    belongs = found.belongs[read.unit] > 0.5
     for n in known:
         key, limit = SEEN[n].key, bounds.get(SEEN[n].key, (-np.inf, np.inf))
         width = limit[1] - limit[0]
-        gauges[key] = gauge(read.values[:, n], read.unit, who, width if np.isfinite(width) else float("nan"), what, seed)
+        gauges[key] = gauge(
+            np.where(belongs, read.values[:, n], np.nan), read.unit, who, width if np.isfinite(width) else float("nan"), what, seed
+        )
         if key in bounds:
             within = charts[key].short_term if key in charts else quantities[n].spread
             capabilities[key] = _capability(limit, quantities[n], within, float(found.spread_freedom[OWN[n]]), found.tails, read, n)
@@ -194,6 +198,8 @@ def _notes(lot: LotSessions, found: Hierarchy, what: str) -> tuple[str, ...]:
         told.append(
             f"{lot.units} units are few for {int(lot.known.sum())} numbers: correlations are drawn towards none, tails are not looked for"
         )
+    if (off := int(np.sum(found.belongs <= 0.5))) > 0:
+        told.append(f"{off} of {lot.units} units do not belong to the lot; its numbers and its gauge study are those of the others")
     if lot.units <= 2:
         told.append("two units have no drift")
     return tuple(told)

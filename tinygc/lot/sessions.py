@@ -150,7 +150,7 @@ def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
         centre,
         scale,
         units_telling >= 2,
-        (np.add.reduceat(told.astype(int), first) >= 2).any(axis=0),
+        np.any(np.add.reduceat(told.astype(int), first) >= 2, axis=0),
         [row[2] for row in rows],
         [row[3] for row in rows],
         [row[4] for row in rows],

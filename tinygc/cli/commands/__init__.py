@@ -22,6 +22,7 @@ COMMANDS = (
     "apply",
     "export",
     "compare",
+    "fleet",
     "challenge",
     "simulate",
     "completion",

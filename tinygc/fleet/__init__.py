@@ -6,7 +6,7 @@
     table.py       OUT/fleet.sqlite, written by one process alone
     processes.py, cluster.py   who computes: processes of this machine, or a Dask cluster
     run.py         hands out what is not known yet, and keeps what comes back
-    results.py     rows as the records that a lot is made of
+    results.py     rows as the records that a lot is made of; lot.py the lot of them
     summary.py     what the page says of the table
 
 May import: session, attitude, effects, models, closure, problem, methods, explanation, fitting, lot.

@@ -19,7 +19,7 @@ BEGIN_UNITS, GROWTH = 1500, 8
 #: passes at most; over a part of the units, and over all of more than a part
 MOST_PASSES, LAST_PASSES = 400, 6
 #: a change of every number below this share of its own sigma ends the passes
-SETTLED = 0.02
+SETTLED = 0.1
 #: of the likelihood ratio between tails and none: tails are said where chance gives as much in one lot of a hundred
 TAILS_P = 0.01
 #: fewer degrees of freedom have no covariance worth the name
@@ -200,7 +200,7 @@ def _told(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bo
     z = np.abs(drift[lot.known]) / np.sqrt(np.diag(drift_covariance)[lot.known])
     freedom = max(lot.units - 2, 1)
     drift_p = float(min(1.0, numbers * 2 * stats.t.sf(z.max(), freedom))) if len(z) and lot.units > 2 else 1.0
-    drifts = drift_p < DRIFT_P
+    drifts = bool(drift_p < DRIFT_P)
     if drifts:
         end = 0.5 + 1 / max(lot.units - 1, 1)
         next_mean, next_K = mean + end * drift, K[0, :, 0] + end * (K[0, :, 1] + K[1, :, 0]) + end**2 * K[1, :, 1]

@@ -23,6 +23,7 @@ COMMANDS = (
     "export",
     "compare",
     "fleet",
+    "lot",
     "challenge",
     "simulate",
     "completion",

@@ -55,7 +55,7 @@ def anova(y: np.ndarray, pool_p: float = POOL_P) -> Anova:
     if freedom[2] > 0 and freedom[3] > 0 and squares[3] > 0:
         f = float(squares[2] / freedom[2] / (squares[3] / freedom[3]))
         p = float(stats.f.sf(f, freedom[2], freedom[3]))
-    pooled = freedom[2] == 0 or trials == 1 or bool(p > pool_p)
+    pooled = bool(freedom[2] == 0 or trials == 1 or p > pool_p)
     return Anova(squares, freedom, f, p, pooled, parts, appraisers, trials)
 
 

@@ -24,7 +24,8 @@ def lot_sections(report: LotReport) -> list[Section]:
 
 
 def _numbers(report: LotReport) -> Section:
-    rows, marked = [], []
+    rows: list[list[str]] = []
+    marked: list[int] = []
     for each in report.quantities:
         if not each.units:
             continue
@@ -91,7 +92,8 @@ def _gauges(report: LotReport) -> Section | None:
     told = {key: each for key, each in report.gauges.items() if np.isfinite(each.percent_grr)}
     if not told:
         return None
-    rows, marked = [], []
+    rows: list[list[str]] = []
+    marked: list[int] = []
     for key, each in told.items():
         digits = decimals(each.grr)
         if each.percent_grr > MARGINAL:
@@ -118,7 +120,8 @@ def _gauges(report: LotReport) -> Section | None:
 def _capabilities(report: LotReport) -> Section | None:
     if not report.capabilities:
         return None
-    rows, marked = [], []
+    rows: list[list[str]] = []
+    marked: list[int] = []
     for key, each in report.capabilities.items():
         if each.overall.centred < 1:
             marked.append(len(rows))

@@ -16,13 +16,13 @@ from tinygc.fleet import compute, keys
 from tinygc.fleet.folders import listed_folders, session_folders
 from tinygc.fleet.keys import key_of
 from tinygc.fleet.options import FleetOptions
-from tinygc.fleet.results import unit_results
+from tinygc.fleet.results import unit_results, weighed_of
 from tinygc.fleet.row import packed, unpacked
 from tinygc.fleet.run import run_fleet
 from tinygc.fleet.table import EACH, open_table
 from tinygc.library.check import check
 from tinygc.library.fit import fit
-from tinygc.lot.unit_result import NAMES
+from tinygc.lot.unit_result import NAMES, Weighed
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +105,11 @@ def test_a_covariance_comes_back_as_it_was():
     np.testing.assert_array_equal(unpacked(packed(covariance)), covariance)
     assert np.isnan(unpacked(None)).all()
     assert len(NAMES) == 21
+
+
+def test_what_an_effect_does_not_tell_stays_untold():
+    told = Weighed({"x": 1.5, "y": np.nan}, {"x": 0.25, "y": np.nan}, 36.0, True, 0.75)
+    assert repr(weighed_of(compute._compact({"gyro.bias_step": vars(told)}))["gyro.bias_step"]) == repr(told)
 
 
 def test_a_given_accelerometer_is_not_told(fleet, tmp_path):

@@ -126,6 +126,7 @@ def read_table(out: Path) -> Iterator[Table]:
     try:
         with named_errors(path):
             _require_ours(path, connection)
+            connection.execute("BEGIN")  # every question sees the same rows, also while another run writes
         yield Table(path, connection)
     finally:
         connection.close()

@@ -183,7 +183,7 @@ READERS = {
         *SESSION_READERS, "replay {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S} --to json",
         "record --port {O} --like {S} --out {O}", "list {S}",
     ],
-    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}"],
+    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}"],
     "raw": ["replay {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],
 }  # fmt: skip
 

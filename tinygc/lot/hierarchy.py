@@ -28,6 +28,8 @@ LEAST_TAILS = 2.5
 DRIFT_P = 0.01
 #: passes before a leap; the fastest that steps are believed to go on, and the farthest leap of a variance's logarithm
 LEAP_AFTER, FASTEST, LEAP = 3, 0.97, 1.5
+#: of a leap the next one may be no longer: leaps to and fro come to an end
+TIRED = 0.9
 _LEAST = 1e-9
 
 
@@ -106,7 +108,7 @@ def _begin(lot: LotSessions) -> Belief:
 def _settle(lot: LotSessions, belief: Belief, units: np.ndarray | None, most: int, tails: bool) -> tuple[Belief, Sums, int, bool]:
     """Passes until nothing moves any more by what could be seen; every third one leaps to where the two before it were heading."""
     count = lot.units if units is None else len(units)
-    sums, steps = Sums(), []
+    sums, steps, leap = Sums(), [], LEAP
     for number in range(1, most + 1):
         sums = Sums()
         for _, chunk in lot.chunks(units):
@@ -119,7 +121,7 @@ def _settle(lot: LotSessions, belief: Belief, units: np.ndarray | None, most: in
         if moved < SETTLED and (len(steps) > 1 or lot.units > BEGIN_UNITS):
             return belief, sums, number, True
         if len(steps) == LEAP_AFTER and number < most:
-            belief, steps = _leapt(belief, steps[-1], rate), []
+            belief, steps, leap = _leapt(belief, steps[-1], rate, leap), [], leap * TIRED
     return belief, sums, most, False
 
 
@@ -138,9 +140,9 @@ def _rates(steps: list[np.ndarray]) -> np.ndarray:
     return np.clip(steps[-1] / before, 0.0, FASTEST)
 
 
-def _leapt(belief: Belief, step: np.ndarray, rate: np.ndarray) -> Belief:
-    """Variances where steps that shrink at their rate end."""
-    spread, again = np.exp(np.clip(step * rate / (1 - rate), -LEAP, LEAP) / 2)
+def _leapt(belief: Belief, step: np.ndarray, rate: np.ndarray, longest: float) -> Belief:
+    """Variances where steps that shrink at their rate end, their logarithms changed by at most so much."""
+    spread, again = np.exp(np.clip(step * rate / (1 - rate), -longest, longest) / 2)
     grown = belief.spread * np.outer(spread, spread)
     return replace(belief, spread=grown, repeatability=belief.repeatability * np.outer(again, again))
 

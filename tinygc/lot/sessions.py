@@ -108,14 +108,14 @@ def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
     Raises CalibrationError where fewer than two units tell anything.
     """
     rows, seen = [], set()
-    values, packed = [], []
+    values, packed = [], bytearray()  # which grows in its place, and becomes the array without a copy
     for each in results:
         variance = np.diag(each.covariance)
         if each.key in seen or not (np.isfinite(each.values) & (variance > 0)).any():
             continue
         seen.add(each.key)
         values.append(np.array(each.values, dtype=float))
-        packed.append(np.asarray(each.covariance, dtype=float)[TRIANGLE])
+        packed += np.asarray(each.covariance, dtype=float)[TRIANGLE].tobytes()
         row = (each.serial or f"\0{each.key}", each.order, each.session, each.operator, each.station, each.closure_deg, each.floor_deg)
         rows.append(row)
     serials = np.array([row[0] for row in rows], dtype=object)
@@ -132,9 +132,9 @@ def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
     first = np.concatenate([[0], np.cumsum(count)[:-1]])
     rows = [rows[i] for i in sort]
     all_values = np.array(values)[sort]
-    covariances = np.array(packed)
-    del values, packed
-    covariances = covariances[sort]
+    covariances = np.frombuffer(packed).reshape(len(rows), -1)
+    if (sort != np.arange(len(rows))).any():
+        covariances = covariances[sort]
     shown = [names[i] for i in np.argsort(place)]
     serial = ["" if str(name).startswith("\0") else str(name) for name in shown]
     told, centre, scale = _scaled(all_values, covariances)

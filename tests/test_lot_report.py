@@ -106,6 +106,7 @@ def test_the_page_is_whole_and_escaped(report):
     assert len(drawings) >= 8
     for drawing in drawings:
         ElementTree.fromstring(html.unescape(drawing.replace("&lt;", "").replace("&amp;", "")))
+    assert "u202f" not in text
     assert "nan" not in text.lower().replace("nano", "").replace("finan", "")
 
 

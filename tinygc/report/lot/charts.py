@@ -33,7 +33,10 @@ def _axis(chart: Control) -> Axis:
 
 def _individuals(chart: Control, seen: Seen, serials: list[str], width: int) -> str:
     limit = chart.limit * chart.sigma
-    y = linear_axis(np.concatenate([chart.y, chart.centre + limit, chart.centre - limit]), f"{seen.name}, {seen.unit}")
+    # Wild points lie at the frame: they must not press all others into a line.
+    usual = chart.y[np.abs(chart.score) <= chart.limit]
+    high, low = chart.centre + np.median(limit), chart.centre - np.median(limit)
+    y = linear_axis(np.concatenate([usual, [high, low]]), f"{seen.name}, {seen.unit}")
     drawn = Chart(width, HEIGHT, _axis(chart), y, f"{seen.name} by production order")
     place = chart.place + 1.0
     drawn.line(place, chart.centre + limit, "floor", "dash").line(place, chart.centre - limit, "floor", "dash")

@@ -61,14 +61,13 @@ def _numbers(report: LotReport) -> Section:
 def _outliers(report: LotReport) -> Section | None:
     if not report.outliers:
         return Section("lot-outliers", "What does not belong", paragraph("Every unit and every session belongs to the lot."))
-    rows = [
-        [escape(each.serial or NONE), escape(each.kind), escape(each.says), probability(each.p_value)]
+    told = [
+        f'<div class="found">{paragraph(f"{escape(each.says)}. By chance, in such a lot: {probability(each.p_value)}.")}</div>'
         for each in report.outliers[:MOST_OUTLIERS]
     ]
-    more = len(report.outliers) - len(rows)
+    more = len(report.outliers) - len(told)
     tail = paragraph(f"And {more} more, in the lot's file.", "soft") if more > 0 else ""
-    words = "The probability is that any unit of such a lot looks like this by chance."
-    return Section("lot-outliers", "What does not belong", table(("unit", "which", "why", "by chance"), rows, words) + tail)
+    return Section("lot-outliers", "What does not belong", "".join(told) + tail)
 
 
 def _charts(report: LotReport) -> Section | None:

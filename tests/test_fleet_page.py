@@ -12,7 +12,7 @@ from tinygc.cli.commands import fleet
 from tinygc.cli.commands._fleet_progress import Meter
 from tinygc.fleet.compute import Outcome
 from tinygc.fleet.options import STEPS
-from tinygc.fleet.row import COLUMNS, FIGURES, VALUES, empty
+from tinygc.fleet.row import COLUMNS, FIGURES, LONG, VALUES, empty
 from tinygc.fleet.run import Tally
 from tinygc.fleet.summary import MOST_LISTED, distribution, reason_of, summarise
 from tinygc.fleet.table import open_table, read_table
@@ -127,7 +127,7 @@ def test_every_column_is_on_the_page_of_formats():
     """Parameters and their sigmas by the first and the last of each sensor."""
     page = {word for row in rows("Table of a fleet") for word in CODE.findall(row[0])}
     assert page <= {"key", *COLUMNS}
-    assert {"key", *FIGURES} <= page
+    assert {"key", *FIGURES, *LONG} <= page
     assert {"E_xx", "B_z", "accel_scale_x", "accel_bias_z", "sigma_E_xx", "sigma_accel_bias_z"} <= page
 
 

@@ -3,7 +3,7 @@
     python benchmarks/fleet.py make FOLDER [--count 10000]      simulated sessions: 8 turns at 104 Hz, a unit each
     python benchmarks/fleet.py scale FOLDER [--counts 100 1000 10000] [--jobs 2] [--out OUT]
     python benchmarks/fleet.py killed FOLDER [--count 1000]     kill -9 of the run in the middle, and of a worker; it goes on
-    python benchmarks/fleet.py dask FOLDER [--count 100]        a local cluster of two workers against processes
+    python benchmarks/fleet.py dask FOLDER [--count 100]        a local cluster of two workers, one of which is killed, against processes
 
 ``scale`` goes on where it was ended if OUT is kept.  CPU seconds leave out most of what else the machine does; they are of the computing
 process for each session (beside the table, in ``durations``), and of the parent for everything else.
@@ -19,6 +19,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -54,7 +56,7 @@ def memory_mb(number: int) -> float:
     return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM"))
 
 
-def computed(folder: Path, count: int, out: Path, executor) -> dict:
+def computed(folder: Path, count: int, out: Path, executor, halfway: Callable[[], None] = lambda: None) -> dict:
     """Run the first ``count`` sessions; wall and CPU seconds of this process, and peak memory when a tenth was done and in the end."""
     seen: dict[int, tuple[float, ...]] = {}
 
@@ -63,6 +65,8 @@ def computed(folder: Path, count: int, out: Path, executor) -> dict:
         if isinstance(executor, Processes) and tally.folders in (count // 10, count):
             numbers = [os.getpid(), *(worker.process.pid for worker in executor._workers)]
             seen[tally.folders] = tuple(memory_mb(number) for number in numbers)
+        if tally.folders == count // 2:
+            halfway()
 
     began, cpu = time.perf_counter(), time.process_time()
     with open_table(out) as table:
@@ -145,6 +149,14 @@ def killed(folder: Path, count: int, jobs: int) -> None:
         print(f"the same table: {content(out) == content(calm)} ({len(content(out))} rows)")
 
 
+def kill_one_of(cluster) -> None:
+    with cluster.get_client() as client:
+        number = next(iter(client.run(os.getpid).values()))
+    os.kill(number, signal.SIGKILL)
+    progress("")
+    print(f"kill -9 of a Dask worker, process {number}")
+
+
 def dask(folder: Path, count: int) -> None:
     from distributed import LocalCluster
 
@@ -152,7 +164,7 @@ def dask(folder: Path, count: int) -> None:
         one, other = Path(temporary) / "one", Path(temporary) / "other"
         here = computed(folder, count, one, Processes(2))
         with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-            there = computed(folder, count, other, Cluster(cluster.scheduler_address))
+            there = computed(folder, count, other, Cluster(cluster.scheduler_address), partial(kill_one_of, cluster))
         each = [rows(out, "SELECT avg(cpu_s) FROM durations")[0][0] for out in (one, other)]
         print(f"the same table: {content(one) == content(other)} ({count} sessions)")
         print(f"wall s each: processes {here['wall_s'] / count:.3f}, Dask {there['wall_s'] / count:.3f}")

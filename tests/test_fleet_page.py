@@ -8,8 +8,12 @@ from fleets import FIT, made, ran
 from formats_page import CODE, rows, strangers
 from html_pages import parsed
 
+from tinygc.cli.commands import fleet
+from tinygc.cli.commands._fleet_progress import Meter
 from tinygc.fleet.compute import Outcome
-from tinygc.fleet.row import COLUMNS, FIGURES, VALUES, empty
+from tinygc.fleet.options import STEPS
+from tinygc.fleet.row import COLUMNS, FIGURES, LONG, VALUES, empty
+from tinygc.fleet.run import Tally
 from tinygc.fleet.summary import MOST_LISTED, distribution, reason_of, summarise
 from tinygc.fleet.table import open_table, read_table
 from tinygc.report.html.fleet import page
@@ -123,8 +127,20 @@ def test_every_column_is_on_the_page_of_formats():
     """Parameters and their sigmas by the first and the last of each sensor."""
     page = {word for row in rows("Table of a fleet") for word in CODE.findall(row[0])}
     assert page <= {"key", *COLUMNS}
-    assert {"key", *FIGURES} <= page
+    assert {"key", *FIGURES, *LONG} <= page
     assert {"E_xx", "B_z", "accel_scale_x", "accel_bias_z", "sigma_E_xx", "sigma_accel_bias_z"} <= page
+
+
+def test_progress_says_what_was_done_at_which_rate_and_how_long_it_takes():
+    meter = Meter(True, None)
+    assert meter.words(Tally(done=90, failed=10, reused=300), 50.0) == "90 done, 10 failed, 300 reused, 2/s"
+    meter._found, meter._counted = 1600, True
+    assert meter.words(Tally(done=90, failed=10, reused=300), 50.0).endswith(", 2/s, 10 min left")
+    assert meter.words(Tally(reused=7), 1.0) == "0 done, 0 failed, 7 reused, 0/s"
+
+
+def test_the_command_knows_the_steps_without_loading_them():
+    assert fleet.STEPS == STEPS
 
 
 def test_no_session_is_said(run, tmp_path):

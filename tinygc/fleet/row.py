@@ -22,7 +22,6 @@ FIGURES = {
     "operator": TEXT,
     "station": TEXT,
     "first_look": TEXT,
-    "findings": TEXT,
     "segments": INTEGER,
     "held_out_deg": REAL,
     "floor_deg": REAL,
@@ -30,15 +29,14 @@ FIGURES = {
     "use": TEXT,
     "verdict": TEXT,
     "p_value": REAL,
-    "effects": TEXT,
-    "weighed": TEXT,
-    "covariance": BLOB,
 }
+#: the same of what is long, which stands at the end of a row: who asks for a figure need not read past it
+LONG = {"effects": TEXT, "findings": TEXT, "covariance": BLOB, "weighed": TEXT}
 #: names of parameters as columns, and of their sigmas
 VALUES = NAMES
 SIGMAS = tuple(f"sigma_{name}" for name in NAMES)
 #: all columns but the key, in their order
-COLUMNS = {**FIGURES, **dict.fromkeys((*VALUES, *SIGMAS), REAL)}
+COLUMNS = {**FIGURES, **dict.fromkeys((*VALUES, *SIGMAS), REAL), **LONG}
 COUNT = len(NAMES)
 TRIANGLE = np.triu_indices(COUNT)
 

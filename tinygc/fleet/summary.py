@@ -14,6 +14,8 @@ from tinygc.fleet.table import EACH, Table
 #: lists are cut here: a page of a hundred thousand stays small
 MOST_LISTED, MOST_SLOWEST, MOST_REASONS = 200, 10, 20
 BINS = 40
+#: as SQL has it: stands for what is not known on its way into an array
+INFINITE = "9e999"
 #: of a distribution, the shares that are told: the middle, one sigma of a normal one around it, and nearly all
 SHARES = (0.005, 0.16, 0.5, 0.84, 0.995)
 
@@ -87,14 +89,16 @@ class Summary:
 
 
 def summarise(table: Table, limit_deg: float | None = None) -> Summary:
-    """One pass for each number; only one column is ever held, as float64."""
+    """Of a table that is open; of its rows only the figures are held, 20 MB of a hundred thousand."""
     status = dict(table.rows(f"SELECT status, count(*) FROM {EACH} GROUP BY status"))
     fine = "use IS NOT NULL" + ("" if limit_deg is None else " AND held_out_deg <= :limit AND ifnull(run_rmse_deg, 0) <= :limit")
     within = {} if limit_deg is None else {"limit": limit_deg}
     passed = table.rows(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL AND {fine}", within)[0][0]  # type: ignore[arg-type]
     fitted = table.one(f"SELECT count(*) FROM {EACH} WHERE held_out_deg IS NOT NULL")
     names = ("held_out_deg", "floor_deg", "run_rmse_deg", *VALUES)
-    found = {name: distribution(_column(table, name)) for name in names}
+    known = ", ".join(f"ifnull({name}, {INFINITE})" for name in names)
+    figures = np.fromiter(table.each(f"SELECT {known} FROM {EACH}"), dtype=np.dtype((float, len(names))))
+    found = {name: distribution(values[np.isfinite(values)]) for name, values in zip(names, figures.T, strict=True)}
     return Summary(
         folders=table.one("SELECT count(*) FROM folders"),
         sessions=sum(status.values()),
@@ -128,10 +132,6 @@ def distribution(values: np.ndarray) -> Distribution | None:
     edges = np.linspace(low, high, BINS + 1)
     counts, _ = np.histogram(values, edges)
     return Distribution(len(values), quantiles, edges, counts, int(np.sum(values < low)), int(np.sum(values > high)))
-
-
-def _column(table: Table, name: str) -> np.ndarray:
-    return np.fromiter((row[0] for row in table.each(f"SELECT {name} FROM {EACH} WHERE {name} IS NOT NULL")), dtype=float)
 
 
 def _counted(table: Table, name: str) -> dict[str, int]:

@@ -24,7 +24,7 @@ NAME, LOCK = "fleet.sqlite", "fleet.lock"
 #: that a file is ours (PRAGMA application_id, "TGCF"), and of which form (user_version)
 APPLICATION, VERSION = 0x54474346, 1
 SCHEMA = f"""
-CREATE TABLE results (key TEXT PRIMARY KEY, {", ".join(f"{name} {kind}" for name, kind in COLUMNS.items())}) WITHOUT ROWID;
+CREATE TABLE results (key TEXT PRIMARY KEY, {", ".join(f"{name} {kind}" for name, kind in COLUMNS.items())});
 CREATE TABLE folders (folder TEXT PRIMARY KEY, key TEXT, error TEXT) WITHOUT ROWID;
 CREATE INDEX folders_of_key ON folders (key);
 CREATE TABLE durations (key TEXT PRIMARY KEY, cpu_s REAL, wall_s REAL) WITHOUT ROWID;

@@ -199,5 +199,6 @@ def _said(serial: str, session: str, kind: str, p: float, reasons: list[Reason],
             told.append("no number alone is far off, but their combination is")
         else:
             (each,) = (each for each in SEEN if each.key == reason.what)
-            told.append(f"{each.name} {reason.value:+.4g} {each.unit} ({reason.sigmas:+.1f} sigmas)")
+            value = f"{reason.value:+.0f}" if abs(reason.value) >= 100 else f"{reason.value:+.3g}"
+            told.append(f"{each.name} {value} {each.unit} ({reason.sigmas:+.1f} sigmas)")
     return Outlier(serial, session, kind, float(min(p, 1.0)), tuple(reasons), f"{words}: {', '.join(told)}" if told else words)

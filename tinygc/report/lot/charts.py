@@ -47,7 +47,8 @@ def _individuals(chart: Control, seen: Seen, serials: list[str], width: int) -> 
         drawn.line(place, chart.y, "after", "thin")
     shown = chart.alarms[np.argsort(-np.abs(chart.score[chart.alarms]))][:MOST_TITLES]
     titles = [
-        f"{serials[int(chart.place[n])] or 'unit ' + str(int(chart.place[n]) + 1)}: {significant(chart.y[n])} {seen.unit}" for n in shown
+        f"{serials[int(chart.place[n])] or 'unit ' + str(int(chart.place[n]) + 1)}: {chart.y[n]:.4g} {seen.unit}, {chart.score[n]:+.1f} sigmas"
+        for n in shown
     ]
     return drawn.dots(place[shown], chart.y[shown], "bad", titles, ring=True, radius=5).svg()
 

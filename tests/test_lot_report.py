@@ -135,23 +135,35 @@ def test_the_same_input_gives_the_same_answer():
     assert one == other
 
 
-@pytest.fixture(scope="module")
-def fleet(tmp_path_factory):
-    """A fleet's table of simulated results."""
+def written_fleet(folder, first_model):
+    """A fleet's table of simulated results, the first of which may be of another model."""
     from tinygc.fleet.compute import Outcome
     from tinygc.fleet.row import DONE, SIGMAS, empty, packed
     from tinygc.fleet.table import open_table
 
-    folder = tmp_path_factory.mktemp("lot") / "fleet"
     folder.mkdir()
     with open_table(folder) as table:
         for number, result in enumerate(simulated_lot(20, 5, [1, 2])):
-            row = empty() | {"status": DONE, "model": "ASM330LHH" if number else "MPU-9150", "serial": result.serial}
+            row = empty() | {"status": DONE, "model": "ASM330LHH" if number else first_model, "serial": result.serial}
             row |= {"covariance": packed(result.covariance), "held_out_deg": 0.02, "floor_deg": 0.02}
             row |= dict(zip(NAMES, map(float, result.values), strict=True)) | dict(zip(SIGMAS, map(float, result.sigmas), strict=True))
             table.put_folder(folder / result.session, result.key)
             table.put(Outcome(result.key, row), row, [])
     return folder
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory):
+    return written_fleet(tmp_path_factory.mktemp("lot") / "fleet", "MPU-9150")
+
+
+def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path):
+    alone = written_fleet(tmp_path / "alone", "ASM330LHH")
+    for folder in (alone, fleet):
+        assert calibrate.main(["fleet", "--out", str(folder), "--quiet"]) == 0
+    assert read_lot(alone / "lot.json").units == 20
+    assert ">Control charts</h2>" in (alone / "fleet.html").read_text(encoding="utf-8")
+    assert not (fleet / "lot.json").exists()
 
 
 def test_the_command(fleet, tmp_path, capsys):

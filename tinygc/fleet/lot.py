@@ -13,6 +13,8 @@ from tinygc.lot.report import LotReport, lot_of
 from tinygc.lot.unit_result import UnitResult
 
 MOST_NAMED = 5
+#: serial numbers from which on fleet says what they are together
+FEWEST_UNITS = 8
 
 
 def lot_of_fleet(out: Path, model: str | None = None, limits: dict[str, tuple[float, float]] | None = None, seed: int = 0) -> LotReport:
@@ -35,6 +37,14 @@ def lot_of_table(table: Table, model: str | None = None, limits: dict[str, tuple
     if model is not None and len(models) > 1:
         keys = {key for (key,) in table.rows(f"SELECT key {fitted} AND ifnull(model, '') = ?", (model,))}
     return lot_of(_chosen(results_of(table), keys), model or (models[0] if models else ""), limits, seed=seed)
+
+
+def lot_if_any(table: Table, seed: int = 0) -> LotReport | None:
+    """Of a table that is open, where its fitted sensors are of one model and enough for a page; else None."""
+    models, units = table.rows(
+        f"SELECT count(DISTINCT ifnull(model, '')), count(DISTINCT serial) FROM {EACH} WHERE held_out_deg IS NOT NULL"
+    )[0]
+    return lot_of_table(table, seed=seed) if models == 1 and units >= FEWEST_UNITS else None
 
 
 def _chosen(results: Iterator[UnitResult], keys: set[str] | None) -> Iterator[UnitResult]:

@@ -17,7 +17,7 @@ SUMMARY = "check, fit and explain thousands of sessions, each once, into one tab
 USES_EFFECTS = True
 STEPS = ("check", "fit", "explain")
 MOST_JOBS = 1024
-PAGE = "fleet.html"
+PAGE, LOT = "fleet.html", "lot.json"
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
@@ -51,18 +51,25 @@ def steps(text: str) -> tuple[str, ...]:
 
 def run(args: argparse.Namespace) -> int:
     """Compute what is not known yet; then tell what the table holds."""
+    from tinygc.fleet.lot import lot_if_any
     from tinygc.fleet.summary import summarise
     from tinygc.fleet.table import read_table
+    from tinygc.lot.lot_json import save as save_lot
     from tinygc.report.fleet_text import fleet_page
     from tinygc.report.html.fleet import save
+    from tinygc.report.lot.sections import lot_sections
 
     tally = _computed(args) if args.folders or args.listed is not None else None
     with read_table(args.out) as table:
         summary = summarise(table, args.limit)
         _write_csv(args, table)
-    page = save(summary, args.out / PAGE)
+        lot = lot_if_any(table, args.seed)
+    page = save(summary, args.out / PAGE, lot_sections(lot) if lot else ())
+    if lot:
+        save_lot(lot, args.out / LOT)
     output(args).print(fleet_page(summary, tally))
-    output(args).print(f"written: {args.out / 'fleet.sqlite'}, {page}", soft_wrap=True)
+    files = [args.out / "fleet.sqlite", page, *([args.out / LOT] if lot else [])]
+    output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
     now = {"done": 0, "failed": 0, "reused": 0} if tally is None else {name: getattr(tally, name) for name in ("done", "failed", "reused")}
     write_json(args.json, {"schema": "tinygc-fleet/1", "run": now, **summary.to_json()})
     failed = summary.failed + summary.died + summary.unreadable

@@ -46,10 +46,8 @@ def _individuals(chart: Control, seen: Seen, serials: list[str], width: int) -> 
     else:
         drawn.line(place, chart.y, "after", "thin")
     shown = chart.alarms[np.argsort(-np.abs(chart.score[chart.alarms]))][:MOST_TITLES]
-    titles = [
-        f"{serials[int(chart.place[n])] or 'unit ' + str(int(chart.place[n]) + 1)}: {chart.y[n]:.4g} {seen.unit}, {chart.score[n]:+.1f} sigmas"
-        for n in shown
-    ]
+    names = [serials[int(chart.place[n])] or f"unit {int(chart.place[n]) + 1}" for n in shown]
+    titles = [f"{name}: {chart.y[n]:.4g} {seen.unit}, {chart.score[n]:+.1f} sigmas" for name, n in zip(names, shown, strict=True)]
     return drawn.dots(place[shown], chart.y[shown], "bad", titles, ring=True, radius=5).svg()
 
 

@@ -100,7 +100,7 @@ def _array(folder: Path, units: int) -> dict[str, Any]:
     first = folder / listed[0] if listed else folder
     config = read_config(first / "session.toml")
     logs, closures = ([path for path in log_paths(first, stem)] for stem in ("log", "closure"))
-    date, source = _date(folder, config, [*logs, *closures])
+    date, source = date_of(folder, config, [*logs, *closures])
     counts = [len(paths) if listed else len({found[0] for found in map(unit_of, paths) if found}) for paths in (logs, closures)]
     serial = None if listed else config.sensor.serial or None
     known = {"model": config.sensor.model, "serial": serial, "date": date, "date_from": source, "units": units}

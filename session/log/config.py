@@ -180,6 +180,11 @@ def read_config(path: Path) -> Config:
     table = read_toml(path)
     if table.get("schema") != SCHEMA:
         raise FormatError(f'{path}: schema is {said(table.get("schema"))}, expected "{SCHEMA}"; is this a session folder of this tool?')
+    return config_of(path, table)
+
+
+def config_of(path: Path, table: dict) -> Config:
+    """What a parsed ``session.toml`` says; FormatError names path, key, what was expected and what came."""
     reader = TomlReader(path, table)
     sensor = Sensor(
         model=reader.text("sensor", "model", DEFAULT),

@@ -16,6 +16,7 @@ from session.common.errors import CalibrationError, DataError, FormatError
 from session.common.texts import printable, shell_word
 from session.common.units import DEG
 from session.files.reading import require_file
+from session.log.array_names import refuse_array
 from session.log.arrays import samples_from_arrays, usual_ranges
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.log.known_turns import NAME as KNOWN_TURNS
@@ -138,6 +139,7 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
     if not folder.is_dir():
         hint = "that is a file; give the session folder" if folder.exists() else "not found"
         raise FormatError(f"{folder}: {hint}; a session folder holds session.toml and log*.csv")
+    refuse_array(folder)
     config = read_config(folder / "session.toml")
     paths, closures = log_paths(folder, "log"), log_paths(folder, "closure")
     rests = log_paths(folder, "rest")
@@ -150,24 +152,33 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
 
     for path in (*paths, *closures, *_beside(folder, config, paths)):
         require_file(path)
+    session = read_logs(folder, config, paths, closures, rests, progress)
+    attitudes = folder / ATTITUDES
+    return replace(
+        session,
+        attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
+        truths=_read_truths(config, paths) if config.protocol.reference == "truth" else None,
+        turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
+    )
+
+
+def read_logs(
+    folder: Path,
+    config: Config,
+    paths: Sequence[Path],
+    closures: Sequence[Path],
+    rests: Sequence[Path],
+    progress: Callable[[str], None] = lambda what: None,
+) -> Session:
+    """A session of these logs, closure runs and rest logs, without what may lie beside them.  Raises FormatError or DataError."""
 
     def read(path: Path) -> Log:
         progress(path.name)
         return read_log(path, config.sensor)
 
-    attitudes = folder / ATTITUDES
     logs, runs = tuple(map(read, paths)), tuple(map(read, closures))
     config, logs, runs = _calibrated_once(config, logs, runs)
-    return Session(
-        folder=folder,
-        config=config,
-        logs=logs,
-        closures=runs,
-        attitudes=_read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else None,
-        truths=_read_truths(config, paths) if config.protocol.reference == "truth" else None,
-        turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
-        rests=tuple(rests),
-    )
+    return Session(folder, config, logs, runs, rests=tuple(rests))
 
 
 def _beside(folder: Path, config: Config, paths: list[Path]) -> list[Path]:

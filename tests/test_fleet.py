@@ -259,6 +259,17 @@ def test_a_folder_that_cannot_be_read_has_no_key_and_is_tried_again(fleet, tmp_p
     assert asked(tmp_path / "out", "SELECT key IS NULL, error FROM folders") == [(0, None)]
 
 
+def test_an_array_is_a_row_that_says_what_it_is(copied, tmp_path):
+    log = next((copied / "unit0").glob("log*"))
+    for unit in (0, 1):
+        shutil.copyfile(log, log.with_name(f"log0001.unit{unit}.csv.gz"))
+    log.unlink()
+    assert ran(copied, tmp_path / "out", FIT)[0].failed == 1
+    ((error,),) = asked(tmp_path / "out", "SELECT error FROM results WHERE status = 'failed'")
+    assert "array" in error
+    assert str(tmp_path) not in error
+
+
 # Which folders
 
 

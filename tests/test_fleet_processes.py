@@ -146,6 +146,15 @@ def fed(running, folders) -> None:
     running.stdin.flush()
 
 
+def test_effects_that_a_process_does_not_find_end_the_run_and_fail_no_session(fleet, tmp_path, started_processes):
+    (tmp_path / "effects").mkdir()
+    options = FleetOptions(effects=(str(tmp_path / "effects"),))
+    (tmp_path / "effects").rmdir()
+    with pytest.raises(CalibrationError, match="effects"):
+        ran(fleet, tmp_path / "out", options, started_processes(Processes, 1))
+    assert rows_of(tmp_path / "out") == 0
+
+
 def test_a_dask_cluster_makes_the_same_table(fleet, reference, tmp_path, run):
     distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:

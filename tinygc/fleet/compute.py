@@ -62,8 +62,9 @@ class Outcome:
 
 
 def compute(job: Job) -> Outcome:
-    """The outcome of a job; what is wrong with a session is in its row.  CalibrationError where job and process are of two versions."""
-    with _ONE_AT_A_TIME:
+    """The outcome of a job; what is wrong with a session is in its row.  CalibrationError for what is wrong with the process: another
+    version than the job's, effects that it does not find."""
+    with _ONE_AT_A_TIME, using(job.options.effects):
         if job.version != VERSION:
             raise CalibrationError(f"a worker runs TinyGC {VERSION}, this is {job.version}; install the same version everywhere")
         began, cpu = time.perf_counter(), time.process_time()
@@ -74,7 +75,7 @@ def compute(job: Job) -> Outcome:
 def _row(job: Job) -> tuple[Row | None, str]:
     folder, row = Path(job.folder), empty() | {"status": DONE}
     trouble = None
-    with _failing_at("check", row, folder), using(job.options.effects):
+    with _failing_at("check", row, folder):
         _fill(row, folder, job.options)
     try:
         after = key_of(folder, job.options)

@@ -74,6 +74,8 @@ class Processes:
                 except (EOFError, OSError):
                     found += self._replaced(worker)
                     continue
+                if isinstance(said, CalibrationError):
+                    raise said
                 if said == READY:
                     worker.ready = True
                 else:
@@ -152,5 +154,7 @@ def _serve(pipe: Connection) -> None:
             pipe.send(outcome)
     except (EOFError, OSError):
         return
+    except CalibrationError as error:
+        pipe.send(error)
     except MemoryError:
         os._exit(NO_MEMORY)

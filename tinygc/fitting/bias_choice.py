@@ -13,6 +13,7 @@ from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
 from tinygc.models.linear import BIAS, NAMES
+from tinygc.problem.build import FEWEST_SEGMENTS
 from tinygc.problem.problem import Problem
 from tinygc.problem.still_bias import with_still_bias
 
@@ -73,6 +74,7 @@ def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, 
     held = {name: fit.held_out for name, fit in fits.items()}
     p_value = less_by_chance(held["ends"], held["stills"])
     unseen = problem.batch.turns is not None and any(name in NAMES[BIAS] for name in fits["ends"].notes["unobserved"])
+    unseen = unseen or (problem.batch.turns is None and len(problem.batch) < FEWEST_SEGMENTS)
     used = asked if asked != "auto" else ("stills" if unseen or p_value < BETTER_P else "ends")
     return BiasChoice(asked, used, held, p_value, unseen), level if used == "stills" else problem, fits[used]
 

@@ -45,6 +45,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="session folder to write (the next free data/sessionN)")
     command.add_argument("--resume", action="store_true", help="go on with the recording in --out")
+    row = "one board after the other: a session folder each, named by the serial number, in --out (data/ and the date)"
+    command.add_argument("--series", action="store_true", help=row)
     command.add_argument("--segments", type=count(1), default=USUAL_SEGMENTS, help="to be accepted (%(default)s)")
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
     command.add_argument(
@@ -82,6 +84,10 @@ def run(args: argparse.Namespace) -> int:
     """Lead one person at the table through a session, and lose nothing of it."""
     from session.recording.ports import only_candidate
 
+    if args.series:
+        from tinygc.cli.commands._series import run_series
+
+        return run_series(args, _led, _tell)
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
@@ -140,7 +146,8 @@ def _tell(
         complain(f"interrupted; everything received is kept. To go on: {_again(args, folder, port)}")
     else:
         console.print(f"next: calibrate.py check {shell_word(folder)}, then calibrate.py fit {shell_word(folder)}", soft_wrap=True)
-    write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
+    if not args.series:
+        write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
     return interrupted
 
 

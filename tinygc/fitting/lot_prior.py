@@ -14,8 +14,9 @@ from tinygc.closure.uncertainty import goodness, parameter_covariance
 from tinygc.fitting.bias_choice import BiasChoice, choose
 from tinygc.fitting.stated_noise import StatedNoise
 from tinygc.fitting.stated_sigmas import prior_share, stated_covariance, stated_goodness
+from tinygc.lot.files import read_lot
 from tinygc.lot.lot import Lot
-from tinygc.lot.prior import Belonging, belonging, farthest, prior_of, require_usable, vague
+from tinygc.lot.prior import Belonging, belonging, farthest, prior_of, vague
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
@@ -90,13 +91,9 @@ class LotFile:
     hash: str
 
 
-def lot_of(path: Path, sensor: str) -> LotFile:
-    """Read a lot for a session's sensor.  Raises what ``read_lot`` and ``require_usable`` raise."""
-    from tinygc.lot.files import read_lot
-
-    lot = read_lot(path)
-    require_usable(lot, sensor, path.name)
-    return LotFile(lot, file_key(path), sha256_of(path))
+def lot_file(path: Path) -> LotFile:
+    """Read it.  Raises what ``read_lot`` raises."""
+    return LotFile(read_lot(path), file_key(path), sha256_of(path))
 
 
 def require_possible(options: FitOptions) -> None:

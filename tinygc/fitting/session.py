@@ -18,10 +18,11 @@ from tinygc.closure.uncertainty import GoodnessOfFit, goodness, parameter_covari
 from tinygc.fitting import saved_fit
 from tinygc.fitting.against_raw import RAW, against_raw
 from tinygc.fitting.bias_choice import choose
-from tinygc.fitting.lot_prior import fit_with_lot, lot_of, require_possible
+from tinygc.fitting.lot_prior import fit_with_lot, lot_file, require_possible
 from tinygc.fitting.result import FitResult
 from tinygc.fitting.stated_noise import StatedNoise, stated_noise
 from tinygc.fitting.stated_sigmas import stated_covariance, stated_goodness, stated_joint_covariance, stated_joint_shared
+from tinygc.lot.prior import require_usable
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
@@ -55,8 +56,9 @@ def fit_session(
     given = None
     if options.lot is not None:
         require_possible(options)
+        given, saved = lot_file(options.lot), None
         session = session if isinstance(session, Session) else read_session(session, lambda name: progress(f"reading {name}", 0, 1))
-        given, saved = lot_of(options.lot, session.config.sensor.model), None
+        require_usable(given.lot, session.config.sensor.model, given.file)
     if prepared is None:
         prepared = prepare(
             session,

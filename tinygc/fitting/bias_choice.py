@@ -24,7 +24,8 @@ BETTER_P = 0.05
 @dataclass(frozen=True, eq=False)
 class BiasChoice:
     """asked: the option; used: ``ends`` or ``stills``; held_out: of both, least squares' error angles (S, d) rad on segments that it never
-    saw, where both were tried; p_value: of so much less by the stills by chance; unseen: whether the ends do not show the bias; of_lot: whether a lot's prior is there."""
+    saw, where both were tried; p_value: of so much less by the stills by chance; unseen: whether the ends do not show the bias; of_lot:
+    whether a lot's prior is there."""
 
     asked: str
     used: str

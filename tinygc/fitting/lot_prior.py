@@ -24,9 +24,10 @@ from tinygc.models.linear import NAMES, PARAMETERS, LinearModel, bias_only
 from tinygc.problem.build import FEWEST_SEGMENTS
 from tinygc.problem.problem import Problem
 
-#: probability of belonging from which on the lot's prior is used as it is, and up to which it is not used at all; between them the answer
-#: is the mean of both, and as uncertain (benchmarks/lot_prior.py: coverage)
-BELONGS, FOREIGN = 0.95, 0.05
+#: probability of belonging from which on a unit is said to belong, and up to which the lot's prior is not used at all
+#: (benchmarks/lot_prior.py: coverage).  Between SURE and FOREIGN the answer is the mean of both, and as uncertain; of so few turns that
+#: they tell nothing by themselves, between BELONGS and FOREIGN
+BELONGS, FOREIGN, SURE = 0.95, 0.05, 0.9999
 #: a share of the lot in a parameter that is worth a word
 SAID_SHARE = 0.05
 MOST_SAID = 6
@@ -122,11 +123,12 @@ def fit_with_lot(
         _, share, _ = _judged(level, linear, noise, options, lot)
     weighed = level.prior
     assert weighed is not None
-    if found.probability >= BELONGS:
+    few = len(problem.batch) < FEWEST_SEGMENTS
+    if found.probability >= (BELONGS if few else SURE):
         more = share @ weighed.covariance @ share.T
         return bias_from, level, linear, LotUse(given.file, given.hash, lot.units, found, "yes", np.clip(np.diag(share), 0, 1), more)
     # Of a few turns the unit's own numbers are hardly known at all, and are said to be.
-    own_prior = vague(start).weighed(weighed.weight) if len(problem.batch) < FEWEST_SEGMENTS else None
+    own_prior = vague(start).weighed(weighed.weight) if few else None
     free = level.changed(prior=own_prior)
     alone = run_method("least_squares", free, options)
     covariance = _noise_covariance(free, alone, noise, options)
@@ -148,7 +150,8 @@ def fit_with_lot(
     inside = _noise_covariance(level, linear, noise, options)
     whole = p * (inside + share @ weighed.covariance @ share.T) + (1 - p) * covariance + p * (1 - p) * np.outer(apart, apart)
     linear = replace(linear, model=mixed, angles=closure_angles(level.batch, mixed, options.integrator))
-    use = LotUse(given.file, given.hash, lot.units, found, "partly", np.clip(p * np.diag(share), 0, 1), whole - inside, off)
+    used, off = ("yes", None) if p >= BELONGS else ("partly", off)
+    use = LotUse(given.file, given.hash, lot.units, found, used, np.clip(p * np.diag(share), 0, 1), whole - inside, off)
     return bias_from, level, linear, use
 
 

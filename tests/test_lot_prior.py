@@ -127,10 +127,13 @@ def test_where_it_is_open_the_sigmas_cover_both(eight, drawn, file, monkeypatch)
     """The mixture's mean and covariance: p of one, 1 - p of the other, and how far they are apart."""
     from tinygc.fitting import lot_prior
 
-    with_lot, alone = (tinygc.fit(eight, methods=("least_squares",), bias="ends", **how).result for how in ({"lot": file}, {}))
     really = lot_prior.belonging
-    monkeypatch.setattr(lot_prior, "belonging", lambda *given: replace(really(*given), probability=0.5))
-    between = tinygc.fit(eight, methods=("least_squares",), bias="ends", lot=file).result
+
+    def fitted(probability):
+        monkeypatch.setattr(lot_prior, "belonging", lambda *given: replace(really(*given), probability=probability))
+        return tinygc.fit(eight, methods=("least_squares",), bias="ends", lot=file).result
+
+    with_lot, between, alone = fitted(1.0), fitted(0.5), tinygc.fit(eight, methods=("least_squares",), bias="ends").result
     assert between.lot.used == "partly"
     one, other = with_lot.linear.model.vector, alone.linear.model.vector
     np.testing.assert_allclose(between.linear.model.vector, (one + other) / 2, rtol=0, atol=1e-9)

@@ -3,7 +3,8 @@
 Each unit's session gives an estimate of every effect of the catalogue, with its sigma and without selection (``Weighed``).  If no unit has
 an effect its estimates are as probable with the other sign, all effects of a unit at once: so a mean is tested against that same lot with
 its units' signs drawn, which holds whatever the sigmas are worth and however effects are correlated, and the largest of all effects is
-compared with the largest of each draw, so that the level is that of the catalogue (Westfall & Young 1993).  An effect that units have with
+compared with the largest of each draw, so that the level is that of the catalogue (Westfall & Young 1993).  The mean must be more than the
+stated sigmas leave, too: what all units have in common within them may be the table's, or the method's.  An effect that units have with
 either sign has no mean; its estimates spread more than those of the catalogue at large, which is tested by itself.
 
 What one effect leaves in another's columns follows it from unit to unit: beside an effect that is named, another is tested for what is
@@ -137,15 +138,23 @@ def _tested(effects: list[_Estimates], scores: list[np.ndarray], seed: int) -> l
     lowest = np.sort(drawn.min(axis=0))
     found = []
     spread = _spread_log_p(effects)
-    for score, wide in zip(scores, spread, strict=True):
+    for each, score, wide in zip(effects, scores, spread, strict=True):
         mean = float(_log_p(score, np.ones((1, len(score))))[0])
         chance = float((1 + np.searchsorted(lowest, mean, side="right")) / (DRAWS + 1))
         if chance <= 2 / (DRAWS + 1):  # beyond what was drawn: as of so many independent tests (Sidak)
             tests = np.log1p(-0.1) / np.log1p(-np.exp(lowest[DRAWS // 10]))
             chance = min(chance, float(-np.expm1(tests * np.log1p(-np.exp(max(mean, -700.0))))))
+        chance = max(chance, min(1.0, len(effects) * _stated_p(each)))
         by_spread = min(1.0, len(effects) * float(np.exp(wide)))
         found.append((min(1.0, 2 * min(chance, by_spread)), min(mean, wide)))
     return found
+
+
+def _stated_p(effect: _Estimates) -> float:
+    """Of so large a mean in one of its numbers by chance, as the stated sigmas have it."""
+    x, sigma = effect.x[effect.told], effect.sigma[effect.told]
+    z = np.sum(x / sigma**2, axis=0) / np.sqrt(np.sum(sigma**-2.0, axis=0))
+    return min(1.0, len(effect.names) * float(2 * stats.norm.sf(np.abs(z).max())))
 
 
 def _log_p(score: np.ndarray, signs: np.ndarray) -> np.ndarray:
@@ -154,6 +163,8 @@ def _log_p(score: np.ndarray, signs: np.ndarray) -> np.ndarray:
     moment = score.T @ score
     size, axes = np.linalg.eigh(moment)
     seen = size > 1e-6 * max(float(size[-1]), 1e-300)
+    if not seen.any():  # no unit shows anything
+        return np.zeros(len(signs))
     means = signs @ (score @ (axes[:, seen] / np.sqrt(size[seen])))
     return np.asarray(stats.chi2.logsf(np.sum(means**2, axis=1), int(seen.sum())))
 

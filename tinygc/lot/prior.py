@@ -18,7 +18,7 @@ from tinygc.models.linear import NAMES, PARAMETERS, PRIOR_SIGMA
 
 #: a covariance of twelve numbers from fewer units says more of these units than of the next one
 FEWEST_UNITS = 10
-#: probability that a unit does not belong, before it is turned: three boards in a hundred (benchmarks/lot_prior.py: what it costs and finds)
+#: probability that a unit does not belong, before it is turned (benchmarks/lot_prior.py: what it costs and finds)
 OFF_LOT = 0.03
 #: times the lot's spread by which a unit that does not belong is off, all as probable
 OFF_SCALES = (3.0, 10.0, 30.0, 100.0)

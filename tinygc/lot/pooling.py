@@ -97,10 +97,15 @@ def _estimates(units: Sequence[UnitResult]) -> list[_Estimates]:
     for effect, parts in sorted(names.items()):
         rows = [_of_unit([each[effect] for each in sessions if effect in each], parts) for sessions in by_unit.values()]
         x, sigma = (np.array([row[i] for row in rows]) for i in (0, 1))
-        usual = np.nanmedian(sigma, axis=0) if np.isfinite(sigma).any() else np.full(len(parts), np.nan)
+        told = np.isfinite(sigma).any(axis=0)
+        usual = np.array([np.nanmedian(column) if there else np.nan for column, there in zip(sigma.T, told, strict=True)])
         blind = ~(sigma <= UNSEEN * usual)
         x[blind], sigma[blind] = np.nan, np.nan
-        found.append(_Estimates(effect, parts, x, sigma))
+        kept = np.isfinite(x).mean(axis=0) > 0.5  # a number that most units do not tell
+        if kept.any():
+            found.append(
+                _Estimates(effect, tuple(name for name, keep in zip(parts, kept, strict=True) if keep), x[:, kept], sigma[:, kept])
+            )
     return found
 
 

@@ -25,7 +25,7 @@ Tell = Callable[..., bool]
 
 
 def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
-    """Board after board until Ctrl-C, which keeps all; the list of them is ``series.json`` and the JSON."""
+    """Board after board until Ctrl-C, which keeps all; the list is ``series.json`` and the JSON.  130 where a board was cut short."""
     from session.common.errors import CalibrationError, StorageError
     from session.recording.series import SCHEMA, Listener, Series
 
@@ -34,12 +34,11 @@ def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
             "--resume: a series goes on with each board that was begun; leave it out, and give the series' folder with --out"
         )
     series = Series(args.out or Path("data") / f"series-{datetime.now().astimezone():%Y-%m-%d}")
-    listener, last = Listener(lambda: _port(args), args.baud, args.header), None
-    with page_server(args) as page:
-        while True:
+    listener, last, code = Listener(lambda: _port(args), args.baud, args.header), None, 0
+    with page_server(args) as page, Interruption() as wanted:  # one for the whole row: none of its moments may miss a Ctrl-C
+        while not wanted():
             _say(args, "plug in the next board" if last is None else "unplug it, plug in the next board; Ctrl-C ends the row", ring=True)
-            with Interruption() as wanted:
-                serial = listener.next_board(last, wanted)
+            serial = listener.next_board(last, wanted)
             if serial is None or listener.name is None:
                 break
             last = serial
@@ -49,7 +48,8 @@ def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
             folder, begun = series.place(serial)
             _say(args, f"board {serial or 'without a serial number'}: {folder}{', which goes on' if begun else ''}", ring=True)
             try:
-                if _one(args, series, serial, folder, begun, listener.name, page, led, tell):
+                if _one(args, series, serial, folder, begun, listener.name, page, wanted, led, tell):
+                    code = 130
                     break
             except StorageError:
                 raise
@@ -62,7 +62,7 @@ def run_series(args: argparse.Namespace, led: Led, tell: Tell) -> int:
     write_json(
         args.json, {"schema": SCHEMA, "folder": str(series.folder), "boards": [vars(e) for e in series.entries]} | defaults_json(args)
     )
-    return 130
+    return code
 
 
 def _one(
@@ -73,6 +73,7 @@ def _one(
     begun: bool,
     port: str,
     page: PageServer | None,
+    wanted: Interruption,
     led: Led,
     tell: Tell,
 ) -> bool:
@@ -80,9 +81,8 @@ def _one(
     from session.recording.series import Entry
 
     of_one = argparse.Namespace(**{**vars(args), "out": folder, "resume": begun})
-    with Interruption() as wanted:
-        while (found := led(of_one, folder, port, wanted, lambda args, folder: None, page)) is None:
-            pass  # it began again without another board's bytes
+    while (found := led(of_one, folder, port, wanted, lambda args, folder: None, page)) is None:
+        pass  # it began again without another board's bytes
     interrupted = tell(of_one, folder, port, *found)
     guide = found[0]
     ended = datetime.now().astimezone().isoformat(timespec="seconds")

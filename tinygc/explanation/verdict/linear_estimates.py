@@ -41,10 +41,10 @@ def component_names(effect: Effect) -> tuple[str, ...]:
 def effects_of(explanation: Explanation) -> dict[str, Weighed]:
     """Effect id -> what this session says of it, SI; NaN for numbers that it does not tell.
 
-    What is mended before any fit (lost samples, glitches) has no columns and is not among them.  Delays are told by what
-    the axes differ by.  An effect whose shape is searched for (the moment of a step) is taken in the middle of what is tried: where it takes up
-    most its estimate would be a chosen one.  The delay between gyro and accelerometer is what is beyond the filters' own.  chi_square is
-    that of all its numbers together.
+    What is mended before any fit (lost samples, glitches) has no columns and is not among them.  Delays are told by what the axes differ
+    by.  An effect whose shape is searched for (the moment of a step) is taken in the middle of what is tried: where it takes up most its
+    estimate would be a chosen one.  The delay between gyro and accelerometer is what is beyond the filters' own.  chi_square is that of
+    all its numbers together.
     """
     twin, fit, whiten = explanation.twin, explanation.naming.fit, explanation.whiten
     claims = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}

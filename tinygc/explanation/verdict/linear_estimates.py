@@ -7,6 +7,7 @@ columns beside the calibration and the other names, linear around the fit: no se
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,8 +16,10 @@ from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.replay import Replay
-from tinygc.explanation.verdict.explain import Explanation
 from tinygc.lot.unit_result import Weighed
+
+if TYPE_CHECKING:
+    from tinygc.explanation.verdict.explain import Explanation
 
 #: of an effect's plausible size: the sigma of the prior that only keeps what no channel sees finite.  At ten it pulls a number that is
 #: known to a tenth of the plausible by one in ten thousand
@@ -56,7 +59,7 @@ def effects_of(explanation: Explanation) -> dict[str, Weighed]:
         forms.setdefault(effect.id, []).append(effect)
     for name, shapes in forms.items():
         effect = shapes[0] if shapes[0].scan is None else shapes[len(shapes) // 2]
-        beside = fit if name not in claims else _without(fit, claims[name])
+        beside = fit if name not in claims else without_claim(fit, claims[name])
         columns = whiten(replay.columns(effect).stacked())
         theta, covariance = linear_estimate(beside.r, beside.J, columns, effect.parameter.plausible)
         told = _told(effect)
@@ -98,7 +101,7 @@ def _weighed(effect: Effect, theta: np.ndarray, sigma: np.ndarray, chi_square: f
     return Weighed(values, sigmas, chi_square, named, probability)
 
 
-def _without(fit: Refit, number: int) -> Refit:
+def without_claim(fit: Refit, number: int) -> Refit:
     """The fit as if a claim had not been made, to first order."""
     part = claim_slice(fit.state.claims, number)
     return replace(fit, r=fit.r - fit.J[:, part] @ fit.state.claims[number].theta, J=np.delete(fit.J, part, axis=1))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -79,7 +79,7 @@ def _listed(folder: Path) -> ListedSession:
         logs, closures = log_paths(folder, "log"), log_paths(folder, "closure")
         rests = log_paths(folder, "rest")
         known |= {"logs": len(logs) + len(rests), "closures": len(closures)}
-        known["date"], known["date_from"] = _date(folder, config, [*logs, *closures, *rests])
+        known["date"], known["date_from"] = date_of(folder, config, [*logs, *closures, *rests])
         if not (logs or rests):
             known["problem"] = "no log*.csv: nothing was recorded, or it lies elsewhere"
         known |= _fitted(folder / "fit" / "fit.json")
@@ -109,8 +109,9 @@ def _fitted(path: Path) -> dict[str, Any]:
     }
 
 
-def _date(folder: Path, config: Config, logs: list[Path]) -> tuple[str | None, str | None]:
-    """When the port was first opened; else what the notes say; else when the oldest log was last written."""
+def date_of(folder: Path, config: Config, logs: Sequence[Path] = ()) -> tuple[str | None, str | None]:
+    """When a session was recorded, and who says so: when the port was first opened; else what the notes say; else when the oldest of these
+    logs was last written."""
     times = folder / "raw.times"
     if times.exists():
         with open_file(times) as file:

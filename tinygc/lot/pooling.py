@@ -13,14 +13,15 @@ there where a unit has none of the first.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from scipy import stats
 
+from tinygc.lot.estimates import Estimates, estimates_of
 from tinygc.lot.lot import PooledEffect
-from tinygc.lot.unit_result import UnitResult, Weighed
+from tinygc.lot.unit_result import UnitResult
 
 #: of the catalogue, for one lot (benchmarks/lot_effects.py: how often a lot with nothing in it names something)
 FAMILY_WISE = 0.05
@@ -30,32 +31,16 @@ DRAWS = 4000
 MOST_SIGMAS = 3.0
 #: units, below which signs hardly tell anything: 2^-N of them is the smallest p-value
 FEWEST = 8
-#: of a unit's estimates, m times the median sigma of the lot: such a unit has not seen the number
-UNSEEN = 30.0
 #: -2 log likelihood within which an effect may stand in for another (Kass & Raftery 1995: "very strong" beyond)
 STAND_IN = 10.0
 #: shares and spreads that are tried for the mixture
 GRID = 41
 
 
-@dataclass(frozen=True, eq=False)
-class _Estimates:
-    """One effect over the lot: names of its numbers (P,), x and sigma (N, P), NaN where a unit does not tell."""
-
-    id: str
-    names: tuple[str, ...]
-    x: np.ndarray
-    sigma: np.ndarray
-
-    @property
-    def told(self) -> np.ndarray:
-        """(N,) units with all numbers."""
-        return np.isfinite(self.x).all(axis=1)
-
-
-def pooled(units: Sequence[UnitResult], seed: int = 0) -> dict[str, PooledEffect]:
-    """The effects that a lot has, by id; none where none is more than chance.  Several sessions of a unit count as one."""
-    effects = [each for each in _estimates(units) if each.told.sum() >= FEWEST]
+def pooled(units: Iterable[UnitResult], seed: int = 0) -> dict[str, PooledEffect]:
+    """The effects that a lot has, by id; none where none is more than chance.  Several sessions of a unit count as one; of more than
+    ``MOST_UNITS`` units so many are drawn."""
+    effects = [each for each in estimates_of(units, seed) if each.told.sum() >= FEWEST]
     if not effects:
         return {}
     found: dict[str, PooledEffect] = {}
@@ -63,7 +48,7 @@ def pooled(units: Sequence[UnitResult], seed: int = 0) -> dict[str, PooledEffect
     first = _tested(effects, scores, seed)
     strength = {each.id: -2 * log_p for each, (_, log_p) in zip(effects, first, strict=True)}
     p_values = {each.id: p for each, (p, _) in zip(effects, first, strict=True)}
-    leaders: list[_Estimates] = []
+    leaders: list[Estimates] = []
     left = {each.id: each for each in effects if p_values[each.id] <= FAMILY_WISE}
     while left:
         best = max(left.values(), key=lambda each: strength[each.id]) if not leaders else None
@@ -84,44 +69,7 @@ def pooled(units: Sequence[UnitResult], seed: int = 0) -> dict[str, PooledEffect
     return found
 
 
-def _estimates(units: Sequence[UnitResult]) -> list[_Estimates]:
-    """Of each effect that any unit tells of."""
-    by_unit: dict[str, list[Mapping[str, Weighed]]] = {}
-    for number, unit in enumerate(units):
-        by_unit.setdefault(unit.serial or f"\0{number}", []).append(unit.effects)
-    names: dict[str, tuple[str, ...]] = {}
-    for unit in units:
-        for effect, weighed in unit.effects.items():
-            names.setdefault(effect, tuple(weighed.estimates))
-    found = []
-    for effect, parts in sorted(names.items()):
-        rows = [_of_unit([each[effect] for each in sessions if effect in each], parts) for sessions in by_unit.values()]
-        x, sigma = (np.array([row[i] for row in rows]) for i in (0, 1))
-        told = np.isfinite(sigma).any(axis=0)
-        usual = np.array([np.nanmedian(column) if there else np.nan for column, there in zip(sigma.T, told, strict=True)])
-        blind = ~(sigma <= UNSEEN * usual)
-        x[blind], sigma[blind] = np.nan, np.nan
-        kept = np.isfinite(x).mean(axis=0) > 0.5  # a number that most units do not tell
-        if kept.any():
-            found.append(
-                _Estimates(effect, tuple(name for name, keep in zip(parts, kept, strict=True) if keep), x[:, kept], sigma[:, kept])
-            )
-    return found
-
-
-def _of_unit(sessions: list[Weighed], parts: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) twice: the mean of a unit's sessions by their sigmas, and its sigma."""
-    told = [(each.estimates, each.sigmas) for each in sessions if tuple(each.estimates) == parts]
-    if not told:
-        return np.full(len(parts), np.nan), np.full(len(parts), np.nan)
-    x, sigma = (np.array([[each[i][name] for name in parts] for each in told], dtype=float) for i in (0, 1))
-    weight = np.where(np.isfinite(x) & (sigma > 0), 1 / sigma**2, 0.0)
-    total = weight.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(total > 0, np.nansum(weight * x, axis=0) / total, np.nan), np.where(total > 0, total**-0.5, np.nan)
-
-
-def _scores(effect: _Estimates) -> np.ndarray:
+def _scores(effect: Estimates) -> np.ndarray:
     """(N, P): each unit's pull on the mean, odd in its sign, bounded; nothing of a unit that does not tell."""
     x, sigma = effect.x[effect.told], effect.sigma[effect.told]
     wide = np.hypot(sigma, np.sqrt(_spread_about(x, sigma, 0.0)))
@@ -136,7 +84,7 @@ def _spread_about(x: np.ndarray, sigma: np.ndarray, mean: np.ndarray | float) ->
     return np.maximum(np.median(excess, axis=0), 0.0)
 
 
-def _tested(effects: list[_Estimates], scores: list[np.ndarray], seed: int) -> list[tuple[float, float]]:
+def _tested(effects: list[Estimates], scores: list[np.ndarray], seed: int) -> list[tuple[float, float]]:
     """Of each effect the p-value, of the catalogue's, that no unit has it, and the logarithm of its own."""
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (DRAWS, len(scores[0])))
     drawn = np.array([_log_p(score, signs) for score in scores])
@@ -155,7 +103,7 @@ def _tested(effects: list[_Estimates], scores: list[np.ndarray], seed: int) -> l
     return found
 
 
-def _stated_p(effect: _Estimates) -> float:
+def _stated_p(effect: Estimates) -> float:
     """Of so large a mean in one of its numbers by chance, as the stated sigmas have it."""
     x, sigma = effect.x[effect.told], effect.sigma[effect.told]
     z = np.sum(x / sigma**2, axis=0) / np.sqrt(np.sum(sigma**-2.0, axis=0))
@@ -174,7 +122,7 @@ def _log_p(score: np.ndarray, signs: np.ndarray) -> np.ndarray:
     return np.asarray(stats.chi2.logsf(np.sum(means**2, axis=1), int(seen.sum())))
 
 
-def _spread_log_p(effects: list[_Estimates]) -> list[float]:
+def _spread_log_p(effects: list[Estimates]) -> list[float]:
     """Of each effect: whether its squares are larger than the catalogue's are at large, beside their own scatter over the units."""
     squares = []
     for each in effects:
@@ -193,7 +141,7 @@ def _spread_log_p(effects: list[_Estimates]) -> list[float]:
 _BOUNDED = float(stats.norm.expect(lambda z: min(z * z, MOST_SIGMAS**2)))
 
 
-def _along(effect: _Estimates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _along(effect: Estimates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """share (N,) of the lot's mean that each unit has, its sigma (N,), and the mean (P,)."""
     told = effect.told
     x, sigma = effect.x[told], effect.sigma[told]
@@ -227,7 +175,7 @@ def _mean(x: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     return np.asarray(mean)
 
 
-def _beside(effect: _Estimates, leaders: list[_Estimates]) -> float:
+def _beside(effect: Estimates, leaders: list[Estimates]) -> float:
     """p-value of there being nothing of an effect in a unit that has nothing of the leaders: the intercept of a regression on them."""
     shares = [_along(leader)[0] for leader in leaders]
     told = effect.told & np.isfinite(shares).all(axis=0)
@@ -248,7 +196,7 @@ def _beside(effect: _Estimates, leaders: list[_Estimates]) -> float:
     return float(stats.f.sf(square * (freedom - rank + 1) / (freedom * rank), rank, freedom - rank + 1))
 
 
-def _pooled(effect: _Estimates, p_value: float) -> PooledEffect:
+def _pooled(effect: Estimates, p_value: float) -> PooledEffect:
     """Share of the units, mean and spread among those, by the mixture that is likeliest: a unit has nothing, or its part of the mean."""
     told = effect.told
     share, of_share, mean = _along(effect)

@@ -35,6 +35,8 @@ FEWEST = 8
 STAND_IN = 10.0
 #: shares and spreads that are tried for the mixture
 GRID = 41
+#: log likelihood within which all units are said to have an effect, beside a share of them: half of chi-square's 5 %, of one more number
+ALIKE = 1.92
 
 
 def pooled(units: Iterable[UnitResult], seed: int = 0) -> dict[str, PooledEffect]:
@@ -201,8 +203,9 @@ def _pooled(effect: Estimates, p_value: float) -> PooledEffect:
     told = effect.told
     share, of_share, mean = _along(effect)
     y, s = share[told], of_share[told]
-    of_units, about, wide = _mixture(y, s)
     x, sigma = effect.x[told], effect.sigma[told]
+    # Units that have it with either sign have no mean that they could have a part of.
+    of_units, about, wide = _mixture(y, s) if _stated_p(effect) <= FAMILY_WISE else (1.0, 1.0, 0.0)
     among = np.sqrt(_spread_about(x, sigma, mean))
     found = mean * about
     if of_units < 1:  # what units that have nothing add to the spread is none of those that have it
@@ -214,7 +217,7 @@ def _pooled(effect: Estimates, p_value: float) -> PooledEffect:
 def _mixture(y: np.ndarray, s: np.ndarray) -> tuple[float, float, float]:
     """Share of units with a part y of the mean that is normal about ``about`` with ``wide`` times it, the others with nothing.
 
-    Of shares that the lot hardly tells apart the largest is said: that all units are alike is the simplest.
+    Where the lot hardly tells whether it is all of them (chi-square of 5 %), all are said to have it: that units are alike is the simplest.
     """
     shares = np.linspace(1 / GRID, 1, GRID)
     best: list[tuple[float, float, float, float]] = []
@@ -226,6 +229,6 @@ def _mixture(y: np.ndarray, s: np.ndarray) -> tuple[float, float, float]:
             with np.errstate(divide="ignore"):
                 each = np.logaddexp(np.log(part) + with_it, np.log1p(-part) + with_none if part < 1 else -np.inf)
             best.append((float(each.sum()), float(part), float(about), wide))
-    top = max(best)[0]
-    _, part, about, wide = max((each for each in best if each[0] > top - 1.92), key=lambda each: (each[1], each[0]))
+    likeliest, whole = max(best), max(each for each in best if each[1] == shares[-1])
+    _, part, about, wide = whole if whole[0] > likeliest[0] - ALIKE else likeliest
     return part, about, wide

@@ -15,6 +15,7 @@ from scipy import stats
 
 from session.common.units import DEG
 from tinygc.effects import AppliedEffect, Effect, catalogue
+from tinygc.explanation.naming.evidence import PRIOR_ODDS, SCALES
 from tinygc.explanation.twin.replay import Replay
 from tinygc.explanation.verdict.linear_estimates import component_names, linear_estimate, without_claim
 from tinygc.explanation.verdict.readable import readable
@@ -94,10 +95,17 @@ def _in_unit(explanation: Explanation, effect: Effect, pooled: PooledEffect) -> 
     stacked = Replay(twin, fit).columns(effect).stacked()
     theta, own = linear_estimate(beside.r, beside.J, whiten(stacked), effect.parameter.plausible)
     before = np.diag(spread**2 + (LEAST_SPREAD * np.abs(mean).max()) ** 2)
-    # Has it: normal about the lot's mean; has it not: noise alone.
-    log_bayes = _log_normal(theta - mean, own + before) - _log_normal(theta, own)
+    # Has it as the lot does: normal about its mean; has nothing; or has something of its own, of its own size.
     share = float(np.clip(pooled.share, LEAST, MOST))
-    probability = float(1 / (1 + np.exp(-np.clip(np.log(share / (1 - share)) + log_bayes, -700, 700))))
+    size = np.eye(len(theta)) * max(float(np.mean(theta**2)), float(np.mean(mean**2)))
+    chances = np.array(
+        [
+            np.log(share) + _log_normal(theta - mean, own + before),
+            np.log(1 - share) + _log_normal(theta, own),
+            np.log(PRIOR_ODDS / SCALES) + _log_normal(theta, own + size),
+        ]
+    )
+    probability = float(np.exp(chances[0] - np.logaddexp.reduce(chances)))
     gain = before @ np.linalg.inv(own + before)
     both, covariance = mean + gain @ (theta - mean), before - gain @ before
     information = np.linalg.inv(own)

@@ -71,7 +71,7 @@ class Coach:
         missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
         if not missing:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
-            says = self._word.says or ("" if self._lot is None else f"{_turns(len(self._seen))} were enough for this one")
+            says = self._word.says or ("" if self._lot is None else f"{_turns(len(self._seen), 'was', 'were')} enough for this one")
             return Advice("", reason, reached=True, sigmas=_named(sigma), says=says)
         # The board lies where the last still was, which need not be the end of a turn that counts.
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
@@ -84,7 +84,7 @@ class Coach:
         if self._lot is None or self._word.says:
             return self._word.says
         more = self.turns_to_go(measured)
-        return "" if more is None else f"{_turns(len(self._seen) + more)} are enough for this one"
+        return "" if more is None else f"{_turns(len(self._seen) + more, 'is', 'are')} enough for this one"
 
     def turns_to_go(self, measured: np.ndarray) -> int | None:
         """How many of the turns that it would ask for reach every target, from where the accelerometer reads ``measured`` (3,); None: more
@@ -112,7 +112,8 @@ class Coach:
             seen = list(self._seen.values())
             ends = np.array([[rotation.from_gravity(direction) for direction in each.ends] for each in seen])
             columns12 = np.array([each.columns[:, : linear.PARAMETERS] for each in seen])
-            self._word = word_of(self._lot, tuple(progress.turns), columns12, np.array([each.own for each in seen]), ends)
+            own = np.array([each.own for each in seen])
+            self._word = word_of(self._lot, tuple(progress.turns), columns12, own, ends, by_turns=self._own is None)
 
     @property
     def targets(self) -> np.ndarray:
@@ -203,8 +204,8 @@ class Coach:
         return _Seen(turn, force, design, own + tilt * np.eye(2))
 
 
-def _turns(count: int) -> str:
-    return f"{count} turn{'s' * (count != 1)}"
+def _turns(count: int, one: str, many: str) -> str:
+    return f"{count} turn {one}" if count == 1 else f"{count} turns {many}"
 
 
 def _movements(turn: Turn) -> tuple[Movement, ...]:

@@ -30,11 +30,14 @@ class LotWord:
     says: str
 
 
-def word_of(lot: Lot, turns: tuple[AcceptedTurn, ...], columns: np.ndarray, noise: np.ndarray, directions: np.ndarray) -> LotWord:
+def word_of(
+    lot: Lot, turns: tuple[AcceptedTurn, ...], columns: np.ndarray, noise: np.ndarray, directions: np.ndarray, by_turns: bool = True
+) -> LotWord:
     """What the lot tells of a board by its turns: columns (S, 2, 12) and noise (S, 2, 2) of each; directions (S, 2, 4): attitudes of its
     ends.
 
-    Where the lot has no mean for a number, that is as open as without it.
+    Where the lot has no mean for a number, that is as open as without it.  by_turns: whether the turns' closure is asked, too: beside an
+    accelerometer that nobody has calibrated it would show that one's errors, and the stills' rates alone say whether the board belongs.
     """
     stills = np.array([still.gyro_mean for turn in turns for still in turn.segment.stills])
     bias = stills.mean(axis=0)
@@ -42,7 +45,7 @@ def word_of(lot: Lot, turns: tuple[AcceptedTurn, ...], columns: np.ndarray, nois
     prior = prior_of(lot, start.vector)
     model = LinearModel(prior.centre[MATRIX].reshape(3, 3), np.zeros(3))
     angles = np.array([_angles(turn, model, ends) for turn, ends in zip(turns, directions, strict=True)])
-    weight, design = np.linalg.inv(noise), columns[:, :, MATRIX]
+    weight, design = np.linalg.inv(noise), columns[:, :, MATRIX] * by_turns
     known = np.einsum("sdp,sde,seq->pq", design, weight, design)
     own = np.linalg.inv(prior.covariance[MATRIX, MATRIX])
     inverse = np.linalg.inv(known + own)

@@ -13,7 +13,7 @@ from session.common.errors import CalibrationError
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.lot.files import write_lot
 from tinygc.lot.prior import Prior, belonging, prior_of, require_usable
-from tinygc.models.linear import NAMES, PARAMETERS, LinearModel
+from tinygc.models.linear import PARAMETERS, LinearModel
 from tinygc.problem.prepared import prepare
 
 
@@ -96,8 +96,8 @@ def test_four_turns_fit_with_a_lot_and_say_what_it_gave(four, file, tmp_path):
     assert told["file"] == "lot.json"
     assert len(told["hash"]) == 64
     assert told["belongs_probability"] > 0.95
-    assert set(told["share"]) == set(NAMES)
-    assert max(told["share"].values()) > 0.5
+    assert len(told["share"]) == PARAMETERS
+    assert max(told["share"]) > 0.5
     assert set(table["methods"]) == {"raw", "raw_bias_removed", "least_squares"}
     assert "The unit belongs to the lot of lot.json, 500 units" in " ".join(done.stdout.split())
     model = json.loads((tmp_path / "fit" / "model_least_squares.json").read_text())

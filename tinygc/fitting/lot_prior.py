@@ -61,7 +61,7 @@ class LotUse:
             "freedom": found.freedom,
             "p_value": found.p_value,
             "off": None if self.off is None else {"parameter": self.off[0], "sigmas": self.off[1]},
-            "share": dict(zip(NAMES, self.share.tolist(), strict=True)),
+            "share": self.share.tolist(),
         }
 
     @property

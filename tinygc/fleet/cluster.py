@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+from queue import SimpleQueue
+from time import monotonic
 from typing import Any
 
 from session.common.errors import CalibrationError
@@ -11,6 +13,8 @@ from tinygc.fleet.executor import Finished
 
 #: jobs under way for each thread of the cluster, so that none waits for us
 AHEAD = 2
+#: s between two looks at how many workers there are: they may come and go
+OFTEN_S = 2.0
 #: s: for a scheduler to answer
 PATIENCE_S = 30
 
@@ -36,20 +40,28 @@ class Cluster:
                 f"--scheduler {address}: no Dask scheduler answers ({why}); give its address, such as tcp://host:8786"
             ) from None
         self._jobs: dict[Any, Job] = {}
+        self._over: SimpleQueue[Any] = SimpleQueue()  # filled by the client's own thread
+        self._threads, self._asked_s = 0, float("-inf")
 
     @property
     def capacity(self) -> int:
         """Of the workers that there are now; with none yet, one: it waits for the first."""
-        return max(AHEAD * sum(self._client.nthreads().values()), 1)
+        if monotonic() - self._asked_s > OFTEN_S:
+            self._threads, self._asked_s = sum(self._client.nthreads().values()), monotonic()
+        return max(AHEAD * self._threads, 1)
 
     def submit(self, job: Job) -> None:
         """To whatever worker the scheduler chooses."""
-        self._jobs[self._client.submit(compute, job, pure=False)] = job
+        future = self._client.submit(compute, job, pure=False)
+        self._jobs[future] = job
+        future.add_done_callback(self._over.put)
 
     def finished(self) -> list[Finished]:
         """Wait until at least one job has come to an end."""
-        self._distributed.wait(list(self._jobs), return_when="FIRST_COMPLETED")
-        return [self._ended(future) for future in list(self._jobs) if future.done()]
+        over = [self._over.get()]
+        while not self._over.empty():
+            over.append(self._over.get())
+        return [self._ended(future) for future in over]
 
     def close(self) -> None:
         """Take back what is under way; the cluster goes on without us."""
@@ -71,6 +83,8 @@ class Cluster:
             ) from None
         except (ImportError, AttributeError) as error:
             raise CalibrationError(f"a worker cannot run TinyGC ({error}); install the same version there") from None
+        except CalibrationError:
+            raise
         except MemoryError:
             return Finished(job, None, "memory was short")
         except Exception as error:

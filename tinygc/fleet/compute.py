@@ -17,6 +17,7 @@ from session.common.errors import CalibrationError
 from session.common.texts import printable
 from session.common.version import VERSION
 from session.files.results import json_text
+from session.log.config import Config, read_config
 from session.log.folder import Session, read_session
 from tinygc.effects import using
 from tinygc.explanation.truth.explain import explain_truth
@@ -61,10 +62,10 @@ class Outcome:
 
 
 def compute(job: Job) -> Outcome:
-    """The outcome of a job; what is wrong with a session is in its row, and nothing is raised for it."""
+    """The outcome of a job; what is wrong with a session is in its row.  CalibrationError where job and process are of two versions."""
     with _ONE_AT_A_TIME:
         if job.version != VERSION:
-            return Outcome(job.key, None, f"a worker runs TinyGC {VERSION}, this is {job.version}; install the same version everywhere")
+            raise CalibrationError(f"a worker runs TinyGC {VERSION}, this is {job.version}; install the same version everywhere")
         began, cpu = time.perf_counter(), time.process_time()
         row, trouble = _row(job)
         return Outcome(job.key, row, trouble, time.process_time() - cpu, time.perf_counter() - began)
@@ -85,17 +86,17 @@ def _row(job: Job) -> tuple[Row | None, str]:
 
 
 def _fill(row: Row, folder: Path, options: FleetOptions) -> None:
+    _kept_config(row, folder, read_config(folder / "session.toml"))
     if options.steps == ("check",):
-        _kept_findings(row, folder.resolve().name, check_folder(folder, first_look_at_gravity_sign))
+        _kept_findings(row, folder, check_folder(folder, first_look_at_gravity_sign))
         errors = [finding for finding in json.loads(row["findings"]) if finding["level"] == "error"]
         if errors:
             raise CalibrationError(": ".join(errors[0][key] for key in ("where", "what", "says")))
         return
     session = read_session(folder)
-    _kept_session(row, session)
     prepared = prepare(session, use_earth=options.earth, accelerometer=options.accelerometer)
     if "check" in options.steps:
-        _kept_findings(row, session.name, prepared.findings + check_rests(session.rests, session.config.sensor))
+        _kept_findings(row, folder, prepared.findings + check_rests(session.rests, session.config.sensor))
     if "fit" in options.steps:
         with _failing_at("fit", row, folder):
             row |= fitted(fit_session(session, options.of_fit, prepared=prepared))
@@ -125,19 +126,24 @@ def _without_folder(said: str, folder: Path) -> str:
     return printable(said)[:MOST_ERROR]
 
 
-def _kept_session(row: Row, session: Session) -> None:
-    """What it says of itself."""
-    notes, sensor = session.config.notes, session.config.sensor
-    recorded, _ = date_of(session.folder, session.config)
+def _kept_config(row: Row, folder: Path, config: Config) -> None:
+    """What a session says of itself, also where its logs cannot be read."""
+    notes, sensor = config.notes, config.sensor
+    recorded, _ = date_of(folder, config)
     row |= {"model": printable(sensor.model), "serial": printable(sensor.serial), "recorded": recorded}
     row |= {name: printable(str(notes[name])) if name in notes else None for name in ("operator", "station")}
 
 
-def _kept_findings(row: Row, name: str, findings: list[Finding]) -> None:
+def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
     """How serious the worst is, and all that is worth a word."""
-    told = [vars(finding) | {"where": "session" if finding.where == name else finding.where} for finding in findings]
-    worth = sorted((each for each in told if each["level"] in ("warning", "error")), key=lambda each: each["level"])
-    row |= {"first_look": worst(findings), "findings": _compact(worth[:MOST_FINDINGS])}
+    name = printable(folder.resolve().name)
+    worth = sorted((finding for finding in findings if finding.level in ("warning", "error")), key=lambda each: each.level)
+    told = [
+        {"level": each.level, "where": "session" if each.where == name else each.where, "what": each.what}
+        | {"says": _without_folder(each.says, folder), "do": _without_folder(each.do, folder)}
+        for each in worth[:MOST_FINDINGS]
+    ]
+    row |= {"first_look": worst(findings), "findings": _compact(told)}
 
 
 def _explained(session: Session, prepared: Prepared, options: FleetOptions) -> Row:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.common.errors import CalibrationError
+from session.log.hashes import file_key, sha256_of
 from tinygc.methods.options import FitOptions
 from tinygc.problem.prepared import ACCELEROMETERS, AUTO
 
@@ -61,5 +62,5 @@ def effects_hash(folders: tuple[str, ...]) -> str:
     digest = hashlib.sha256()
     for folder in folders:
         for path in sorted(Path(folder).glob("*.py")):
-            digest.update(f"{path.name}\0{hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode("utf-8", "surrogateescape"))
+            digest.update(f"{file_key(path)}\0{sha256_of(path)}\n".encode())
     return digest.hexdigest()

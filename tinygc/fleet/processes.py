@@ -22,6 +22,8 @@ READY = "ready"
 AHEAD = 1
 #: s: for a process that was told to end, before it is made to
 GRACE_S = 5.0
+#: exit code of a process for which there was no memory
+NO_MEMORY = 12
 #: matrices are small: threads that wait for one another cost more than they give, and sums must not depend on their number
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -35,7 +37,7 @@ class _Worker:
 
 
 class Processes:
-    """``count`` of them, started anew where one ends.
+    """``count`` of them, started with the first job, and anew where one ends.
 
     Each is a fresh interpreter: what the parent holds open or has running is not its own.  It ends by itself when the parent has.
     """
@@ -43,23 +45,20 @@ class Processes:
     def __init__(self, count: int):
         for name in ONE_THREAD:
             os.environ.setdefault(name, "1")
+        self._count = count
         self._context = get_context("spawn")
         self._queue: deque[Job] = deque()
         self._workers: list[_Worker] = []
-        try:
-            for _ in range(count):
-                self._workers.append(self._started())
-        except BaseException:
-            self.close()
-            raise
 
     @property
     def capacity(self) -> int:
         """Those that are computed, and those that wait."""
-        return len(self._workers) * (1 + AHEAD)
+        return self._count * (1 + AHEAD)
 
     def submit(self, job: Job) -> None:
         """To who has nothing to do, else into the queue."""
+        while len(self._workers) < self._count:
+            self._workers.append(self._started())
         self._queue.append(job)
         self._hand_out()
 
@@ -136,7 +135,7 @@ def _interrupts_ignored() -> Iterator[None]:
 def _how(code: int | None) -> str:
     """In words: the signal that ended a process, or its exit code."""
     if code is None or code >= 0:
-        return f"exit code {code}"
+        return "memory was short" if code == NO_MEMORY else f"exit code {code}"
     try:
         return f"killed by {signal.Signals(-code).name}"
     except ValueError:
@@ -153,3 +152,5 @@ def _serve(pipe: Connection) -> None:
             pipe.send(outcome)
     except (EOFError, OSError):
         return
+    except MemoryError:
+        os._exit(NO_MEMORY)

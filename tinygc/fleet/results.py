@@ -52,12 +52,13 @@ def results_of(table: Table) -> Iterator[UnitResult]:
 
 
 def weighed_of(text: str | None) -> Mapping[str, Weighed]:
-    """What ``compute`` kept of each effect, by id; NaN for a number that a session did not tell."""
-    known = lambda values: {name: float("nan") if value is None else value for name, value in values.items()}  # noqa: E731
-    return {
-        name: Weighed(**each | {"estimates": known(each["estimates"]), "sigmas": known(each["sigmas"])})
-        for name, each in json.loads(text or "{}").items()
-    }
+    """What ``compute`` kept of each effect, by id; NaN for what JSON has no number for: it was not told."""
+    found = {}
+    for name, each in json.loads(text or "{}").items():
+        for key in ("estimates", "sigmas"):
+            each[key] = {component: np.nan if value is None else value for component, value in each[key].items()}
+        found[name] = Weighed(**each)
+    return found
 
 
 def write_csv(table: Table, file: TextIO) -> int:

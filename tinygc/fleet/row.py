@@ -11,7 +11,7 @@ from tinygc.lot.unit_result import NAMES
 #: of a row: it came to its end; a step of it refused; the process that computed it ended, twice
 DONE, FAILED, DIED = "done", "failed", "died"
 TEXT, INTEGER, REAL, BLOB = "TEXT", "INTEGER", "REAL", "BLOB"
-#: SQL name -> type, beside the key and the 42 columns of parameters (docs/formats.md, tinygc-fleet/1)
+#: SQL name -> type, beside the key and the 42 columns of parameters (docs/formats.md, table of a fleet)
 FIGURES = {
     "status": TEXT,
     "step": TEXT,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,6 +43,7 @@ class _Run:
 
     def take(self, folder: Path) -> None:
         """A folder: known, under way already, or given out."""
+        folder = Path(os.path.abspath(folder))  # the table is read from elsewhere, too
         try:
             key = key_of(folder, self._options)
         except CalibrationError as error:

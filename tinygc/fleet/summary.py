@@ -80,10 +80,9 @@ class Summary:
             "effects": self.effects,
             "reasons": [{"step": step, "reason": reason, "sessions": count} for step, reason, count in self.reasons],
             "failures": [{"folder": folder, "step": step, "error": error} for folder, step, error in self.failures],
-            "distributions": {
-                name: {"sessions": each.count, "quantiles": dict(zip(map(str, SHARES), each.quantiles.tolist(), strict=True))}
-                for name, each in self.distributions.items()
-            },
+            "distributions": [
+                {"figure": name, "sessions": each.count, "quantiles": each.quantiles.tolist()} for name, each in self.distributions.items()
+            ],
         }
 
 

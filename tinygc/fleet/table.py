@@ -50,13 +50,17 @@ class Table:
         return found[0][0] if found else None
 
     def put_folder(self, folder: Path, key: str | None, error: str | None = None) -> None:
-        """A folder's key, or why it has none."""
+        """A folder's key, or why it has none; a folder of the same content that is there no more was moved here."""
         row = (unicode_text(os.fspath(folder)), key, error)
         with named_errors(self.path):
             same = self._connection.execute("SELECT key, error FROM folders WHERE folder = ?", row[:1]).fetchone()
-            if same != row[1:]:  # a table that is only looked up is not written
-                with self._connection:
-                    self._connection.execute("INSERT OR REPLACE INTO folders VALUES (?, ?, ?)", row)
+            if same == row[1:]:  # a table that is only looked up is not written
+                return
+            others = [] if key is None else self.rows("SELECT folder FROM folders WHERE key = ? AND folder <> ?", (key, row[0]))
+            moved = [each for each in others if not os.path.isdir(each[0])]
+            with self._connection:
+                self._connection.executemany("DELETE FROM folders WHERE folder = ?", moved)
+                self._connection.execute("INSERT OR REPLACE INTO folders VALUES (?, ?, ?)", row)
 
     def put(self, outcome: Outcome, row: Row, folders: Sequence[Path]) -> None:
         """A result and the folders that it is of, together."""
@@ -94,20 +98,16 @@ def open_table(out: Path) -> Iterator[Table]:
     """
     path = out / NAME
     with result_folder(out), _alone(out):
-        new = not path.exists() or path.stat().st_size == 0
         with named_errors(path):
             connection = sqlite3.connect(path)
         try:
             with named_errors(path):
-                if not new:
-                    _require_ours(path, connection)
+                if not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+                    ours = f"PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {VERSION};"
+                    connection.executescript(f"BEGIN; {ours} {SCHEMA} COMMIT;")
+                _require_ours(path, connection)
                 connection.execute("PRAGMA journal_mode = WAL")
                 connection.execute("PRAGMA synchronous = NORMAL")
-                if new:
-                    with connection:
-                        connection.executescript(
-                            f"BEGIN; PRAGMA application_id = {APPLICATION}; PRAGMA user_version = {VERSION}; {SCHEMA} COMMIT;"
-                        )
             yield Table(path, connection)
         finally:
             with contextlib.suppress(sqlite3.Error):
@@ -126,6 +126,7 @@ def read_table(out: Path) -> Iterator[Table]:
     try:
         with named_errors(path):
             _require_ours(path, connection)
+            connection.execute("BEGIN")  # every question sees the same rows, also while another run writes
         yield Table(path, connection)
     finally:
         connection.close()

@@ -20,8 +20,12 @@ from scipy import signal, stats
 FAMILY_P = 0.01
 #: of two normal draws, their mean distance in sigmas
 D2 = 2 / np.sqrt(np.pi)
-#: of the newest point in the moving average: what finds a step of about one sigma soonest
-EWMA_WEIGHT = 0.2
+#: of the newest point in the moving average: what finds steps of a half to one sigma soonest, of those that limits of a lot can find
+EWMA_WEIGHT = 0.05
+#: points of the moving average that are as likely to leave its limits as an independent one, for each point and weight
+EWMA_POINTS = 4.0
+#: degrees of freedom of a sigma from moving ranges, for each point: of their median, and of their mean (simulated, benchmarks/lot.py)
+MEDIAN_FREEDOM, MEAN_FREEDOM = 0.31, 0.63
 #: score beyond which a point says no more of a drift
 WILD = 3.0
 #: chance of each rule at a point in control, of independent normal points
@@ -78,14 +82,16 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
     whole = float(np.nanmedian(moving)) / (np.sqrt(2) * stats.norm.ppf(0.75)) if n > 20 else float(np.nanmean(moving)) / D2
     short = float(np.sqrt(max(whole**2 - np.mean(noise**2), 0.0)))
     sigma = np.sqrt(short**2 + noise**2)
-    score = _scores((y - centre) / np.maximum(sigma, 1e-300), tails)
+    # Sigma itself is known from so many degrees of freedom, which tails have to count as well.
+    known = (MEDIAN_FREEDOM if n > 20 else MEAN_FREEDOM) * (n - 1)
+    score = _scores((y - centre) / np.maximum(sigma, 1e-300), 1 / (1 / tails + 1 / known) if np.isfinite(tails) else known, tails)
     limit = float(stats.norm.isf(FAMILY_P / 2 / (n * charts) / 2))
     ewma, ewma_limit = _ewma(score, charts)
     counts = {name: int(hits.sum()) for name, hits in _rung(score).items()}
     chance = {name: rate * n for name, rate in RULES.items()}
     seldom = COUNT_P / (len(RULES) * charts)
     # Hits of a rule come in runs: a run of up to so many counts as one draw of chance.
-    runs = {"beyond 3 sigma": 1, "2 of 3 beyond 2 sigma": 2, "4 of 5 beyond 1 sigma": 4, "9 on one side": 4}
+    runs = {"beyond 3 sigma": 1, "2 of 3 beyond 2 sigma": 2, "4 of 5 beyond 1 sigma": 5, "9 on one side": 5}
     broken = tuple(name for name in RULES if stats.poisson.sf((counts[name] - 1) // runs[name], chance[name] / runs[name]) < seldom)
     return Chart(
         np.arange(n) if place is None else place,
@@ -107,12 +113,10 @@ def chart(y: np.ndarray, noise: np.ndarray, tails: float = np.inf, charts: int =
     )
 
 
-def _scores(z: np.ndarray, tails: float) -> np.ndarray:
-    """Normal scores of what is Student's t with unit variance."""
-    if np.isinf(tails):
-        return z
-    t = np.abs(z) * np.sqrt(tails / (tails - 2))
-    return np.sign(z) * stats.norm.isf(np.maximum(stats.t.sf(t, tails), 1e-300))
+def _scores(z: np.ndarray, freedom: float, tails: float) -> np.ndarray:
+    """Normal scores of Student's t; tails: of the lot, by whose variance z was scaled."""
+    t = np.abs(z) * (np.sqrt(tails / (tails - 2)) if np.isfinite(tails) else 1.0)
+    return np.sign(z) * stats.norm.isf(np.maximum(stats.t.sf(t, freedom), 1e-300))
 
 
 def _ewma(score: np.ndarray, charts: int) -> tuple[np.ndarray, float]:
@@ -121,8 +125,8 @@ def _ewma(score: np.ndarray, charts: int) -> tuple[np.ndarray, float]:
     # One wild point is no drift: it has a rule of its own, and counts here as what is still of this process.
     found = signal.lfilter([w], [1, w - 1], np.clip(score, -WILD, WILD))
     own = np.sqrt(w / (2 - w) * (1 - (1 - w) ** (2 * np.arange(1, len(score) + 1))))
-    # Its points follow one another: the limit of independent ones is on the safe side.
-    return found / own, float(stats.norm.isf(FAMILY_P / 2 / (len(score) * charts) / 2))
+    independent = max(len(score) * w * EWMA_POINTS, 1.0) * charts
+    return found / own, float(stats.norm.isf(FAMILY_P / 2 / independent / 2))
 
 
 def _rung(score: np.ndarray) -> dict[str, np.ndarray]:

@@ -17,7 +17,7 @@ from tinygc.lot.sessions import COUNT, LotSessions
 #: units of the first, smaller lot, and by what each following one is larger
 BEGIN_UNITS, GROWTH = 1500, 8
 #: passes at most; over a part of the units, and over all of more than a part
-MOST_PASSES, LAST_PASSES = 400, 6
+MOST_PASSES, LAST_PASSES = 400, 9
 #: a change of every number below this share of its own sigma ends the passes
 SETTLED = 0.1
 #: of the likelihood ratio between tails and none: tails are said where chance gives as much in one lot of a hundred
@@ -71,7 +71,7 @@ def hierarchy(lot: LotSessions, tails: bool = True) -> Hierarchy:
     size = BEGIN_UNITS
     settled = False
     while True:
-        units = None if size * 2 >= lot.units else shuffled[:size]
+        units = None if size * 2 >= lot.units else _part(lot, shuffled, size)
         most = MOST_PASSES if units is not None or lot.units <= 2 * BEGIN_UNITS else LAST_PASSES
         belief, sums, done, settled = _settle(lot, belief, units, most, tails)
         passes += done
@@ -80,11 +80,18 @@ def hierarchy(lot: LotSessions, tails: bool = True) -> Hierarchy:
         size *= GROWTH
 
 
+def _part(lot: LotSessions, shuffled: np.ndarray, size: int) -> np.ndarray:
+    """So many units by chance, up to half of them such that have several sessions: repeatability is slowest to settle."""
+    several = shuffled[lot.count[shuffled] > 1][: size // 2]
+    rest = shuffled[~np.isin(shuffled, several)]
+    return np.concatenate([several, rest[: size - len(several)]])
+
+
 def _begin(lot: LotSessions) -> Belief:
     """From medians: no mean, the scales as spread, and what sessions of one unit differ by as repeatability."""
     y = (lot.values - lot.centre) / lot.scale
-    noise = np.nanmedian(np.where(lot.told, (lot.sigmas() / lot.scale) ** 2, np.nan), axis=0, keepdims=False) if lot.sessions else 0
-    noise = np.where(lot.known, np.nan_to_num(noise, nan=0.0), 0.0)
+    noise = np.zeros(COUNT)
+    noise[lot.known] = np.nanmedian((lot.sigmas()[:, lot.known] / lot.scale[lot.known]) ** 2, axis=0)
     apart = np.full(COUNT, 1e-2)
     several = np.flatnonzero(lot.count[lot.unit] > 1)
     if len(several):
@@ -160,7 +167,7 @@ def _updated(lot: LotSessions, belief: Belief, sums: Sums, units: int, tails: bo
 def _sound(matrix: np.ndarray, freedom: float, told: int, known: np.ndarray) -> np.ndarray:
     """Symmetric, correlations drawn to none by what so few units cannot tell, and zero where nothing is known."""
     diagonal = np.maximum(np.diag(matrix), _LEAST)
-    found = (matrix + matrix.T) / 2 * (freedom / (freedom + told + 1))
+    found = (matrix + matrix.T) / 2 * (freedom**2 / (freedom**2 + (told + 1) ** 2))
     np.fill_diagonal(found, diagonal)
     return np.where(known[:, None] & known, found, 0.0)
 
@@ -208,7 +215,8 @@ def _told(lot: LotSessions, belief: Belief, sums: Sums, passes: int, settled: bo
         next_mean, next_K = _without_drift(lot, sums, widened)
     spread, repeatability = _hidden(belief.spread * factor, hidden), _hidden(belief.repeatability, ~lot.twice)
     s = lot.scale
-    noise = np.sqrt(np.nanmean(np.where(lot.told, lot.sigmas() ** 2, np.nan), axis=0)) if lot.told.any() else np.full(COUNT, np.nan)
+    noise = np.full(COUNT, np.nan)
+    noise[lot.known] = np.sqrt(np.nanmean(lot.sigmas()[:, lot.known] ** 2, axis=0))
     spread_freedom, repeat_freedom = _freedoms(lot, belief, sums)
     member = np.concatenate(sums.member)
     return Hierarchy(
@@ -244,7 +252,8 @@ def _without_drift(lot: LotSessions, sums: Sums, widened: float) -> tuple[np.nda
 
 
 def _hidden(matrix: np.ndarray, hidden: np.ndarray) -> np.ndarray:
-    return np.where(hidden[:, None] | hidden, np.nan, matrix)
+    """Symmetric to the last bit, NaN in rows and columns."""
+    return np.where(hidden[:, None] | hidden, np.nan, (matrix + matrix.T) / 2)
 
 
 def _freedoms(lot: LotSessions, belief: Belief, sums: Sums) -> tuple[np.ndarray, np.ndarray]:

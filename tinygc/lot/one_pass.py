@@ -21,6 +21,8 @@ from tinygc.lot.sessions import COUNT, Chunk
 OFF_SCALES = np.array([5.0, 15.0, 50.0])
 #: a repeated session this improbable beside its unit's others is no measure of how sessions repeat
 BAD_SESSION_P = 1e-4
+#: units of a lot in which none is said not to belong: of so few, nobody knows which
+FEWEST_JUDGED = 10
 #: exact restricted likelihood up to so many units; beyond, the mean's uncertainty is shared out by the mean weight
 EXACT_UNITS = 3000
 
@@ -114,7 +116,7 @@ def add(sums: Sums, chunk: Chunk, belief: Belief, units: int) -> None:
     pulled = (W @ r[..., None])[..., 0]
     delta = np.einsum("ui,ui->u", pulled, r)
     t_weight = np.ones(len(r)) if np.isinf(belief.tails) else (belief.tails + chunk.told) / (belief.tails + delta)
-    member = membership(delta, chunk.told, pulled, W, belief)
+    member = membership(delta, chunk.told, pulled, W, belief) if units >= FEWEST_JUDGED else np.ones(len(r))
     powers = np.stack([np.ones_like(along), along, along**2])
     m0, m1, m2 = ((powers * member * t_weight) @ W.reshape(len(W), -1)).reshape(3, COUNT, COUNT)
     sums.information += np.block([[m0, m1], [m1, m2]])

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, sparse
+from scipy import optimize
 
 #: of the largest variance: what a variance of zero is in a logarithm
 _LEAST = 1e-8
@@ -56,13 +56,13 @@ def minus_twice_log_likelihood(variances: np.ndarray, cells: Cells) -> float:
     w = 1 / D
     by_part = np.bincount(cells.part, w, parts)
     g = part / (1 + part * by_part)
-    cross = sparse.csr_array((w, (cells.part, cells.appraiser)), shape=(parts, people))
+    cross = np.bincount(cells.part * people + cells.appraiser, w, parts * people).reshape(parts, people)
 
     def whitened(x: np.ndarray) -> np.ndarray:
         """Parts and cells undone: K^-1 x."""
         return w * (x - (g * np.bincount(cells.part, w * x, parts))[cells.part])
 
-    S = np.diag(np.bincount(cells.appraiser, w, people)) - (cross.T @ (cross * g[:, None])).toarray()
+    S = np.diag(np.bincount(cells.appraiser, w, people)) - cross.T @ (cross * g[:, None])
     inner = np.eye(people) + who * S
     ones, y = np.ones(n), cells.mean - cells.mean.mean()
     k1, ky = whitened(ones), whitened(y)

@@ -87,7 +87,8 @@ def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Ta
         raise CalibrationError("--only and --without leave no step; leave one of them out")
     effects = tuple(str(folder) for folder in args.effects or ())
     options = FleetOptions(chosen, args.seed, not args.no_earth, args.accelerometer, effects)
-    with open_table(args.out) as table, Meter(args.quiet, lambda: _folders(args)) as meter:
+    count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # what a pipe gives is read once
+    with open_table(args.out) as table, Meter(args.quiet, count) as meter:
         executor = Cluster(args.scheduler) if args.scheduler else Processes(args.jobs or _cores())
         try:
             tally = run_fleet(_folders(args), table, executor, options, retry=args.retry, progress=meter)

@@ -15,7 +15,7 @@ from tinygc.fleet.row import VALUES
 from tinygc.fleet.summary import SHARES, Distribution, Summary
 from tinygc.models.linear import BIAS
 from tinygc.report.html.chart import Axis, Chart
-from tinygc.report.html.markup import Section, escape, facts, figure, paragraph, table
+from tinygc.report.html.markup import WIDE, Section, escape, facts, figure, paragraph, table
 from tinygc.report.html.numbers import significant
 from tinygc.report.html.page import document
 
@@ -25,8 +25,8 @@ CLOSURES = {
     "floor_deg": "Noise floor of the turns",
     "run_rmse_deg": "Worst closure run, RMSE",
 }
-#: px of a small chart
-HEIGHT = 170
+#: px: height of a chart; width of those that stand side by side
+HEIGHT, SMALL = 170, 410
 
 
 def page(summary: Summary, more: Sequence[Section] = ()) -> str:
@@ -89,7 +89,7 @@ def _parameters(summary: Summary) -> Section | None:
     shown = {name: (summary.distributions[name], *_unit(name)) for name in VALUES if name in summary.distributions}
     if not shown:
         return None
-    charts = "".join(_histogram(name, each, unit, size) for name, (each, unit, size) in shown.items())
+    charts = "".join(_histogram(name, each, unit, size, widest=SMALL) for name, (each, unit, size) in shown.items())
     return Section("parameters", "Parameters", _table(shown) + f'<div class="pair">{charts}</div>')
 
 
@@ -125,7 +125,7 @@ def _table(found: dict[str, tuple[Distribution, str, float]]) -> str:
     return table(header, rows, "Shares of the sessions lie below", minor=(2, 6))
 
 
-def _histogram(title: str, each: Distribution, unit: str, size: float, limit: float | None = None) -> str:
+def _histogram(title: str, each: Distribution, unit: str, size: float, limit: float | None = None, widest: int = WIDE) -> str:
     edges, counts = each.edges / size, each.counts
     most = max(int(counts.max()), 1)
     x = np.repeat(edges, 2)[1:-1]
@@ -135,7 +135,8 @@ def _histogram(title: str, each: Distribution, unit: str, size: float, limit: fl
     def draw(width: int) -> str:
         label = f"{title}, {unit}" if unit else title
         about = f"{title}: histogram of {each.count} sessions"
-        chart = Chart(width, HEIGHT, Axis(float(edges[0]), float(edges[-1]), label), Axis(0, most * 1.05), about, left=46)
+        x_axis = Axis(float(edges[0]), float(edges[-1]), label)
+        chart = Chart(min(width, widest), HEIGHT, x_axis, Axis(0, most * 1.05), about)
         chart.area(x, np.zeros(len(x)), heights, "least_squares").line(x, heights, "least_squares", "thin")
         chart.upright(float(each.quantiles[len(SHARES) // 2]) / size, "quiet")
         if limit is not None and edges[0] <= limit <= edges[-1]:

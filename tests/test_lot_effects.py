@@ -13,8 +13,9 @@ import tinygc
 from session.common.errors import CalibrationError
 from session.common.units import DEG, G
 from tinygc.effects import catalogue
+from tinygc.explanation.naming.linear_estimate import component_names, linear_estimate
 from tinygc.explanation.verdict.explain import explain_session
-from tinygc.explanation.verdict.linear_estimates import component_names, effects_of, linear_estimate
+from tinygc.explanation.verdict.linear_estimates import effects_of
 from tinygc.explanation.verdict.of_the_lot import odds_of
 from tinygc.lot.files import read_lot, write_lot
 from tinygc.lot.lot import PooledEffect

@@ -112,7 +112,7 @@ def explain_session(
     explanation.within = within_stills(twin)
     explanation.seen_from = seen_from(twin, whiten, naming.fit)
     explanation.warnings = prepared.warnings + weighed_down(session.name, problem.widened) + _heading_not_used(problem)
-    explanation.of_lot = [] if lot is None else lot_effects(explanation, lot)
+    explanation.of_lot = [] if lot is None else lot_effects(twin, whiten, naming.fit, lot)
     explanation.verdict = _verdict(explanation)
     return explanation
 

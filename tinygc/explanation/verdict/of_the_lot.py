@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import stats
@@ -16,13 +15,13 @@ from scipy import stats
 from session.common.units import DEG
 from tinygc.effects import AppliedEffect, Effect, catalogue
 from tinygc.explanation.naming.evidence import PRIOR_ODDS, SCALES
+from tinygc.explanation.naming.linear_estimate import component_names, linear_estimate, without_claim
+from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.replay import Replay
-from tinygc.explanation.verdict.linear_estimates import component_names, linear_estimate, without_claim
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.verdict.readable import readable
 from tinygc.lot.lot import Lot, PooledEffect
-
-if TYPE_CHECKING:
-    from tinygc.explanation.verdict.explain import Explanation
 
 #: of a lot's share, as a unit's probability before its recording is looked at: no lot is so uniform, none so foreign
 LEAST, MOST = 0.02, 0.95
@@ -77,19 +76,18 @@ def odds_of(lot: Lot | None) -> dict[str, float]:
     return {name: share / (1 - share) for name, share in shares.items()}
 
 
-def lot_effects(explanation: Explanation, lot: Lot) -> list[LotEffect]:
-    """The lot's effects that the catalogue knows and whose numbers the lot tells, likeliest first."""
+def lot_effects(twin: Twin, whiten: Whitener, fit: Refit, lot: Lot) -> list[LotEffect]:
+    """Beside a fit: the lot's effects that the catalogue knows and whose numbers the lot tells, likeliest first."""
     known = catalogue()
-    found = [_in_unit(explanation, known[name], pooled) for name, pooled in lot.effects.items() if name in known]
+    found = [_in_unit(twin, whiten, fit, known[name], pooled) for name, pooled in lot.effects.items() if name in known]
     return sorted((each for each in found if each is not None), key=lambda each: -each.probability)
 
 
-def _in_unit(explanation: Explanation, effect: Effect, pooled: PooledEffect) -> LotEffect | None:
+def _in_unit(twin: Twin, whiten: Whitener, fit: Refit, effect: Effect, pooled: PooledEffect) -> LotEffect | None:
     names = component_names(effect)
     mean, spread = _known(pooled.mean, names), _known(pooled.spread, names)
     if effect.kind not in ("rate", "force") or effect.scan is not None or not mean.any():
         return None
-    twin, fit, whiten = explanation.twin, explanation.naming.fit, explanation.whiten
     number = next((n for n, claim in enumerate(fit.state.claims) if claim.effect.id == effect.id), None)
     beside = fit if number is None else without_claim(fit, number)
     stacked = Replay(twin, fit).columns(effect).stacked()

@@ -27,6 +27,7 @@ KEYS = {
 #: said beyond what docs/formats.md asks for
 MORE = {
     "considered",
+    "lot_effects",
     "lines_end_hz",
     "findings",
     "logs",

@@ -50,8 +50,11 @@ def test_the_first_turn_is_for_what_is_known_worst_and_each_helps(short):
         np.sqrt(np.diag(fit.joint_covariance) / fit.widened)
         / known_of(build_problem(with_own_accelerometer(read_session(short))[0])).targets
     )
-    proposals, words = propose(short, 4)
-    assert words is None
+    plan = propose(short, 4)
+    proposals = plan.proposals
+    assert plan.asked is None
+    assert plan.lot is None
+    assert plan.enough is None or plan.enough >= len(proposals)
     names = [*(f"accelerometer {name}" for name in NAMES), *map(parameter_words, linear.NAMES)]
     assert proposals[0].parameter == names[int(np.argmax(sigma))]
     assert proposals[0].now == pytest.approx(sigma.max(), rel=0.01)

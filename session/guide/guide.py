@@ -47,7 +47,7 @@ class Guide:
         self.coached = False  #: whether advice is to be expected after each accepted segment
         self.rejected = self.dropped = self.log = 0
         self._before_s = 0.0  # in earlier logs
-        self.keys = ""  # the screen's last line
+        self.keys, self._whole = "", ""  # the screen's last line; what the coach said of the whole session
         self.waits_for = ""  # what the port or the stream lacks
         self._changes: list[Change] = []
         self._new_log()
@@ -95,6 +95,9 @@ class Guide:
     def advise(self, advice: Advice | None, stills: int | None = None) -> list[Change]:
         """The coach's word, given at so many stills: what it asks for counts only where the board still lies so."""
         self._changes, self.advice = [], advice
+        if advice and advice.says and advice.says != self._whole:
+            self._whole = advice.says
+            self._say(Kind.STAGE, self._whole)
         if stills in (None, len(self.taken.stills)) and self.turn.path_rad < STIR_DEG * DEG:
             self.asked_for.answered(advice)
         if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE and self.closure is None:

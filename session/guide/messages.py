@@ -103,7 +103,7 @@ class Advice:
     words: the next movement; reason: the parameter that it helps, with its sigma beside the target; reached: whether every
     parameter has reached its target; missing: what has not, in words, worst first; movements: the words' turns, one behind the
     other; sigmas: of each parameter its name and its sigma beside its target; up: what of the board points up where the movements
-    begin, a unit vector: the board as it lies, set straight.
+    begin, a unit vector: the board as it lies, set straight; says: of the whole session, such as how many turns are enough.
     """
 
     words: str
@@ -113,3 +113,4 @@ class Advice:
     movements: tuple[Movement, ...] = ()
     sigmas: tuple[tuple[str, float], ...] = ()
     up: tuple[float, float, float] | None = None
+    says: str = ""

@@ -158,10 +158,11 @@ def _segments(guide: Guide) -> Table:
 def _coach(guide: Guide) -> str:
     if guide.advice is None:
         return "–"
+    whole = f"; {guide.advice.says}" if guide.advice.says else ""
     if not guide.advice.missing:
-        return guide.advice.reason
+        return guide.advice.reason + whole
     worst = guide.advice.missing[0].replace(" times its target", "×")
-    return f"{len(guide.advice.missing)} parameters above target; {worst}"
+    return f"{len(guide.advice.missing)} parameters above target; {worst}{whole}"
 
 
 def _stream(health: Health) -> Text:

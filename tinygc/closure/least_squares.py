@@ -1,7 +1,8 @@
 """Gauss-Newton on the linear sensitivity: 12 columns, no autograd, a covariance for every parameter.
 
 Minimises sum_s |r_s|^2 / (sigma_s / 2)^2 plus a prior so weak that it only matters where the data say nothing: a fit must not
-wander along a direction that no segment observes.  (r is half an angle, hence the half.)
+wander along a direction that no segment observes.  (r is half an angle, hence the half.)  Instead of it there may be what a lot of units
+tells of this one (``tinygc/lot/prior.py``).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
+from tinygc.lot.prior import Prior
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
@@ -94,25 +96,24 @@ def fit_least_squares(
     integrator: str = "exact",
     rest_rps: np.ndarray | None = None,
     begin: LinearModel | Rows | None = None,
+    prior: Prior | None = None,
 ) -> LeastSquaresFit:
     """Fit the 12 parameters to a batch with sigma (S,) rad of each segment, or (S, d) of each angle, from a start.
 
     rest_rps (3,): the bias as it is measured at rest, where it is known: then E alone is fitted, and B = -E rest_rps.
     begin: a model near the answer, or ``rows`` of these segments from a fit to more of them, where the search then begins; the prior stays
-    around ``start``.
+    around ``start``, or is the one that is given.
 
     Raises FitError where the search does not settle (residuals that are not finite, or no segments).
     The covariance returned is that of independent residuals with these sigmas; ``uncertainty.parameter_covariance`` refines it.
     """
     if len(batch) == 0:
         raise FitError("no segments to fit; see the reasons for which they were rejected")
-    scale = PRIOR_SIGMA.copy()
     if rest_rps is not None:
         batch, start = replace(batch, rate=batch.rate - rest_rps), replace(start, B=np.zeros(3))
-        scale[linear.BIAS] *= HELD
         if isinstance(begin, LinearModel):
             begin = replace(begin, B=np.zeros(3))
-    prior = start.vector
+    centre, root = _prior(start, prior, held=rest_rps is not None)
     at = begin if isinstance(begin, Rows) else _rows(batch, (begin or start).vector, integrator, None)
     vector, weight = at.vector, 1 / sigma.reshape(len(batch), -1)
     rank = linear.PARAMETERS
@@ -125,12 +126,12 @@ def fit_least_squares(
         if still_rates is not None:
             rows.append(still_rates.columns())
             values.append(still_rates.residuals(LinearModel.from_vector(vector)))
-        jacobian, r = np.concatenate(rows) * scale, np.concatenate(values)
+        jacobian, r = np.concatenate(rows) @ root, np.concatenate(values)
         left, strength, right = np.linalg.svd(jacobian, full_matrices=False)
         # What noise alone lets a direction seem to do is no observation: it stays at the prior instead of fitting that noise.
-        rank = min(rank, int(np.sum(strength**2 > OBSERVED_BELOW**-2 - 1)))
-        aim = left.T @ (jacobian @ ((vector - prior) / scale) - r) * strength / (strength**2 + 1)
-        change = prior + scale * (aim[:rank] @ right[:rank]) - vector
+        rank = min(rank, int(np.sum(strength**2 > OBSERVED_BELOW**-2 - 1))) if prior is None else len(strength)
+        aim = left.T @ (jacobian @ np.linalg.solve(root, vector - centre) - r) * strength / (strength**2 + 1)
+        change = centre + root @ (aim[:rank] @ right[:rank]) - vector
         vector = vector + change
         moved = float(np.abs(design @ change).max())
         if moved < TOLERANCE:
@@ -138,7 +139,7 @@ def fit_least_squares(
         at = _rows(batch, vector, integrator, design if moved < COLUMNS_STAY else None)
     else:
         raise FitError(f"least squares did not settle in {MAX_STEPS} steps; look at `calibrate.py check` for what is wrong with the data")
-    covariance = np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) * np.outer(scale, scale)
+    covariance = root @ np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) @ root.T
     seen = np.sqrt(np.diag(covariance)) < OBSERVED_BELOW * PRIOR_SIGMA
     if rest_rps is not None:
         seen[linear.BIAS] = True
@@ -146,6 +147,20 @@ def fit_least_squares(
         vector = replace(model, B=-model.E @ rest_rps).vector
     unobserved = tuple(name for name, ok in zip(linear.NAMES, seen, strict=True) if not ok)
     return LeastSquaresFit(LinearModel.from_vector(vector), covariance, unobserved, steps, at)
+
+
+def _prior(start: LinearModel, prior: Prior | None, held: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Centre (12,) and a root (12, 12) of the covariance; held: the bias is known."""
+    centre, root = (start.vector, np.diag(PRIOR_SIGMA)) if prior is None else (prior.centre.copy(), prior.root)
+    if held:
+        root = np.diag(PRIOR_SIGMA * HELD)
+        root[linear.MATRIX, linear.MATRIX] = (
+            np.diag(PRIOR_SIGMA[linear.MATRIX])
+            if prior is None
+            else np.linalg.cholesky((prior.covariance / prior.weight)[linear.MATRIX, linear.MATRIX])
+        )
+        centre[linear.BIAS] = 0.0
+    return centre, root
 
 
 def _rows(batch: Batch, vector: np.ndarray, integrator: str, columns: np.ndarray | None) -> Rows:

@@ -15,6 +15,7 @@ from tinygc.closure.floor import Floor
 from tinygc.closure.probability import chi_square_above
 from tinygc.closure.still_rates import StillRates
 from tinygc.closure.triangular import solve_lower
+from tinygc.lot.prior import Prior
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
@@ -64,8 +65,9 @@ def parameter_covariance(
     earth: EarthRate,
     still_rates: StillRates | None = None,
     wander: BiasWander | None = None,
+    prior: Prior | None = None,
 ) -> np.ndarray:
-    """(12, 12) covariance of ``LinearModel.vector`` as least squares fits it.
+    """(12, 12) covariance of ``LinearModel.vector`` as least squares fits it, by the session's noise, not by what a prior errs by.
 
     Weighted least squares with weights 1/sigma^2 does not see that neighbours share a still, that the heading is only estimated,
     nor that the bias wanders while the session lasts; the sandwich H^-1 (J' W C W J) H^-1 does (White 1980).
@@ -75,7 +77,7 @@ def parameter_covariance(
     sensitivity = closure.sensitivity(batch, rate)
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles]
     weight = 1 / floor.sigma[..., None] ** 2
-    hessian = np.einsum("sdp,sdq->pq", design * weight, design) + np.diag(1 / PRIOR_SIGMA**2)
+    hessian = np.einsum("sdp,sdq->pq", design * weight, design) + _information(prior)
     meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
     if still_rates is not None:
         rows = still_rates.columns()
@@ -104,14 +106,25 @@ def parameter_covariance(
     return inverse @ meat @ inverse
 
 
+def _information(prior: Prior | None) -> np.ndarray:
+    return np.diag(1 / PRIOR_SIGMA**2) if prior is None else prior.information
+
+
 def covariance_from_columns(
-    design: np.ndarray, floor: Floor, wander: BiasWander, more_prior: np.ndarray | None = None, information: np.ndarray | None = None
+    design: np.ndarray,
+    floor: Floor,
+    wander: BiasWander,
+    more_prior: np.ndarray | None = None,
+    information: np.ndarray | None = None,
+    lot: Prior | None = None,
 ) -> np.ndarray:
     """(P, P) from the segments' columns (S, d, P) alone: ``parameter_covariance`` without still rates and heading.
 
-    Behind the 12 parameters there may be others, with prior sigmas ``more_prior`` (P - 12,); information (P, P): of other data.
+    Behind the 12 parameters there may be others, with prior sigmas ``more_prior`` (P - 12,); information (P, P): of other data;
+    lot: what is known of the 12 beforehand.
     """
     prior = np.diag(1 / np.concatenate([PRIOR_SIGMA, [] if more_prior is None else more_prior]) ** 2)
+    prior[: linear.PARAMETERS, : linear.PARAMETERS] = _information(lot)
     weight = 1 / floor.sigma[..., None] ** 2
     hessian = np.einsum("sdp,sdq->pq", design * weight, design) + prior
     meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))

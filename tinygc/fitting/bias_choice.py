@@ -13,6 +13,7 @@ from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
 from tinygc.models.linear import BIAS, NAMES
+from tinygc.problem.build import FEWEST_SEGMENTS
 from tinygc.problem.problem import Problem
 from tinygc.problem.still_bias import with_still_bias
 
@@ -23,13 +24,15 @@ BETTER_P = 0.05
 @dataclass(frozen=True, eq=False)
 class BiasChoice:
     """asked: the option; used: ``ends`` or ``stills``; held_out: of both, least squares' error angles (S, d) rad on segments that it never
-    saw, where both were tried; p_value: of so much less by the stills by chance; unseen: whether the ends do not show the bias."""
+    saw, where both were tried; p_value: of so much less by the stills by chance; unseen: whether the ends do not show the bias; of_lot:
+    whether a lot's prior is there."""
 
     asked: str
     used: str
     held_out: dict[str, np.ndarray]
     p_value: float | None = None
     unseen: bool = False
+    of_lot: bool = False
 
     def to_json(self) -> dict:
         """``bias_from`` of ``tinygc-fit/1``."""
@@ -53,6 +56,8 @@ class BiasChoice:
         why = "as asked" if self.asked != "auto" else f"the stills are {better}: p = {self.p_value:.2g}"
         if self.unseen and self.asked == "auto":
             return f"Bias {where}: the ends of so few turns do not show it."
+        if self.of_lot and self.asked == "auto" and self.used == "stills":
+            return f"Bias {where}: beside a lot's prior the turns are few, and their ends are not better by more than chance."
         return f"Bias {where} ({why}); held out with the ends {ends:.4f}°, with the stills {stills:.4f}°."
 
 
@@ -73,8 +78,12 @@ def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, 
     held = {name: fit.held_out for name, fit in fits.items()}
     p_value = less_by_chance(held["ends"], held["stills"])
     unseen = problem.batch.turns is not None and any(name in NAMES[BIAS] for name in fits["ends"].notes["unobserved"])
-    used = asked if asked != "auto" else ("stills" if unseen or p_value < BETTER_P else "ends")
-    return BiasChoice(asked, used, held, p_value, unseen), level if used == "stills" else problem, fits[used]
+    unseen = unseen or (problem.batch.turns is None and len(problem.batch) < FEWEST_SEGMENTS)
+    of_lot = problem.prior is not None
+    # Beside a lot's prior the turns are few: what their ends leave of the bias is many times what the stills do.
+    stills = unseen or p_value < BETTER_P or (of_lot and less_by_chance(held["stills"], held["ends"]) >= BETTER_P)
+    used = asked if asked != "auto" else ("stills" if stills else "ends")
+    return BiasChoice(asked, used, held, p_value, unseen, of_lot), level if used == "stills" else problem, fits[used]
 
 
 def less_by_chance(usual: np.ndarray, other: np.ndarray) -> float:

@@ -46,6 +46,7 @@ def to_json(result: FitResult) -> dict:
         "accelerometer": result.accelerometer.to_json(),
         "goodness": vars(result.goodness),
         "bias_from": result.bias_from.to_json(),
+        "lot": None if result.lot is None else result.lot.to_json(),
         "known_turns": known_turns_json(result),
         "truth": None if result.session.alignment is None else alignment_table(result.session.alignment),
         "unobserved": result.linear.notes.get("unobserved", []),

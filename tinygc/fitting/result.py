@@ -14,6 +14,7 @@ from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.fitting.accelerometer import AccelerometerFit, accelerometer_fit
 from tinygc.fitting.against_raw import AgainstRaw
 from tinygc.fitting.bias_choice import BiasChoice
+from tinygc.fitting.lot_prior import LotUse
 from tinygc.fitting.model_to_use import ModelToUse, model_to_use
 from tinygc.fitting.stated_noise import StatedNoise
 from tinygc.methods.method_fit import MethodFit
@@ -43,7 +44,7 @@ class FitResult:
     were not fitted again, but taken from what had been saved; lost_s: with physics, moments in each run after which samples seem to be
     missing; bias_sigma_rps (3,): spread of the logs' biases, where each had its own; joint_covariance (21, 21): of both sensors together
     (``accelerometer.JOINT_NAMES``), widened as well, where they were estimated together; joint_shared
-    (21, 21): what of it comes from a calibration that was given.
+    (21, 21): what of it comes from a calibration that was given; lot: what came from the prior of a lot, None without one.
     """
 
     problem: Problem
@@ -68,6 +69,7 @@ class FitResult:
     accelerometer_covariance: np.ndarray | None = None
     joint_covariance: np.ndarray | None = None
     joint_shared: np.ndarray | None = None
+    lot: LotUse | None = None
 
     def __repr__(self) -> str:
         return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"

@@ -55,6 +55,8 @@ def model_tables(result: FitResult) -> dict[str, dict]:
         made_from["accelerometer"] = accelerometer_table(problem.session.config.accelerometer)
         more: dict[str, Any] = {"method": name, **made_from}
         if fit is result.linear:
+            if result.lot is not None:
+                more["lot"] = {key: result.lot.to_json()[key] for key in ("file", "hash", "used", "belongs_probability")}
             more["covariance"] = result.covariance.tolist()
             if result.accelerometer_covariance is not None:
                 more["accelerometer_covariance"] = result.accelerometer_covariance.tolist()

@@ -25,7 +25,11 @@ SHAPE = Keys({"schema": Text((SCHEMA,)), "key": Keys(), "methods": MapOf(_METHOD
 
 def key(options: FitOptions, hashes: dict[str, str]) -> dict:
     """What must be the same, JSON-ready."""
-    chosen = {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(options).items() if name not in IRRELEVANT}
+    chosen = {
+        name: list(value) if isinstance(value, tuple) else str(value) if isinstance(value, Path) else value
+        for name, value in asdict(options).items()
+        if name not in IRRELEVANT
+    }
     return {"options": chosen, "inputs": hashes, "version": VERSION}
 
 

@@ -11,21 +11,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.common.errors import SegmentError
-from session.log.folder import Session
+from session.log.folder import Session, read_session
 from session.log.hashes import input_hashes
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import GoodnessOfFit, goodness, parameter_covariance
 from tinygc.fitting import saved_fit
 from tinygc.fitting.against_raw import RAW, against_raw
 from tinygc.fitting.bias_choice import choose
+from tinygc.fitting.lot_prior import fit_with_lot, lot_file, require_possible
 from tinygc.fitting.result import FitResult
 from tinygc.fitting.stated_noise import StatedNoise, stated_noise
 from tinygc.fitting.stated_sigmas import stated_covariance, stated_goodness, stated_joint_covariance, stated_joint_shared
+from tinygc.lot.prior import require_usable
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.run import run_method
 from tinygc.models.linear import LinearModel
 from tinygc.problem.closure_run import ClosureRun, read_closure_runs
+from tinygc.problem.joint_fit import GYROSCOPE
 from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 
@@ -50,12 +53,19 @@ def fit_session(
     Raises the errors of ``prepare``, of ``read_closure_runs`` and of the methods, and SegmentError where still rates are asked for and
     there are none.
     """
+    given = None
+    if options.lot is not None:
+        require_possible(options)
+        given, saved = lot_file(options.lot), None
+        session = session if isinstance(session, Session) else read_session(session, lambda name: progress(f"reading {name}", 0, 1))
+        require_usable(given.lot, session.config.sensor.model, given.file)
     if prepared is None:
         prepared = prepare(
             session,
             use_earth=options.earth,
             exclude=options.exclude,
             accelerometer=options.accelerometer,
+            lot=None if given is None else given.lot,
             progress=lambda what: progress(what, 0, 1),
         )
     problem = prepared.problem
@@ -66,8 +76,15 @@ def fit_session(
         from tinygc.fitting.days import levelled
 
         problem, spread = levelled(problem)
-    progress("bias", 0, 1)
-    bias_from, level, linear = choose(problem, options)
+    noise, use = None, None
+    if given is None:
+        progress("bias", 0, 1)
+        bias_from, level, linear = choose(problem, options)
+    else:
+        progress("noise", 0, 1)
+        noise = stated_noise(problem)
+        progress("lot", 0, 1)
+        bias_from, level, linear, use = fit_with_lot(problem, options, given, noise)
     fits, reused = _run_methods(problem, level, options, linear, progress, saved)
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or linear
@@ -81,13 +98,19 @@ def fit_session(
         errors = [error | more for error, more in zip(errors, more_errors, strict=True)]
     model = linear.model
     assert isinstance(model, LinearModel)  # that is what least squares fits
-    progress("noise", 0, 1)
-    noise = None if options.bias_per_log else stated_noise(problem)
+    if given is None:
+        progress("noise", 0, 1)
+        noise = None if options.bias_per_log else stated_noise(problem)
     found, widened, covariance, accelerometer = _stated(level, model, noise, options)
     joint = shared = None
     if noise is not None and level.joint is not None:
         joint, shared = (widened * of(level, model, noise, options.still_rates) for of in (stated_joint_covariance, stated_joint_shared))
-    other = run_method("least_squares", problem, replace(options, still_rates=not options.still_rates), before={"least_squares": linear})
+    if use is not None:
+        covariance = covariance + use.more
+        if joint is not None:
+            joint[GYROSCOPE, GYROSCOPE] += use.more
+    turned = replace(options, still_rates=not options.still_rates)
+    other = run_method("least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
     exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(
         problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps, floor=floor),  # several days' weights are no noise
@@ -112,6 +135,7 @@ def fit_session(
         reused=reused,
         against_raw=against_raw(problem, options, fits),
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
+        lot=use,
     )
 
 
@@ -124,7 +148,7 @@ def _stated(
         wander = problem.wander
         found = goodness(problem.batch, problem.floor, model, wander)
         rates = problem.still_rates if options.still_rates else None
-        covariance = parameter_covariance(problem.batch, problem.floor, model, problem.earth, rates, wander)
+        covariance = parameter_covariance(problem.batch, problem.floor, model, problem.earth, rates, wander, problem.prior)
         return found, found.excess, found.excess * covariance, None
     found, widened = stated_goodness(problem, model, noise)
     covariance, accelerometer = stated_covariance(problem, model, noise, options.still_rates)

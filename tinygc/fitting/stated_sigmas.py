@@ -98,19 +98,49 @@ def _response(problem: Problem, model: LinearModel, noise: StatedNoise, still_ra
     carry = _carry(problem, noise, sensitivity)
     if rest is not None:
         design = _about(design, rest)[:, MATRIX]
-        hessian = design.T @ (design * weight[:, None]) + np.diag(1 / PRIOR_SIGMA[MATRIX] ** 2)
+        hessian = design.T @ (design * weight[:, None]) + _prior_information(problem)
         matrix = -np.linalg.solve(hessian, (design * weight[:, None]).T @ carry)
         # B = mean over the stills of (earth - E m): their own error, and E's on the mean rate.
         bias = -np.kron(np.eye(3), rest) @ matrix
         bias[:, count : count + 3 * q] -= np.tile(np.eye(3), q) / q
         return np.concatenate([matrix, bias])
     pull = (design * weight[:, None]).T @ carry
-    hessian = design.T @ (design * weight[:, None]) + np.diag(1 / PRIOR_SIGMA**2)
+    hessian = design.T @ (design * weight[:, None]) + _prior_information(problem)
     if still_rates:
         rows = problem.still_rates.columns()
         hessian += rows.T @ rows
         pull[:, count : count + 3 * q] += (rows / problem.still_rates.sigma.ravel()[:, None]).T
     return -np.linalg.solve(hessian, pull)
+
+
+def _prior_information(problem: Problem) -> np.ndarray:
+    """(9, 9) of E alone where the bias is known from the stills, else (12, 12): as the fit weighs it."""
+    own = slice(0, PARAMETERS) if problem.rest_rps is None else MATRIX
+    if problem.prior is None:
+        return np.diag(1 / PRIOR_SIGMA[own] ** 2)
+    return np.linalg.inv((problem.prior.covariance / problem.prior.weight)[own, own])
+
+
+def prior_share(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:
+    """K (12, 12): how the parameters follow an error of the prior's centre.
+
+    theta - truth = L y + K (centre - truth): beside the noise's own covariance the fit has K P K' of a prior with covariance P.
+    """
+    batch, rest = problem.batch, problem.rest_rps
+    sensitivity = closure.sensitivity(batch, model(batch.rate))
+    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(-1, PARAMETERS)
+    weight = 1 / problem.floor.sigma.ravel() ** 2
+    own, share = _prior_information(problem), np.zeros((PARAMETERS, PARAMETERS))
+    if rest is not None:
+        design = _about(design, rest)[:, MATRIX]
+        share[MATRIX, MATRIX] = np.linalg.solve(design.T @ (design * weight[:, None]) + own, own)
+        share[BIAS, MATRIX] = -np.kron(np.eye(3), rest) @ share[MATRIX, MATRIX]
+        return share
+    hessian = design.T @ (design * weight[:, None]) + own
+    if still_rates:
+        rows = problem.still_rates.columns()
+        hessian += rows.T @ rows
+    return np.linalg.solve(hessian, own)
 
 
 def _about(design: np.ndarray, rest: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from session.common.errors import CalibrationError
 from session.common.texts import printable
 from tinygc.fleet.results import results_of
 from tinygc.fleet.table import EACH, Table, read_table
+from tinygc.lot.pooling import pooled
 from tinygc.lot.report import LotReport, lot_of
 from tinygc.lot.unit_result import UnitResult
 
@@ -36,7 +37,8 @@ def lot_of_table(table: Table, model: str | None = None, limits: dict[str, tuple
     keys = None
     if model is not None and len(models) > 1:
         keys = {key for (key,) in table.rows(f"SELECT key {fitted} AND ifnull(model, '') = ?", (model,))}
-    return lot_of(_chosen(results_of(table), keys), model or (models[0] if models else ""), limits, seed=seed)
+    effects = pooled(_chosen(results_of(table), keys), seed)
+    return lot_of(_chosen(results_of(table), keys), model or (models[0] if models else ""), limits, effects, seed)
 
 
 def lot_if_any(table: Table, seed: int = 0) -> LotReport | None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Group
 from rich.text import Text
 
+from session.common.errors import CalibrationError
 from session.log.config import read_config
 from session.log.folder import Session
 from tinygc.explanation.pictures import picture
@@ -24,6 +25,8 @@ from tinygc.explanation.verdict.explain import Explanation, explain_session
 from tinygc.explanation.verdict.pages import explanation_page, verdict_line
 from tinygc.explanation.verdict.result import to_json
 from tinygc.library.text import as_html, as_text
+from tinygc.lot.files import read_lot
+from tinygc.lot.lot import Lot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -145,17 +148,29 @@ class Why:
 
 
 def explain(
-    session: Session | Path | str, *, seed: int = 0, use_earth: bool = True, progress: Progress = lambda what, done, of: None
+    session: Session | Path | str,
+    *,
+    seed: int = 0,
+    use_earth: bool = True,
+    lot: Lot | Path | str | None = None,
+    progress: Progress = lambda what, done, of: None,
 ) -> Why:
     """Explain the mismatch of a session, or of a session folder: against its stills' gravity or dials, or against its truth file.
 
-    seed: of the critical values, which are drawn; use_earth: whether the Earth's rotation is taken off; progress is told what is being
+    seed: of the critical values, which are drawn; use_earth: whether the Earth's rotation is taken off; lot, or its file: whose
+    effects the unit may have; progress is told what is being
     done.  Raises CalibrationError, in one line, for what cannot be read, and for a boring cause that must be mended first.
     """
     where = session if isinstance(session, Session) else Path(session)
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
-    job = explain_truth if config.protocol.reference == "truth" else explain_session
-    return Why(job(where, seed=seed, use_earth=use_earth, progress=progress))
+    if config.protocol.reference == "truth":
+        if lot is not None:
+            raise CalibrationError("--lot knows of effects between stills, and this session's reference is a truth file; leave it out")
+        return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress))
+    known = lot if lot is None or isinstance(lot, Lot) else read_lot(lot)
+    if known is not None and known.sensor != config.sensor.model:
+        raise CalibrationError(f"a lot of {known.sensor}, and the session's sensor is {config.sensor.model}; give the lot of its own model")
+    return Why(explain_session(where, seed=seed, use_earth=use_earth, progress=progress, lot=known))
 
 
 def _found(entry: dict) -> FoundEffect:

@@ -29,7 +29,8 @@ _EFFECT = Keys(
         "spread": MapOf(Maybe(Number(low=0))),
         "p_value": _SHARE,
         "units": Number(low=0, whole=True),
-    }
+    },
+    may={"equivalent": ListOf(Text())},
 )
 LOT = Keys(
     must={
@@ -50,7 +51,14 @@ LOT = Keys(
 def lot_table(lot: Lot, **more: Any) -> dict:
     """JSON-ready; ``more`` is added as it is, and no reader of a lot needs it."""
     effects = {
-        name: {"share": e.share, "mean": dict(e.mean), "spread": dict(e.spread), "p_value": e.p_value, "units": e.units}
+        name: {
+            "share": e.share,
+            "mean": dict(e.mean),
+            "spread": dict(e.spread),
+            "p_value": e.p_value,
+            "units": e.units,
+            "equivalent": list(e.equivalent),
+        }
         for name, e in lot.effects.items()
     }
     return {
@@ -92,7 +100,7 @@ def lot_of_table(table: Any, where: str) -> Lot:
     if table["sessions"] < table["units"]:
         raise FormatError(f"{where}: sessions is {table['sessions']}, expected at least one for each unit of {table['units']}; {_AGAIN}")
     effects = {
-        name: PooledEffect(e["share"], _known(e["mean"]), _known(e["spread"]), e["p_value"], e["units"])
+        name: PooledEffect(e["share"], _known(e["mean"]), _known(e["spread"]), e["p_value"], e["units"], tuple(e.get("equivalent", ())))
         for name, e in table.get("effects", {}).items()
     }
     mean = _array(table, "mean", where, 1)

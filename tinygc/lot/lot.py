@@ -11,13 +11,15 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class PooledEffect:
     """An effect over a lot: share of the units that have it; mean and spread (one sigma between units that have it) of each of its
-    parameters, SI, by name; p_value: that no unit has it; units: how many told."""
+    parameters, SI, by name; p_value: that no unit has it, of the whole catalogue; units: how many told; equivalent: what could as well be
+    the cause."""
 
     share: float
     mean: Mapping[str, float]
     spread: Mapping[str, float]
     p_value: float
     units: int
+    equivalent: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

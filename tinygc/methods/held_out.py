@@ -11,6 +11,7 @@ import numpy as np
 
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.closure.still_rates import StillRates
+from tinygc.lot.prior import Prior
 from tinygc.methods.method_fit import MethodFit
 from tinygc.methods.options import FitOptions
 from tinygc.methods.registry import Progress
@@ -31,7 +32,7 @@ class Seen:
     that count on where a segment begins with the still that the one before ended with, None where each stands alone; whole: the
     model that was fitted to all segments, where this is a fold; among (S all,) bool: which of all segments a fold sees; same: whether
     their references are those that all had; label: ``whole``, ``fold0``, …; rest_rps: the bias (3,) rad/s that the stills show, where it is
-    not to be fitted.
+    not to be fitted; prior: of the problem.
     """
 
     batch: Batch
@@ -46,6 +47,7 @@ class Seen:
     same: bool = True
     label: str = "whole"
     rest_rps: np.ndarray | None = None
+    prior: Prior | None = None
 
     def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress) -> Seen:
         """The segments of a batch of all where ``seen`` (S,) is set, as fold ``number``."""
@@ -76,6 +78,7 @@ def held_out(
         order=consecutive(problem.used) if options.parts > 1 else None,
         progress=lambda done, of: progress(done, of * steps),
         rest_rps=problem.rest_rps,
+        prior=problem.prior,
     )
     began = time.perf_counter()
     model, notes = fit(everything)

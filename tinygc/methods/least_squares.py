@@ -49,7 +49,14 @@ class _Fits:
                 self.ends = Ends.of(model, batch)
             begin = self.ends.rows(seen.batch, seen.among)
         fit = fit_least_squares(
-            seen.batch, seen.sigma, seen.start, still_rates=rates, integrator=options.integrator, rest_rps=rest, begin=begin
+            seen.batch,
+            seen.sigma,
+            seen.start,
+            still_rates=rates,
+            integrator=options.integrator,
+            rest_rps=rest,
+            begin=begin,
+            prior=seen.prior,
         )
         if seen.whole is None:
             self.rows, self.all = fit.rows, seen.batch

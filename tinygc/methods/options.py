@@ -40,7 +40,8 @@ class FitOptions:
     bias: from the ``ends`` of the turns, as everything else, from the ``stills`` around each, or ``auto``: what closes held-out
         segments better.
     accelerometer: its calibration is the one ``given``, that of a ``fit``, or a given one is a ``prior``; ``auto``: a prior where one is
-        given and holds, else a fit.
+        given and holds, else a fit;
+    lot: file of a lot of units, the prior of least squares; other methods are fitted without it.
     """
 
     methods: tuple[str, ...] = CHOSEN
@@ -63,6 +64,7 @@ class FitOptions:
     bias_per_log: bool = False
     bias: str = "auto"
     accelerometer: str = "auto"
+    lot: Path | None = None
 
     def __post_init__(self) -> None:
         for name in ("methods", "physics", "conditions"):

@@ -21,9 +21,11 @@ from tinygc.closure.floor import Floor, gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import covariance_from_columns
 from tinygc.fitting.accelerometer import JOINT_NAMES
+from tinygc.lot.lot import Lot
 from tinygc.models import linear
 from tinygc.plan import accelerometer as accel
 from tinygc.plan.accelerometer import OwnAccelerometer, as_known, length_information
+from tinygc.plan.of_the_lot import LotWord, word_of
 from tinygc.plan.proposals import TARGETS, parameter_words
 from tinygc.plan.turns import EIGHTHS, QUARTERS, Turn, columns, ends, turns_from
 
@@ -37,6 +39,7 @@ PLANNED_FULL_SCALE = 0.6
 SHARPNESS = 6  #: afterwards: power of the sigmas in what is made small: 2 would look at all alike, a large one at the worst alone
 MOVED = np.cos(0.5 * DEG)  #: attitudes that a better known accelerometer has moved by more are looked at again
 STILL_S = 2.0  #: of the still that a proposed turn ends in
+MOST_TO_GO = 40  #: turns that are looked ahead for the number that is enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +53,12 @@ class _Seen:
 
 
 class Coach:
-    """Call it with what the session has so far; it answers with ``Advice``.  targets (12,) of the gyroscope's parameters."""
+    """Call it with what the session has so far; it answers with ``Advice``.  targets (12,) of the gyroscope's parameters; lot: that the
+    board is of, as long as its turns do not say otherwise."""
 
-    def __init__(self, targets: np.ndarray = TARGETS):
-        self._gyro_targets = targets
+    def __init__(self, targets: np.ndarray = TARGETS, lot: Lot | None = None):
+        self._gyro_targets, self._lot = targets, lot
+        self._word = LotWord(None, "")
         self._seen: dict[int, _Seen] = {}
         self._progress = Progress(())
         self._own: OwnAccelerometer | None = None
@@ -66,12 +71,32 @@ class Coach:
         missing = tuple(_said(i, sigma[i]) for i in worst if sigma[i] > 1)
         if not missing:
             reason = f"every parameter has reached its target; the worst is at {sigma[worst[0]]:.2f} of it"
-            return Advice("", reason, reached=True, sigmas=_named(sigma))
+            says = self._word.says or ("" if self._lot is None else f"{_turns(len(self._seen), 'was', 'were')} enough for this one")
+            return Advice("", reason, reached=True, sigmas=_named(sigma), says=says)
         # The board lies where the last still was, which need not be the end of a turn that counts.
         lies = progress.stills[-1] if progress.stills else progress.turns[-1].segment.stills[1]
         turn = self.best_turn(lies.accel_mean)
         reason = f"it helps the {_said(worst[0], sigma[worst[0]])}"
-        return Advice(turn.words, reason, False, missing, _movements(turn), _named(sigma), _vector(turn.up))
+        return Advice(turn.words, reason, False, missing, _movements(turn), _named(sigma), _vector(turn.up), self._says(lies.accel_mean))
+
+    def _says(self, measured: np.ndarray) -> str:
+        """Of a board of a lot: how many turns are enough, as it is now; or that it is none of the lot's."""
+        if self._lot is None or self._word.says:
+            return self._word.says
+        more = self.turns_to_go(measured)
+        return "" if more is None else f"{_turns(len(self._seen) + more, 'is', 'are')} enough for this one"
+
+    def turns_to_go(self, measured: np.ndarray) -> int | None:
+        """How many of the turns that it would ask for reach every target, from where the accelerometer reads ``measured`` (3,); None: more
+        than ``MOST_TO_GO``."""
+        force = measured if self._own is None else self._own.accelerometer.correct(measured)
+        information = np.linalg.inv(self.covariance / np.outer(self.targets, self.targets))
+        for count in range(MOST_TO_GO):
+            if np.diag(np.linalg.inv(information)).max() <= 1:
+                return count
+            turn, rows = self._best(information, force)
+            information, force = information + rows.T @ rows, turn.carries(force)
+        return None
 
     def look(self, progress: Progress) -> None:
         """Take in what the session has so far."""
@@ -83,6 +108,12 @@ class Coach:
             if found is None or (found.ends * self._directions(turn)).sum(axis=1).min() < MOVED:
                 found = self._of(turn)
             self._seen[id(turn)] = found
+        if self._lot is not None:
+            seen = list(self._seen.values())
+            ends = np.array([[rotation.from_gravity(direction) for direction in each.ends] for each in seen])
+            columns12 = np.array([each.columns[:, : linear.PARAMETERS] for each in seen])
+            own = np.array([each.own for each in seen])
+            self._word = word_of(self._lot, tuple(progress.turns), columns12, own, ends, by_turns=self._own is None)
 
     @property
     def targets(self) -> np.ndarray:
@@ -98,11 +129,11 @@ class Coach:
         middle_s = np.array([each.turn.middle_s for each in seen])
         design, wander = np.array([each.columns for each in seen]), BiasWander(middle_s, PLANNED_INSTABILITY_RPS)
         if self._own is None:
-            return covariance_from_columns(design, floor, wander)
+            return covariance_from_columns(design, floor, wander, lot=self._word.prior)
         lengths = np.zeros((design.shape[-1],) * 2)
         if self._progress.stills:
             lengths[linear.PARAMETERS :, linear.PARAMETERS :] = length_information(self._own, self._progress.stills, seen[-1].turn.noise)
-        return covariance_from_columns(design, floor, wander, accel.PRIOR_SIGMA, lengths)
+        return covariance_from_columns(design, floor, wander, accel.PRIOR_SIGMA, lengths, self._word.prior)
 
     @property
     def sigma(self) -> np.ndarray:
@@ -112,17 +143,23 @@ class Coach:
     def best_turn(self, measured: np.ndarray) -> Turn:
         """The turn to make where the accelerometer reads ``measured`` (3,) m/s^2."""
         force = measured if self._own is None else self._own.accelerometer.correct(measured)
-        covariance = self.covariance / np.outer(self.targets, self.targets)
-        information, sigma = np.linalg.inv(covariance), np.sqrt(np.diag(covariance))
+        return self._best(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force)[0]
+
+    def _best(self, information: np.ndarray, force: np.ndarray) -> tuple[Turn, np.ndarray]:
+        """The best turn beside an information (P, P), in units of the targets, from where force (3,) is felt; and its rows (2 or 3, P)."""
+        sigma = np.sqrt(np.diag(np.linalg.inv(information)))
         turns = turns_from(force, QUARTERS if self._own is None else EIGHTHS, PLANNED_FULL_SCALE * self._progress.gyro_fs_rps)
         rows = self._rows(force, turns) * self.targets
         after = information + rows.swapaxes(-1, -2) @ rows
         if sigma.max() > UNKNOWN:
-            return turns[int(np.argmax(np.linalg.slogdet(after)[1]))]
-        left = np.diagonal(np.linalg.inv(after), axis1=-2, axis2=-1)
-        if sigma.argmax() >= linear.PARAMETERS:  # the accelerometer is known worst: the attitude that helps its worst number most
-            return turns[int(np.argmin(left[:, linear.PARAMETERS :].max(-1)))]
-        return turns[int(np.argmin((left ** (SHARPNESS / 2)).sum(-1)))]
+            best = int(np.argmax(np.linalg.slogdet(after)[1]))
+        else:
+            left = np.diagonal(np.linalg.inv(after), axis1=-2, axis2=-1)
+            if sigma.argmax() >= linear.PARAMETERS:  # the accelerometer is known worst: the attitude that helps its worst number most
+                best = int(np.argmin(left[:, linear.PARAMETERS :].max(-1)))
+            else:
+                best = int(np.argmin((left ** (SHARPNESS / 2)).sum(-1)))
+        return turns[best], rows[best]
 
     def _rows(self, force: np.ndarray, turns: list[Turn]) -> np.ndarray:
         """(M, 2 or 3, P): what each turn would add, by its noise: its two angles, and the length of gravity in the still behind it."""
@@ -165,6 +202,10 @@ class Coach:
             at_ends = self._own.tilt_rows(there[:1], there[1:], attitudes[:, 0], attitudes[:, -1])[0]
             design = np.concatenate([design, at_ends], axis=1)
         return _Seen(turn, force, design, own + tilt * np.eye(2))
+
+
+def _turns(count: int, one: str, many: str) -> str:
+    return f"{count} turn {one}" if count == 1 else f"{count} turns {many}"
 
 
 def _movements(turn: Turn) -> tuple[Movement, ...]:

@@ -8,7 +8,7 @@ its target, whichever sensor's it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
@@ -25,8 +25,11 @@ from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import parameter_covariance
 from tinygc.fitting.accelerometer import JOINT_NAMES
+from tinygc.fitting.lot_prior import LotFile, LotUse, fit_with_lot, lot_file
 from tinygc.fitting.stated_noise import stated_noise
 from tinygc.fitting.stated_sigmas import stated_joint_covariance
+from tinygc.lot.prior import prior_of, require_usable
+from tinygc.methods.options import FitOptions
 from tinygc.models import linear
 from tinygc.plan import accelerometer
 from tinygc.plan.lying import SIDES, up_words
@@ -43,6 +46,7 @@ TARGETS = np.array([50e-6] * 9 + [2e-3 * DEG] * 3)
 GIVEN_SCALE = 1e-3 * GIVEN_SIGMA_MG
 TURNS_DEG = (270, 225)  #: which end on a side, and on an edge
 TURN_S, STILL_S, RATE_HZ = 3.0, 1.0, 100.0
+MOST = 40  #: turns that are looked ahead
 
 
 @dataclass(frozen=True)
@@ -55,12 +59,42 @@ class Proposal:
     after: float
 
 
-def propose(folder: Path, count: int = 5) -> tuple[list[Proposal], str | None]:
-    """Proposals for a session, and what `explain` asked for there, if it did.  Raises what ``build_problem`` raises."""
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """proposals; asked: what `explain` asked for there, if it did; enough: how many such turns reach every target, None for more than
+    ``MOST``; lot: what came from the lot, where one was given."""
+
+    proposals: list[Proposal]
+    asked: str | None
+    enough: int | None
+    lot: LotUse | None = None
+
+
+def propose(folder: Path, count: int = 5, lot: Path | None = None) -> Plan:
+    """The plan for a session.  Raises what ``build_problem``, ``read_lot`` and ``require_usable`` raise."""
+    given = None if lot is None else lot_file(lot)
     session, _ = with_own_accelerometer(read_session(folder))
+    if given is not None:
+        require_usable(given.lot, session.config.sensor.model, given.file)
     session, _ = with_aligned_truth(session)
-    problem = build_problem(with_bridges(session))
-    return _greedy(known_of(problem), count), requested_by_explain(session.folder)
+    problem = build_problem(with_bridges(session), lot=None if given is None else given.lot)
+    known, use = known_of(problem), None
+    if given is not None:
+        known, use = with_lot(known, problem, given)
+    all_turns = _greedy(known, MOST)
+    enough = len(all_turns) if len(all_turns) < MOST else None
+    return Plan(all_turns[:count], requested_by_explain(session.folder), enough, use)
+
+
+def with_lot(known: Known, problem: Problem, given: LotFile) -> tuple[Known, LotUse]:
+    """What a session and its lot tell together; the session alone where its unit does not belong to the lot."""
+    *_, use = fit_with_lot(problem, FitOptions(methods=("least_squares",)), given, stated_noise(problem))
+    if use.used != "yes":
+        return known, use
+    own = slice(len(known.covariance) - linear.PARAMETERS, None)
+    information = np.linalg.inv(known.covariance)
+    information[own, own] += np.linalg.inv(prior_of(given.lot, problem.first.vector).covariance)
+    return replace(known, covariance=np.linalg.inv(information)), use
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,8 @@ from tinygc.closure.floor import closure_floor
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.residual import TOGETHER, Batch, attitudes, directions, nearest_yaw
 from tinygc.closure.still_rates import StillRates
+from tinygc.lot.lot import Lot
+from tinygc.lot.prior import prior_of
 from tinygc.models.linear import LinearModel, bias_only
 from tinygc.problem.impacts import hits_of, widened_by_impacts
 from tinygc.problem.known_turns import as_reference, known_turns_of, rates_at_rest, span_space, tilt_excess
@@ -40,6 +42,8 @@ DIAL_LIMIT_RAD = 1.0 * DEG
 FIRST_SIGMA_RAD = 1e-3
 #: a linear fit with 12 parameters and two angles a segment needs at least this many
 FEWEST_SEGMENTS = 7
+#: what a lot tells of a unit's first fit, which only carries the yaw of so few turns: as a variance, three sigmas for one
+FIRST_WIDER = 9.0
 
 
 def build_problem(
@@ -51,13 +55,15 @@ def build_problem(
     clipped: tuple[int, ...] = (),
     found: SessionStills | None = None,
     near: LinearModel | None = None,
+    lot: Lot | None = None,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Problem:
     """Find stills, cut segments, carry the attitude through each log, and put the Earth and the floor beside them.
 
     exclude: numbers of segments to leave out; moving: numbers of stills, over all logs, that are known to be none; clipped: numbers of
     segments whose rates are not the true ones, so that no attitude can be carried through them either; found: the session's stills,
-    where somebody has asked for them before; near: a model near the gyroscope's, where the first search then begins.
+    where somebody has asked for them before; near: a model near the gyroscope's, where the first search then begins; lot: that
+    the unit is taken to be of where its turns are too few for a fit of their own.
     Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
     found = found or SessionStills(session)
@@ -65,15 +71,18 @@ def build_problem(
         return build_truth_problem(session, found, use_earth=use_earth, exclude=exclude, progress=progress)
     logs, segments = _stills_and_segments(session, found, exclude, moving, clipped, progress)
     turns = known_turns_of(session, found, segments)
-    _require_enough(session, logs, segments, turns)
+    _require_enough(session, logs, segments, turns, lot)
     chain = replace(_batch(session, logs, segments), turns=as_reference(turns, len(segments), segments))
     used = np.array([segment.accepted for segment in segments])
     sigma = np.hypot(FIRST_SIGMA_RAD, bridged_sigma([s for s in segments if s.accepted], [log.bridges for log in logs]))
     start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
+    few = np.count_nonzero(used) < FEWEST_SEGMENTS
+    beforehand = None if lot is None or not few else prior_of(lot, start.vector).scaled(FIRST_WIDER)
     at_rest = rates_at_rest(logs) if chain.turns is not None else None
     # Twice: the yaw, and with it the Earth, needs a calibration, and the calibration is a little better with the Earth.
     for _ in range(2):
-        fit = fit_least_squares(chain.pick(used).trimmed(), sigma, start, still_rates=at_rest, begin=near)
+        batch = chain.pick(used).trimmed()
+        fit = fit_least_squares(batch, sigma, start, still_rates=at_rest, begin=near, prior=beforehand)
         near = fit.model
         logs, chain = carry_yaw(logs, segments, chain, fit.model)
         earths = _earths(session, logs, fit.model)
@@ -104,7 +113,7 @@ def build_problem(
     if hit:  # and a first fit that they do not bend
         floor, widened = floor.widened(about @ more @ about.transpose(0, 2, 1)), widened + hit
         sigma = np.hypot(FIRST_SIGMA_RAD, np.sqrt(np.trace(floor.own[:, :2, :2], axis1=1, axis2=2)))
-        fit = fit_least_squares(batch, sigma, fit.model, still_rates=at_rest)
+        fit = fit_least_squares(batch, sigma, fit.model, still_rates=at_rest, prior=beforehand)
     if batch.turns is not None:
         floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model, at_rest))
     rates = _still_rates(logs, earths)
@@ -176,7 +185,7 @@ def _dial(session: Session, logs: list[StillSet], log: int, still: Still) -> np.
     return table[number]
 
 
-def _require_enough(session: Session, logs: list[StillSet], segments: list[Segment], turns: tuple[FoundTurn, ...]) -> None:
+def _require_enough(session: Session, logs: list[StillSet], segments: list[Segment], turns: tuple[FoundTurn, ...], lot: Lot | None) -> None:
     where = session.folder
     still_s = session.config.protocol.still_s
     if not logs:
@@ -192,9 +201,10 @@ def _require_enough(session: Session, logs: list[StillSet], segments: list[Segme
     used = [segment for segment in segments if segment.accepted]
     if not used:
         raise SegmentError(f"{where}: all {len(segments)} segments are rejected, the first because {segments[0].problem}")
-    if len(used) < FEWEST_SEGMENTS and not span_space(turns):
+    if len(used) < FEWEST_SEGMENTS and lot is None and not span_space(turns):
         raise SegmentError(
-            f"{where}: {len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good): 12 parameters, 2 angles a segment"
+            f"{where}: {len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with the lot's --lot): "
+            "12 parameters, 2 angles a segment"
             + next((f"; turns.csv, {turn.known.name}: {turn.problem}" for turn in turns if turn.problem), "")
         )
 

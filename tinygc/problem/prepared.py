@@ -16,6 +16,7 @@ from session.checks.impacts import WHAT as IMPACTS
 from session.common.errors import CalibrationError
 from session.detect.session_stills import SessionStills
 from session.log.folder import Session, read_session
+from tinygc.lot.lot import Lot
 from tinygc.models.linear import LinearModel
 from tinygc.problem.build import build_problem
 from tinygc.problem.gravity_sign import check_gravity_sign
@@ -67,11 +68,13 @@ def prepare(
     progress: Callable[[str], None] = lambda what: None,
     known: SessionStills | None = None,
     near: LinearModel | None = None,
+    lot: Lot | None = None,
 ) -> Prepared:
     """From a session, or a session folder, to its problem.
 
     accelerometer: ``given``, ``fit``, ``prior`` or ``auto``, see ``ACCELEROMETERS``; where session.toml gives none, it is fitted.
-    known: the stills of this very session, where somebody has asked for them before; near: a gyroscope's model near its own.
+    known: the stills of this very session, where somebody has asked for them before; near: a gyroscope's model near its own;
+    lot: that fewer turns are enough with.
     Raises DataError for the first error of the first look, CalibrationError where a given calibration is asked for and there is none, and
     the errors of ``read_session`` and ``build_problem``.
     """
@@ -92,7 +95,7 @@ def prepare(
     stop_at_errors(findings)
     whole = with_bridges(session)
     found = SessionStills(whole, found)
-    problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, near=near, progress=progress)
+    problem = build_problem(whole, use_earth=use_earth, exclude=exclude, found=found, near=near, lot=lot, progress=progress)
     if use_earth:
         findings = findings + check_gravity_sign(problem)
     if accelerometer == "given" or source not in ("given", "none"):  # or an estimation that has been made before
@@ -116,6 +119,7 @@ def prepare(
         progress=progress,
         known=looked_at,
         near=problem.first,
+        lot=lot,
     )
     return Prepared(said + free.findings, free.problem, problem)
 

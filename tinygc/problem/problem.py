@@ -20,6 +20,7 @@ from tinygc.closure.bias_wander import BiasInstability, BiasWander
 from tinygc.closure.floor import Floor
 from tinygc.closure.residual import Batch
 from tinygc.closure.still_rates import StillRates
+from tinygc.lot.prior import Prior
 from tinygc.models.linear import LinearModel
 from tinygc.problem.bias_instability import bias_instability_of
 from tinygc.problem.joint_fit import JointFit
@@ -36,7 +37,7 @@ class Problem:
     found, for its closure runs; rest_rps: the mean bias (3,) rad/s, as it is measured, where the batch has every turn at it by the
     stills on either side (``still_bias.py``), else None; joint: the estimation of both sensors that its references are of, if there
     was one; known_turns: those of ``turns.csv``, used or with the reason why not; widened: used segments that are less certain than
-    their noise, and why.
+    their noise, and why; prior: what a lot tells of the gyroscope beforehand, None for no more than that a fit must not wander.
     """
 
     session: Session
@@ -52,6 +53,7 @@ class Problem:
     joint: JointFit | None = None
     known_turns: tuple[FoundTurn, ...] = ()
     widened: tuple[Widening, ...] = ()
+    prior: Prior | None = None
 
     def __repr__(self) -> str:
         return f"<Problem {self.session.name}: {len(self.stills)} stills, {len(self.used)} of {len(self.segments)} segments used>"

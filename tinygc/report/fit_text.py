@@ -208,6 +208,8 @@ def _remarks(result: FitResult) -> list[Text]:
     if result.session.alignment is not None:
         remarks.append(one_line(f"Truth: {truth_words(result.session.alignment)}."))
     remarks.append(Text(result.bias_from.words))
+    if result.lot is not None:
+        remarks.append(one_line(result.lot.words, "" if result.lot.used == "yes" else "yellow"))
     remarks += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
         remarks.append(Text(_physics_words(result.physics), "cyan"))

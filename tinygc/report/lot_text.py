@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from session.common.console import one_line
+from tinygc.lot.lot import PooledEffect
 from tinygc.lot.quantities import SEEN
 from tinygc.lot.report import LotReport, Quantity
 
@@ -30,7 +31,14 @@ def lot_page(report: LotReport) -> Group:
     if report.capabilities:
         parts.append(_capabilities(report))
     parts += [*_charts(report), *_outliers(report)]
+    parts += [one_line(_effect(name, found), "bold yellow") for name, found in report.lot.effects.items()]
     return Group(*parts, *(one_line(f"Note: {note}.", "yellow") for note in report.notes))
+
+
+def _effect(name: str, found: PooledEffect) -> str:
+    """An effect that the units have together."""
+    as_well = f"; could as well be {', '.join(found.equivalent)}" if found.equivalent else ""
+    return f"Effect of the lot: {name}, in {found.share:.0%} of {found.units} units that tell, p = {found.p_value:.2g}{as_well}."
 
 
 def headline(report: LotReport) -> Text:

@@ -6,6 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from tinygc.cli.arguments import METHODS, conditions, count, methods, segment_numbers
+from tinygc.cli.paths import path_read
 
 if TYPE_CHECKING:
     from tinygc.methods.options import FitOptions
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 BIASES = ("auto", "ends", "stills")
 #: what is believed of the accelerometer's calibration
 ACCELEROMETERS = ("auto", "given", "fit", "prior")
+#: methods that a fit with a lot's prior compares, where none are named: of those that are fitted, least squares knows of it
+WITH_LOT = ("raw", "raw_bias_removed", "least_squares")
 
 
 def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] = ()) -> None:
@@ -55,6 +58,8 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
         "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
     )
     command.add_argument("--accelerometer", choices=ACCELEROMETERS, default="auto", help=what)
+    what = "what many units of its kind tell of this one (lot.json), as the prior of least squares: fewer turns are enough"
+    command.add_argument("--lot", type=path_read, metavar="FILE", help=what)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     command.add_argument(
         "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
@@ -66,8 +71,9 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
     from tinygc.methods.denoise_options import DenoiseOptions
     from tinygc.methods.options import FitOptions
 
+    chosen = tuple(args.methods)
     return FitOptions(
-        methods=tuple(args.methods),
+        methods=WITH_LOT if args.lot is not None and chosen == tuple(METHODS.split(",")) else chosen,
         folds=args.folds,
         seed=args.seed,
         still_rates=args.still_rates,
@@ -84,6 +90,7 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
         bias_per_log=args.bias_per_log,
         bias=args.bias or "auto",
         accelerometer=args.accelerometer,
+        lot=args.lot,
     )
 
 

@@ -15,6 +15,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("folder", type=path_read, help="session folder")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
+    lot = "effects that many units of its kind have (lot.json): how probable they are in this one, and what they are worth"
+    command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
     command.add_argument("--no-pictures", action="store_true", help="write no picture")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the result goes (explain/ in the session folder)")
     command.add_argument("--strict", action="store_true", help="exit 1 if there is a mismatch")
@@ -27,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
 
     try_destinations(args, "explain")
     with progress_bar(args.quiet) as progress:
-        why = explain(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
+        why = explain(args.folder, seed=args.seed, use_earth=not args.no_earth, lot=args.lot, progress=progress)
     folder = why.save(args.out, pictures=_with_pictures(args))
     output(args).print(why.page)
     output(args).print(f"written: {folder}", soft_wrap=True)

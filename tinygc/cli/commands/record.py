@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from session.common.texts import printable, shell_word
 from tinygc.cli.arguments import accel_full_scale, closure_seconds, count, data_rate, gyro_full_scale, note, stream_header
+from tinygc.cli.commands._advice import coach_of, lot_of, of_the_model
 from tinygc.cli.commands._bench import DEFAULTS, bench, takes
 from tinygc.cli.commands._interruption import Interruption
 from tinygc.cli.commands._recorded import counted, left_out, missing, so_far, table
@@ -22,13 +23,11 @@ from tinygc.cli.paths import folder_written, path_read
 if TYPE_CHECKING:
     from session.common.errors import CalibrationError
     from session.guide.guide import Guide
-    from session.guide.messages import Advice, Progress
     from session.log.config import Config
     from session.page.server import PageServer
     from session.recording.recorder import Recorder
     from session.recording.session_file import SessionFile
     from session.stream.events import Info
-    from tinygc.plan.coach import Coach
 
 SUMMARY = "record a guided session from a serial port"
 USUAL_CLOSURE_S = 60.0
@@ -45,8 +44,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="session folder to write (the next free data/sessionN)")
     command.add_argument("--resume", action="store_true", help="go on with the recording in --out")
+    row = "one board after the other: a session folder each, named by the serial number, in --out (data/ and the date)"
+    command.add_argument("--series", action="store_true", help=row)
     command.add_argument("--segments", type=count(1), default=USUAL_SEGMENTS, help="to be accepted (%(default)s)")
     command.add_argument("--stop-at-target", action="store_true", help="stop as soon as every parameter has reached its target sigma")
+    lot = "what many units of its kind tell of this one (lot.json): the coach says how many turns are enough, and stops there"
+    command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
     command.add_argument(
         "--closure",
         type=closure_seconds,
@@ -82,6 +85,12 @@ def run(args: argparse.Namespace) -> int:
     """Lead one person at the table through a session, and lose nothing of it."""
     from session.recording.ports import only_candidate
 
+    if args.lot is not None:
+        args.lot_read = lot_of(args)
+    if args.series:
+        from tinygc.cli.commands._series import run_series
+
+        return run_series(args, _led, _tell)
     folder = args.out or _next_folder()
     port = args.port or only_candidate().name
     _require_place(folder, args.resume)
@@ -112,6 +121,7 @@ def _again(args: argparse.Namespace, folder: Path, port: str) -> str:
     again = f"calibrate.py record --resume --out {shell_word(folder)} --port {shell_word(port)}"
     again += "" if args.segments == USUAL_SEGMENTS else f" --segments {args.segments}"
     again += "" if args.view is None else " --view"
+    again += "" if args.lot is None else f" --lot {shell_word(args.lot)}"
     return again + (f" --closure {args.closure:g}" if args.closure else "")
 
 
@@ -140,7 +150,8 @@ def _tell(
         complain(f"interrupted; everything received is kept. To go on: {_again(args, folder, port)}")
     else:
         console.print(f"next: calibrate.py check {shell_word(folder)}, then calibrate.py fit {shell_word(folder)}", soft_wrap=True)
-    write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
+    if not args.series:
+        write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
     return interrupted
 
 
@@ -166,16 +177,20 @@ def _led(
     recorder = Recorder(folder, port, args.baud, args.header, session_file.wanted())
     if recorder.setting.said and not args.quiet:
         print(f"the board was set: {', '.join(recorder.setting.said)}", file=sys.stderr)
-    guide = Guide(session_file.protocol, args.segments, args.stop_at_target, args.closure)
+    guide = Guide(session_file.protocol, args.segments, args.stop_at_target or args.lot is not None, args.closure)
     failed, problem, guided, interrupted = None, None, None, False
     try:
         with Keys() as keys, views(args, f"{folder} · {port}", page) as (view, watch):
             typed = keys if keys.there else None
 
             def configure(info: Info | None, waited_s: float) -> Config | None:
-                return session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board, recorder.setting.speaks)
+                config = session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board, recorder.setting.speaks)
+                return config if config is None or args.lot is None else of_the_model(args, config)
 
-            coach, wished = None if args.no_coach else _coach(), None if page is None else page.wishes
+            coach, wished = (
+                None if args.no_coach else coach_of(None if args.lot is None else args.lot_read),
+                None if page is None else page.wishes,
+            )
             guided = GuidedRecording(guide, recorder, configure, coach, view, session_file, typed, watch, wished)
             guided.lead(wanted)
     except KeyboardInterrupt:
@@ -252,18 +267,3 @@ def _say_what_was_asked(args: argparse.Namespace, folder: Path) -> None:
         if words and not args.quiet:
             print(printable(f"explain asks ({place}): {words}"), file=sys.stderr)
             return
-
-
-def _coach() -> Callable[[Progress], Advice]:
-    """The coach; its modules are loaded in its own thread, not before the recording starts."""
-    coach: Coach | None = None
-
-    def advise(progress: Progress) -> Advice:
-        nonlocal coach
-        if coach is None:
-            from tinygc.plan.coach import Coach
-
-            coach = Coach()
-        return coach(progress)
-
-    return advise

@@ -10,6 +10,7 @@ probable at every scale up to the catalogue's; its best value is the parameters'
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -85,10 +86,10 @@ def _key(effects: tuple[Effect, ...]) -> tuple:
 
 
 class Evidence:
-    """Hypotheses of one recording, each weighed once."""
+    """Hypotheses of one recording, each weighed once.  odds: of effects that a lot of such units is known to have, by id."""
 
-    def __init__(self, twin: Twin):
-        self.twin = twin
+    def __init__(self, twin: Twin, odds: Mapping[str, float] | None = None):
+        self.twin, self._odds = twin, odds or {}
         self.whiteners = Whiteners(twin)
         self.first_noise = first_noise(twin, self.whiteners.white)
         self.first_whiten = self.whiteners.white.with_more(self.first_noise.covariance)
@@ -197,7 +198,8 @@ class Evidence:
     def price(self, effect: Effect) -> float:
         """Twice the logarithm of what a name costs before it is looked at: its prior odds, its scale, the shapes that were tried under its
         name, and the parameters' own place within their prior."""
-        return price(effect, self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect)))
+        shapes = self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect))
+        return price(effect, shapes, self._odds.get(effect.id))
 
     def without(self, component: str) -> Evidence:
         """The same recording, where the noise has no such component."""
@@ -226,9 +228,12 @@ class Evidence:
         self._shapes |= Counter(effect.id for effect in tried)
 
 
-def price(effect: Effect, shapes: int) -> float:
-    """``Evidence.price`` of an effect of which so many shapes are tried."""
-    return 2 * float(np.log(SCALES / PRIOR_ODDS) + np.log(shapes)) + effect.parameter.size
+def price(effect: Effect, shapes: int, odds: float | None = None) -> float:
+    """``Evidence.price`` of an effect of which so many shapes are tried; odds: of the effect, where a lot tells them.
+
+    The lot's size is not asked for here: a unit may have more of it, or less, than the others (``verdict/of_the_lot.py``).
+    """
+    return 2 * float(np.log(SCALES / (odds or PRIOR_ODDS)) + np.log(shapes)) + effect.parameter.size
 
 
 def least_gain(effect: Effect, shapes: int) -> float:

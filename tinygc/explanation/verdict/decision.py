@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,12 +58,18 @@ class NamingDecision:
         return not self.naming.named and not self.undersampled and (self.p_value <= FAMILY_WISE or self.unusual)
 
 
-def decide(twin: Twin, seed: int, progress: Callable[[str], None] = lambda what: None, begin: tuple[Effect, ...] = ()) -> NamingDecision:
+def decide(
+    twin: Twin,
+    seed: int,
+    progress: Callable[[str], None] = lambda what: None,
+    begin: tuple[Effect, ...] = (),
+    odds: Mapping[str, float] | None = None,
+) -> NamingDecision:
     """Weigh the catalogue's effects against each other, against shapes without a name, and against nothing.
 
-    begin: effects that a part of the recording has asked for already, where the search may begin.
+    begin: effects that a part of the recording has asked for already, where the search may begin; odds: of those that a lot has, by id.
     """
-    evidence, tried = Evidence(twin), candidates(twin)
+    evidence, tried = Evidence(twin, odds), candidates(twin)
     progress("detecting")
     first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
     start = min(evidence.nothing, evidence.of(begin, evidence.nothing), key=lambda h: h.score)

@@ -24,7 +24,9 @@ from tinygc.explanation.twin.whitening import Whitener
 from tinygc.explanation.twin.within_stills import WithinStills, within_stills
 from tinygc.explanation.verdict.claims import Claim, Considered, considered_of, mended_claims, named_claims, offset_claim
 from tinygc.explanation.verdict.decision import NamingDecision, decide
+from tinygc.explanation.verdict.of_the_lot import LotEffect, lot_effects, odds_of
 from tinygc.explanation.verdict.proof import Proof, prove, tilt_rms
+from tinygc.lot.lot import Lot
 from tinygc.problem.prepared import Prepared, prepare
 from tinygc.problem.problem import Problem
 from tinygc.problem.widened import weighed_down
@@ -35,7 +37,7 @@ class Explanation:
     """All that was found; see docs/explain.md for the verdicts.
 
     channel_p, left: of the channels under one calibration, before and after what is claimed; own_p: of each by itself, both;
-    seen_from: effect id -> size in its parameter's unit from which it would have shown.
+    seen_from: effect id -> size in its parameter's unit from which it would have shown; of_lot: what its lot knows of its effects.
     """
 
     session: Session
@@ -59,6 +61,7 @@ class Explanation:
     noise: SessionNoise | None = None
     unusual: bool = False
     considered: list[Considered] = field(default_factory=list)
+    of_lot: list[LotEffect] = field(default_factory=list)
 
     @cached_property
     def replay(self) -> Replay:
@@ -76,8 +79,10 @@ def explain_session(
     use_earth: bool = True,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
     prepared: Prepared | None = None,
+    lot: Lot | None = None,
 ) -> Explanation:
-    """Explain a session's mismatch.  prepared: the session, where somebody has it already.  Raises what ``prepare`` raises.
+    """Explain a session's mismatch.  prepared: the session, where somebody has it already; lot: whose effects the unit may have.
+    Raises what ``prepare`` raises.
 
     A calibration of the accelerometer that is given is taken as it is: whether it holds is one of the hypotheses.
     """
@@ -85,12 +90,12 @@ def explain_session(
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
     mended = mend(problem, lambda what: progress(what, 2, 6))
-    twin, decision, naming, proof = _decided(problem, mended, seed, progress)
+    twin, decision, naming, proof = _decided(problem, mended, seed, progress, lot)
     # Without a still that creeps two turns are one, which is longer and closes worse for that alone.
     in_turns = mended.found.keys() - {"reference.not_still"}
     if in_turns and tilt_rms(proof.after) > tilt_rms(proof.before):
         mended = replace(mended, problem=problem, found={}, p_value={}, misfit=0.0)  # what makes the closure worse mends nothing
-        twin, decision, naming, proof = _decided(problem, mended, seed, progress)
+        twin, decision, naming, proof = _decided(problem, mended, seed, progress, lot)
     whiten, gravity = decision.whiten, turn_gravity(twin, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
@@ -107,17 +112,18 @@ def explain_session(
     explanation.within = within_stills(twin)
     explanation.seen_from = seen_from(twin, whiten, naming.fit)
     explanation.warnings = prepared.warnings + weighed_down(session.name, problem.widened) + _heading_not_used(problem)
+    explanation.of_lot = [] if lot is None else lot_effects(twin, whiten, naming.fit, lot)
     explanation.verdict = _verdict(explanation)
     return explanation
 
 
 def _decided(
-    problem: Problem, mended: Mended, seed: int, progress: Callable[[str, int, int], None]
+    problem: Problem, mended: Mended, seed: int, progress: Callable[[str, int, int], None], lot: Lot | None
 ) -> tuple[Twin, NamingDecision, Naming, Proof]:
     """What is left to explain after the mends, what is named in it, and the proof of both."""
     progress("digital twin", 3, 6)
     twin = Twin(mended.problem)
-    decision = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference)
+    decision = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, odds_of(lot))
     naming = replace(decision.naming, fit=in_gauge(twin, decision.whiten, decision.naming.fit))
     progress("proof on held-out segments", 5, 6)
     return twin, decision, naming, prove(problem, twin, decision.whiten, naming.fit, decision.before)

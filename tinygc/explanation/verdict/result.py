@@ -37,6 +37,7 @@ def to_json(e: Explanation) -> dict:
         "effects": [_effect(claim) for claim in e.claimed],
         "findings": [_effect(claim) | {"share": claim.share} for claim in e.findings],
         "considered": [_considered(each) for each in e.considered],
+        "lot_effects": [each.to_json() for each in e.of_lot],
         "lines_end_hz": lines_end_hz(e.twin),
         "fit": {
             "holdout_closure_rms_deg": {

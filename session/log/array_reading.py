@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 
@@ -194,7 +195,7 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
     for number, place, name in zip(numbers, places, names, strict=True):
         if is_array(place):
             raise FormatError(f"{path}: array.folders holds {said(name)}, which is an array itself; name its units' folders")
-        session = read_session(place, lambda what, name=name: progress(f"{name}/{what}"))
+        session = read_session(place, partial(_told, progress, name))
         if (reference := session.config.protocol.reference) != "gravity":
             raise FormatError(f'{place}: protocol.reference is "{reference}"; the reference of an array is "gravity" and its other units')
         config = session.config
@@ -204,6 +205,10 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
     unknown = (*others, *_unknown(section, (FOLDERS, UNIT), "array"))
     own = replace(first.config, exclude=(*first.config.exclude, *rows), unknown=(*first.config.unknown, *unknown))
     return {**units, min(units): replace(first, config=own)}
+
+
+def _told(progress: Callable[[str], None], name: str, what: str) -> None:
+    progress(f"{name}/{what}")
 
 
 def _place(folder: Path, path: Path, name: str) -> Path:

@@ -20,6 +20,8 @@ SETS: dict[str, Callable[[Path, Path, bool], Iterable[Path]]] = {
     "imucal": imucal.write,
     "tofupilot": tofupilot.write,
 }
+#: of sets whose units were fixed to one body: the same as arrays
+ARRAYS: dict[str, Callable[[Path, Path], Iterable[Path]]] = {"mikov": mikov.write_array, "mimu": mimu.write_array}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,14 +38,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default="given",
         help="its calibration: what the authors give, or nothing; or nine numbers from the recording's own stills (%(default)s)",
     )
+    parser.add_argument("--array", action="store_true", help=f"the units of one body as one array ({', '.join(ARRAYS)})")
     args = parser.parse_args(arguments)
     try:
-        for folder in SETS[args.name](args.dir, args.out or args.dir / "sessions", args.accelerometer == "given"):
+        for folder in _folders(args):
             print(printable(str(folder)))
     except (CalibrationError, OSError) as error:
         print(f"session.public: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _folders(args: argparse.Namespace) -> Iterable[Path]:
+    out = args.out or args.dir / "sessions"
+    if not args.array:
+        return SETS[args.name](args.dir, out, args.accelerometer == "given")
+    if args.name not in ARRAYS:
+        raise CalibrationError(f"--array: {args.name} is no array; expected {' or '.join(ARRAYS)}")
+    if args.accelerometer != "given":
+        raise CalibrationError("--array: --accelerometer stills writes one calibration into one session; leave one of the two out")
+    return ARRAYS[args.name](args.dir, out)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from session.public.sources import found, rows_of_numbers
-from session.public.writing import write_folder
+from session.public.writing import copied, write_array_of_folders, write_folder
 
 COLUMNS = ("ax", "ay", "az", "gx", "gy", "gz")
 RATE_HZ = 100
@@ -31,6 +31,13 @@ reference = "gravity"
 """
 
 
+ARRAY = """schema = "tinygc-session/1"
+
+[array]
+folders = [{names}]
+"""
+
+
 def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
     """``out/imu0`` and so on, as many as there are logs, one after the other.
 
@@ -38,6 +45,21 @@ def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
     not given: what ``placed`` raises.
     """
     for path in found(source, "imu[0-9].log", "data"):
-        rows = rows_of_numbers(path, COLUMNS)
-        lines = (f"{number / RATE_HZ:.2f},{','.join(row[3:] + row[:3])}" for number, row in enumerate(rows))
-        yield write_folder(out / path.stem, TOML.format(number=path.stem.removeprefix("imu")), HEADER, lines, given)
+        yield _written(path, out, given)
+
+
+def _written(path: Path, out: Path, given: bool) -> Path:
+    rows = rows_of_numbers(path, COLUMNS)
+    lines = (f"{number / RATE_HZ:.2f},{','.join(row[3:] + row[:3])}" for number, row in enumerate(rows))
+    return write_folder(out / path.stem, TOML.format(number=path.stem.removeprefix("imu")), HEADER, lines, given)
+
+
+def write_array(source: Path, out: Path) -> Iterator[Path]:
+    """``out/mikov``, an array of the units whose logs, or session folders made of them before, lie in the source."""
+    folder = out / "mikov"
+    if sessions := sorted(path.parent for path in source.glob("imu[0-9]/session.toml")):
+        units = [copied(session, folder / session.name) for session in sessions]
+    else:
+        units = [_written(path, folder, True) for path in found(source, "imu[0-9].log", "data")]
+    names = ", ".join(f'"{unit.name}"' for unit in units)
+    yield write_array_of_folders(folder, ARRAY.format(names=names))

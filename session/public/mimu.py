@@ -1,7 +1,7 @@
 """Eight MPU-9150 on one board, turned by hand (Carlsson, Skog, Jaldén, IEEE Sensors Journal 21 (6), 2021): ``exp_N/data.bin``.
 
 Every experiment and unit becomes a session folder, ``e1u0`` for the first unit of the first experiment.  The axes are those of the chip,
-which are turned against the board's in some units.
+which are turned against the board's in some units.  As arrays, every experiment is one folder, ``e1`` and so on.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from session.common.errors import FormatError
 from session.public.mimu_frames import UNITS, read_frames
 from session.public.sources import arrays_of, found
-from session.public.writing import write_folder
+from session.public.writing import write_array_folder, write_folder
 
 NS_PER_TICK = 15.625  #: of 64 MHz; exact in binary
 ACCEL_LSB_PER_G = 2048
@@ -26,7 +26,7 @@ TOML = """schema = "tinygc-session/1"
 # Registers over 2048 LSB/g and 16.4 LSB/dps.
 [sensor]
 model = "MPU-9150"
-serial = "mimu-{unit}"
+serial = "{serial}"
 odr_hz = 62.5
 gyro_fs_dps = 2000
 accel_fs_g = 16
@@ -49,14 +49,28 @@ def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
     damaged; not given: what ``placed`` raises.
     """
     for number, (ticks, registers) in experiments(source):
-        t_ns = np.rint(ticks * NS_PER_TICK).astype(np.int64).tolist()
         for unit in range(UNITS):
-            rates, forces = registers[:, unit, 3:] / GYRO_LSB_PER_DPS, registers[:, unit, :3] / ACCEL_LSB_PER_G
-            lines = (
-                f"{t},{','.join(map(repr, rate))},{','.join(map(repr, force))}"
-                for t, rate, force in zip(t_ns, rates.tolist(), forces.tolist(), strict=True)
-            )
-            yield write_folder(out / f"e{number}u{unit}", TOML.format(unit=unit), HEADER, lines, given)
+            yield write_folder(out / f"e{number}u{unit}", _toml(f"mimu-{unit}"), HEADER, _lines(ticks, registers[:, unit]), given)
+
+
+def write_array(source: Path, out: Path) -> Iterator[Path]:
+    """``out/e1`` and so on, each an array of the eight units.  FormatError as from ``write``."""
+    units = "".join(f'\n[[array.unit]]\nnumber = {unit}\nsensor.serial = "mimu-{unit}"\n' for unit in range(UNITS))
+    for number, (ticks, registers) in experiments(source):
+        logs = {f"log0001.unit{unit}.csv.gz": (HEADER, _lines(ticks, registers[:, unit])) for unit in range(UNITS)}
+        yield write_array_folder(out / f"e{number}", _toml(f"mimu-e{number}") + units, logs)
+
+
+def _toml(serial: str) -> str:
+    return TOML.format(serial=serial)
+
+
+def _lines(ticks: np.ndarray, registers: np.ndarray) -> Iterator[str]:
+    """Rows of one unit: ticks (N,) of 64 MHz, registers (N, 6)."""
+    t_ns = np.rint(ticks * NS_PER_TICK).astype(np.int64).tolist()
+    rates, forces = registers[:, 3:] / GYRO_LSB_PER_DPS, registers[:, :3] / ACCEL_LSB_PER_G
+    for t, rate, force in zip(t_ns, rates.tolist(), forces.tolist(), strict=True):
+        yield f"{t},{','.join(map(repr, rate))},{','.join(map(repr, force))}"
 
 
 def experiments(source: Path) -> Iterator[tuple[int, tuple[np.ndarray, np.ndarray]]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Set
 from pathlib import Path
 
 from session.accelerometer.calibrated_copy import REMARK
@@ -13,6 +13,7 @@ from session.accelerometer.section import with_section
 from session.common.errors import CalibrationError, FormatError, SegmentError
 from session.files.reading import MOST_ARCHIVE, MOST_TOML, read_bytes, read_text
 from session.files.writing import result_folder
+from session.log.array_reading import read_array
 from session.log.folder import log_paths, read_session
 
 LOG = "log0001.csv.gz"
@@ -22,12 +23,48 @@ def write_folder(folder: Path, toml: str, header: str, lines: Iterable[str], giv
     """``session.toml`` and ``log0001.csv.gz``; the same lines make the same bytes.  given: as in ``placed``, whose errors it raises."""
 
     def write(where: Path) -> None:
-        text = "\n".join([header, *lines, ""])
-        (where / LOG).write_bytes(gzip.compress(text.encode(), compresslevel=6, mtime=0))
+        _write_log(where / LOG, header, lines)
         (where / "session.toml").write_text(toml, encoding="utf-8")
 
-    _refuse_another(folder)
+    _refuse_another(folder, {LOG})
     return placed(folder, write, given)
+
+
+def write_array_folder(folder: Path, toml: str, logs: Mapping[str, tuple[str, Iterable[str]]]) -> Path:
+    """``session.toml`` and the units' logs, of each its header and its lines.  Raises what ``placed`` does."""
+
+    def write(where: Path) -> None:
+        for name, (header, lines) in logs.items():
+            _write_log(where / name, header, lines)
+        (where / "session.toml").write_text(toml, encoding="utf-8")
+
+    _refuse_another(folder, set(logs))
+    return placed(folder, write, True, read_array)
+
+
+def write_array_of_folders(folder: Path, toml: str) -> Path:
+    """``session.toml`` beside the units' folders, which are there.  FormatError where another is in its place."""
+    _refuse_another(folder, set())
+    refuse_to_replace(folder / "session.toml", toml.encode())
+    (folder / "session.toml").write_text(toml, encoding="utf-8")
+    read_array(folder)
+    return folder
+
+
+def copied(session: Path, folder: Path) -> Path:
+    """A session folder's own recording, its logs and its ``session.toml``, in another place.  Raises what ``placed`` does."""
+    paths = [session / "session.toml", *log_paths(session, "log")]
+
+    def write(where: Path) -> None:
+        for path in paths:
+            (where / path.name).write_bytes(read_bytes(path, MOST_ARCHIVE))
+
+    _refuse_another(folder, {path.name for path in paths})
+    return placed(folder, write, True)
+
+
+def _write_log(path: Path, header: str, lines: Iterable[str]) -> None:
+    path.write_bytes(gzip.compress("\n".join([header, *lines, ""]).encode(), compresslevel=6, mtime=0))
 
 
 def placed(folder: Path, write: Callable[[Path], None], given: bool, read: Callable[[Path], object] = read_session) -> Path:
@@ -62,8 +99,8 @@ def refuse_to_replace(path: Path, data: bytes) -> None:
         raise FormatError(f"{path.parent}: holds another {path.name}; choose another folder with --out, or remove that one")
 
 
-def _refuse_another(folder: Path) -> None:
-    if others := [path.name for path in log_paths(folder, "log") if path.name != LOG]:
+def _refuse_another(folder: Path, names: Set[str]) -> None:
+    if others := [path.name for path in log_paths(folder, "log") if path.name not in names]:
         raise FormatError(f"{folder}: holds {others[0]} of another recording; choose another folder with --out")
 
 

@@ -1,0 +1,244 @@
+"""A unit's clock against the first unit's: offset and rate, by the likelihood of its rates given the first unit's.
+
+The unit's gyroscope reads ``g(t) = A g_1(tau(t)) + b + noise`` with ``tau = t + offset + rate (t - about)`` and g_1 the first unit's.
+A is any linear map: mounting, scales and misalignments of both.  So none of them can pull the clock.  All are estimated together, by
+Gauss and Newton from where the correlation of the speeds has put the clock (``correlation``).
+
+The first unit's noise stands in the regressors as well.  What it adds to the normal equations in the mean is taken off again, since an
+interpolated reading is quieter between two readings than at one, and least squares would move the clock there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from session.common.errors import CalibrationError
+from session.common.robust import sigma_of
+from tinygc.array.correlation import RoughClock, rough_clock
+from tinygc.array.place import UnitClock
+from tinygc.array.rates import Rates
+
+#: s; readings of one block share their errors, as those of one hand's movement do
+BLOCK_S = 2.0
+ROUNDS = 25
+#: s and 1; a step that is smaller ends the search
+ENOUGH_S, ENOUGH_RATE = 1e-8, 1e-10
+#: of the square of a turning unit's rates, that the first unit's have to explain: units of one body 0.99 and more, others 0.4 at most
+#: (benchmarks/array_clocks.py)
+SAME_BODY = 0.9
+#: of a log's own clock against that of all logs, s: more, and the clock was set anew between them
+SET_ANEW_S = 0.5
+#: units of sigma of the unit's noise; a reading that turns by less tells no time
+MOVING_SIGMAS = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class ClockFit:
+    """clock of a unit; matrix (3, 3): its rates from the first unit's, both in their own gyroscopes' axes, and bias (logs, 3) rad/s;
+    agreement: which share of its turning's mean square that explains; covariance (2, 2) of offset and rate, of ``clock.about_s``."""
+
+    clock: UnitClock
+    matrix: np.ndarray
+    matrix_sigma: np.ndarray
+    bias: np.ndarray
+    agreement: float
+    covariance: np.ndarray
+    rms_rps: float
+
+
+def fit_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "the unit") -> ClockFit:
+    """first, unit: logs of the same times.  Raises CalibrationError where the two did not feel the same motion."""
+    rough = _roughly(first, unit, name)
+    about_s = rough.about_s
+    splines = [rates.spline() for rates in first]
+    slopes = [spline.derivative() for spline in splines]
+    noise = np.mean([noise_of(rates.rate) ** 2 for rates in first], axis=0)
+    bar = MOVING_SIGMAS * max(float(np.mean([noise_of(rates.rate).max() for rates in unit])), float(np.sqrt(noise.max())))
+    moving = [rates.good & _moves(rates, bar) for rates in unit]
+    x = np.array([rough.offset_s, rough.rate])
+    solved = None
+    for _ in range(ROUNDS):
+        rows = _Rows(first, unit, moving, splines, slopes, x, about_s)
+        if not rows.enough:
+            break
+        solved = rows.solve(noise, None if solved is None else solved.matrix)
+        x = x + solved.step
+        if abs(solved.step[0]) < ENOUGH_S and abs(solved.step[1]) < ENOUGH_RATE:
+            break
+    if solved is None or solved.agreement < SAME_BODY:
+        found = "no turn" if solved is None else f"its rates follow the first unit's by {max(solved.agreement, 0.0):.2f} of 1"
+        raise _not_one_body(name, found, rough.likeness)
+    return _as_fit(solved, x, about_s)
+
+
+def _not_one_body(name: str, found: str, likeness: float) -> CalibrationError:
+    return CalibrationError(
+        f"{name} did not feel the motion of the array's first unit: {found}, the correlation of their speeds is {likeness:.2f}; "
+        "an array's units are fixed to one rigid body and recorded together: take that unit out"
+    )
+
+
+def _as_fit(solved: _Solved, x: np.ndarray, about_s: float) -> ClockFit:
+    sigma = np.sqrt(np.diag(solved.covariance))
+    clock = UnitClock(float(x[0]), float(x[1]), about_s, float(sigma[0]), float(sigma[1]))
+    return ClockFit(clock, solved.matrix, solved.matrix_sigma, solved.bias, solved.agreement, solved.covariance, solved.rms)
+
+
+def _roughly(first: Sequence[Rates], unit: Sequence[Rates], name: str) -> RoughClock:
+    """Of the log that is most alike; CalibrationError where another that is alike too says another clock."""
+    each = [rough_clock(one, other) for one, other in zip(first, unit, strict=True)]
+    best = max(each, key=lambda rough: rough.likeness)
+    for number, rough in enumerate(each):
+        apart_s = abs(best.offset_s + best.rate * (rough.about_s - best.about_s) - rough.offset_s)
+        if rough.likeness > SAME_BODY and apart_s > SET_ANEW_S + 0.01 * abs(rough.about_s - best.about_s):
+            raise CalibrationError(
+                f"{name}: its clock was set anew between two logs: in log {number + 1} it is {apart_s:.2f} s from where the other has it; "
+                "give each log an array's folder of its own"
+            )
+    return best
+
+
+def noise_of(rate: np.ndarray) -> np.ndarray:
+    """(3,) scatter of single readings, by their third differences: what turns smoothly does not count."""
+    if len(rate) < 8:
+        return np.zeros(3)
+    return np.asarray(sigma_of(np.diff(rate, 3, axis=0)) / np.sqrt(20.0))
+
+
+def _moves(rates: Rates, bar: float) -> np.ndarray:
+    """(N,) bool: readings that turn, and what lies within half a second of them."""
+    speed = np.linalg.norm(rates.rate - np.median(rates.rate, axis=0), axis=1)
+    reach = max(1, round(0.25 / rates.period_s))
+    return np.asarray(np.convolve(speed > bar, np.ones(2 * reach + 1), mode="same")[: len(speed)] > 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    step: np.ndarray
+    covariance: np.ndarray
+    matrix: np.ndarray
+    matrix_sigma: np.ndarray
+    bias: np.ndarray
+    agreement: float
+    rms: float
+
+
+class _Rows:
+    """The first unit's rates and their slopes where the unit's readings stand, at one clock."""
+
+    def __init__(
+        self,
+        first: Sequence[Rates],
+        unit: Sequence[Rates],
+        moving: Sequence[np.ndarray],
+        splines: Sequence[CubicSpline],
+        slopes: Sequence[CubicSpline],
+        x: np.ndarray,
+        about_s: float,
+    ):
+        parts = []
+        for number, (one, other, moves) in enumerate(zip(first, unit, moving, strict=True)):
+            tau = other.t_s + x[0] + x[1] * (other.t_s - about_s)
+            rows = np.flatnonzero(moves & one.covers(tau))
+            at = tau[rows]
+            after = np.clip(np.searchsorted(one.t_s, at), 1, len(one) - 1)
+            phase = (at - one.t_s[after - 1]) / (one.t_s[after] - one.t_s[after - 1])
+            variance, slope = interpolated_variance(phase)
+            parts.append(
+                {
+                    "log": np.full(len(rows), number),
+                    "read": other.rate[rows],
+                    "ours": splines[number](at),
+                    "slope": slopes[number](at),
+                    "since": other.t_s[rows] - about_s,
+                    "block": np.floor(other.t_s[rows] / BLOCK_S) + 1e7 * number,
+                    "variance": variance,
+                    "variance_slope": slope / one.period_s,
+                }
+            )
+        self.values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        self.logs = len(parts)
+
+    @property
+    def enough(self) -> bool:
+        """Whether there is something to fit."""
+        return len(self.values["since"]) > 10 * (3 + self.logs)
+
+    def solve(self, noise: np.ndarray, matrix: np.ndarray | None) -> _Solved:
+        """One step of Gauss and Newton; noise (3,): variance of the first unit's readings."""
+        v = self.values
+        ours, read, since = v["ours"], v["read"], v["since"]
+        count, logs = len(since), self.logs
+        design = np.hstack([ours, (v["log"][:, None] == np.arange(logs)).astype(float)])
+        if matrix is None:
+            matrix = np.linalg.lstsq(design, read, rcond=None)[0][:3].T
+        size = 3 + logs
+        whole = np.zeros((3 * size + 2, 3 * size + 2))
+        right = np.zeros(3 * size + 2)
+        gram = design.T @ design
+        gram[:3, :3] -= np.diag(noise) * v["variance"].sum()
+        turned = v["slope"] @ matrix.T  # (N, 3)
+        clock = np.stack([turned, turned * since[:, None]], axis=2)  # (N, 3, 2)
+        for axis in range(3):
+            part = slice(axis * size, (axis + 1) * size)
+            whole[part, part] = gram
+            whole[part, -2:] = design.T @ clock[:, axis]
+            # E[n n'] of an interpolated reading: half the slope of its variance.
+            for column, weight in ((-2, np.ones(count)), (-1, since)):
+                whole[axis * size : axis * size + 3, column] -= matrix[axis] * noise * (v["variance_slope"] * weight).sum() / 2
+            whole[-2:, part] = whole[part, -2:].T
+            right[part] = design.T @ read[:, axis]
+            right[-2:] += clock[:, axis].T @ read[:, axis]
+        whole[-2:, -2:] = np.einsum("nai,naj->ij", clock, clock)
+        solution = np.linalg.solve(whole, right)
+        coefficients = solution[:-2].reshape(3, size)
+        fitted = design @ coefficients.T + clock @ solution[-2:]
+        residual = read - fitted
+        covariance = self._covariance(whole, design, clock, residual)
+        about = (
+            read
+            - np.array([read[v["log"] == log].mean(axis=0) if (v["log"] == log).any() else np.zeros(3) for log in range(logs)])[v["log"]]
+        )
+        total = float(np.square(about).sum())
+        return _Solved(
+            step=solution[-2:],
+            covariance=covariance[-2:, -2:],
+            matrix=coefficients[:, :3],
+            matrix_sigma=np.sqrt(np.diag(covariance)[:-2]).reshape(3, size)[:, :3],
+            bias=coefficients[:, 3:].T,
+            agreement=1 - float(np.square(residual).sum()) / total if total > 0 else 0.0,
+            rms=float(np.sqrt(np.mean(np.square(residual)))),
+        )
+
+    def _covariance(self, whole: np.ndarray, design: np.ndarray, clock: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """Of all coefficients, from how the blocks' own scores scatter: whatever the readings of a block share is in it."""
+        blocks, index = np.unique(self.values["block"], return_inverse=True)
+        size = design.shape[1]
+        scores = np.zeros((len(blocks), whole.shape[0]))
+        for axis in range(3):
+            np.add.at(scores[:, axis * size : (axis + 1) * size], index, design * residual[:, axis, None])
+            np.add.at(scores[:, -2:], index, clock[:, axis] * residual[:, axis, None])
+        inverse = np.linalg.inv(whole)
+        few = len(blocks) / max(len(blocks) - whole.shape[0] / 3, 1.0)
+        return inverse @ (scores.T @ scores) @ inverse * few
+
+
+def _cardinal(reach: int = 12, points: int = 101) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of a cubic spline through white noise of variance 1, between two readings, at phases 0 to 1."""
+    knots = np.arange(-reach, reach + 1.0)
+    phase = np.linspace(0, 1, points)
+    weights = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")(phase)
+    return phase, np.square(weights).sum(axis=1)
+
+
+_VARIANCE = CubicSpline(*_cardinal())
+_VARIANCE_SLOPE = _VARIANCE.derivative()
+
+
+def interpolated_variance(phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of an interpolated reading, in units of a reading's own, at phases (N,) 0 to 1 between two; and its slope over the phase."""
+    return _VARIANCE(phase), _VARIANCE_SLOPE(phase)

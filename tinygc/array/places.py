@@ -1,0 +1,120 @@
+"""Where the units of an array are: clock and mounting of each, from their rates and from gravity in their stills."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.checks.accelerometer import with_own_accelerometer
+from session.common.errors import CalibrationError
+from session.common.units import NS
+from session.detect.session_stills import SessionStills
+from session.log.array_session import ArraySession
+from session.log.folder import Session
+from tinygc.array.clocks import ClockFit, fit_clock
+from tinygc.array.mountings import fit_mounting
+from tinygc.array.place import UnitClock, UnitPlace
+from tinygc.array.rates import Rates, session_rates
+
+#: of the shorter of two stills, that they have to have in common
+LEAST_COMMON = 0.5
+
+
+def places_of(array: ArraySession) -> tuple[UnitPlace, ...]:
+    """Clock and mounting of every unit against the first; no positions.
+
+    Raises CalibrationError where a unit did not feel the same motion, or has mirrored axes: it says which.
+    """
+    rates = [session_rates(unit) for unit in array.units]
+    fits = clock_fits(array, rates)
+    forces = [_forces(unit) for unit in array.units]
+    places = [UnitPlace(array.numbers[0])]
+    for number, fit, mine in zip(array.numbers[1:], fits[1:], forces[1:], strict=True):
+        ours, theirs = _common(forces[0], mine, fit.clock)
+        found = fit_mounting(ours, theirs, fit.matrix)
+        places.append(UnitPlace(number, fit.clock, found.matrix, found.covariance))
+    return tuple(places)
+
+
+def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None) -> list[ClockFit]:
+    """Of every unit, the first one's being exact; rates: of each unit, where they are at hand.  Raises CalibrationError."""
+    rates = rates if rates is not None else [session_rates(unit) for unit in array.units]
+    names = [f"{array.name}: unit {number}" for number in array.numbers]
+    _turned(rates, names)
+    fits = [_own_fit(rates[0])]
+    for mine, name in zip(rates[1:], names[1:], strict=True):
+        try:
+            fit = fit_clock(rates[0], mine, name)
+        except CalibrationError:
+            _blame_first(rates, names, mine)
+            raise
+        if np.linalg.det(fit.matrix) <= 0:
+            raise CalibrationError(
+                f"{name} has mirrored axes (its rates follow the first unit's as in a mirror); correct the signs in its log"
+            )
+        fits.append(fit)
+    return fits
+
+
+def _own_fit(rates: tuple[Rates, ...]) -> ClockFit:
+    return ClockFit(UnitClock(), np.eye(3), np.zeros((3, 3)), np.zeros((len(rates), 3)), 1.0, np.zeros((2, 2)), 0.0)
+
+
+def _turned(rates: list[tuple[Rates, ...]], names: list[str]) -> None:
+    for mine, name in zip(rates, names, strict=True):
+        if not any(np.ptp(each.rate, axis=0).max() > 0 for each in mine):
+            raise CalibrationError(f"{name} reads one and the same rate throughout: it is dead; take that unit out")
+
+
+def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[Rates, ...]) -> None:
+    """CalibrationError of the first unit where the others go along with each other, and none of them with it."""
+    others = [each for each in rates[1:] if each is not mine]
+    for other in others:
+        try:
+            fit_clock(other, mine)
+        except CalibrationError:
+            continue
+        try:
+            fit_clock(rates[0], other, names[0])
+        except CalibrationError as error:
+            said = str(error).replace("the array's first unit", "the others").replace("the first unit's", "theirs")
+            raise CalibrationError(said) from None
+
+
+@dataclass(frozen=True, eq=False)
+class _Force:
+    """Of one still: from when to when on the unit's clock, s, and its mean specific force (3,) m/s^2."""
+
+    start_s: float
+    stop_s: float
+    mean: np.ndarray
+
+
+def _forces(session: Session) -> list[list[_Force]]:
+    """Of each log, stills that are a reference, under an accelerometer that is calibrated as well as it can be."""
+    found = SessionStills(session)
+    session, _ = with_own_accelerometer(session, looked_at=found)
+    found = found.under(session)
+    forces = []
+    for log in session.logs:
+        begin_s = float(log.samples.t_ns[0]) * NS
+        good = [still for still in found.of(log).stills if still.problem is None]
+        forces.append([_Force(begin_s + s.start_s, begin_s + s.start_s + s.duration_s, s.accel_mean) for s in good])
+    return forces
+
+
+def _common(ours: list[list[_Force]], theirs: list[list[_Force]], clock: UnitClock) -> tuple[np.ndarray, np.ndarray]:
+    """Mean specific force (K, 3) of both units in the stills that both have."""
+    pairs = []
+    for mine, other in zip(ours, theirs, strict=True):
+        for one in mine:
+            for two in other:
+                start, stop = clock.array_time(np.array([two.start_s, two.stop_s]))
+                shared = min(stop, one.stop_s) - max(start, one.start_s)
+                if shared >= LEAST_COMMON * min(one.stop_s - one.start_s, two.stop_s - two.start_s):
+                    pairs.append((one.mean, two.mean))
+    if not pairs:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    first, second = zip(*pairs, strict=True)
+    return np.array(first), np.array(second)

@@ -7,7 +7,7 @@ maximum likelihood with the numbers (``system.py``).  A reading of one unit that
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,7 @@ from tinygc.array.system import Solution, System
 from tinygc.array.unit_rows import common_earth, start_state, unit_rows, with_earth
 from tinygc.array.units import ArrayUnit
 from tinygc.attitude.earth import EarthRate
+from tinygc.models.linear import LinearModel
 from tinygc.problem.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
 
 ROUNDS = 12
@@ -48,6 +49,24 @@ class Joint:
         """Of the numbers."""
         return Layout(len(self.rows), len(self.same))
 
+    @property
+    def models(self) -> tuple[LinearModel, ...]:
+        """Of each unit, for rates as they are measured."""
+        return tuple(
+            model if unit.rest is None else replace(model, B=-model.E @ unit.rest)
+            for model, unit in zip(self.state.models, self.rows, strict=True)
+        )
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(count, count) of the last step's solution, which takes the units' biases to stand still (``parameters.py``)."""
+        return self.solution.covariance
+
+    @property
+    def common_rad(self) -> np.ndarray:
+        """(Q-1, 2) rad: the tilt by which all units miss between two stills."""
+        return np.asarray(self.solution.x[self.layout.common].reshape(-1, 2))
+
     def component(self, name: str) -> tuple[float, float]:
         """A component's size and its sigma, as a standard deviation: rad or m/s^2; of ``common.undersampled`` a factor."""
         k = self.where.names.index(name)
@@ -68,10 +87,12 @@ def estimate(
     missed_rad: np.ndarray,
     *,
     bias: str = "ends",
+    alone: bool = False,
     use_earth: bool = True,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Joint:
-    """missed_rad (Q-1,): tilt that motion beyond the data rate is predicted to make every unit miss; zeros where nothing is known of it."""
+    """missed_rad (Q-1,): tilt that motion beyond the data rate is predicted to make every unit miss; zeros where nothing is known of it; alone:
+    of a single unit, in which what is common cannot be told from its own."""
     rows = [unit_rows(unit, i, same, bias) for i, unit in enumerate(units)]
     start = state = start_state(units, rows, same)
     site = units[0].problem.session.config.site
@@ -95,9 +116,10 @@ def estimate(
             system = system.without(out)
         if t is None:
             t = _first_sizes(system, where, len(rows))
+            t[-3:] *= not alone
             solution = system.solved(t)
         else:
-            solution = system.estimated(t)
+            solution = system.estimated(t, np.arange(len(t)) >= len(t) - 3 if alone else None)
             t = solution.t
         out = system.out
         new = worst_of_each_turn(candidates(solution, blocks), out) if turn else []

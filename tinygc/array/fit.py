@@ -133,8 +133,8 @@ def fit_array(
         known = where[i]
         place = replace(
             unit.place,
-            mounting=joint.state.mountings[i],
-            mounting_covariance=block[MOUNTING, MOUNTING],
+            mounting=joint.state.mountings[i] if i else np.eye(3),
+            mounting_covariance=block[MOUNTING, MOUNTING] if i else np.zeros((3, 3)),
             position_m=None if known is None else known[0],
             position_covariance=None if known is None else known[1],
         )

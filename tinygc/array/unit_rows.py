@@ -50,7 +50,8 @@ def unit_rows(unit: ArrayUnit, index: int, same: SameStills, bias: str) -> UnitR
     batch = batch.pick(turns).trimmed()
     at = closure.attitudes(problem.batch, problem.first(problem.batch.rate))
     noises = [problem.logs[segment.log].noise for segment in problem.used]
-    floor = np.diagonal(gyro_variance(problem.batch, at, noises), axis1=1, axis2=2)[turns].mean(axis=1)
+    floor = np.diagonal(gyro_variance(problem.batch, at, noises), axis1=1, axis2=2).mean(axis=1)
+    floor = (floor + _of_still_rates(problem) if bias == "stills" else floor)[turns]
     forces = {id(still): twin for still, twin in zip(_references(problem), _references(given), strict=True)}
     mine = [(q, still, forces[id(still)]) for q, still in enumerate(same.stills[index]) if still is not None]
     walk = {id(s): np.mean(log.noise.velocity_random_walk**2) for log in problem.logs for s in log.stills}
@@ -76,6 +77,19 @@ def bias_apart(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     mean = bias.mean(axis=0)
     first, last, share = bias_shares(problem)
     return mean, bias[first][:, None] * (1 - share[..., None]) + bias[last][:, None] * share[..., None] - mean
+
+
+def _of_still_rates(problem: Problem) -> np.ndarray:
+    """(S,) rad^2 of each angle that the white noise of the stills' rates makes of each used turn."""
+    first, last, share = bias_shares(problem)
+    batch = replace(problem.batch, turns=None, yaw_known=True)
+    sensitivity = closure.sensitivity(batch, problem.first(batch.rate))
+    square = problem.still_rates.sigma**2
+    total = np.zeros(len(batch))
+    for still, part in ((first, 1 - share), (last, share)):
+        turned = np.einsum("st,stij->sij", part, sensitivity)
+        total += np.einsum("sij,sj->s", turned**2, square[still]) / 3
+    return total
 
 
 def force_problem(unit: ArrayUnit) -> Problem:

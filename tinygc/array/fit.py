@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from session.accelerometer.parameters import after
 from session.checks.findings import Finding
@@ -45,7 +46,7 @@ class UnitFit:
 
     number; session as recorded; place: clock, mounting and position, refined; model: omega = E m + B in the unit's body frame, in seconds of
     the array's clock; accelerometer; covariance (24, 24) of E, B, the accelerometer's nine and the mounting's three (rad about the array's
-    axes); alone: the same twelve by the unit's own gravity alone, and sigma_alone (12,); own_rad: tilt, rms a turn, by which it misses alone
+    axes); alone: the same twelve by the unit's own gravity alone, and its covariance_alone (12, 12); own_rad: tilt, rms a turn, by which it misses alone
     beyond noise, with its sigma; closure_rad, floor_rad: rms of tilt by the model alone, and what white noise makes of it; noise; instability;
     warnings of its first look.
     """
@@ -57,7 +58,7 @@ class UnitFit:
     accelerometer: Accelerometer
     covariance: np.ndarray
     alone: LinearModel
-    sigma_alone: np.ndarray
+    covariance_alone: np.ndarray
     own_rad: tuple[float, float]
     minus_mean_rad: float
     closure_rad: float
@@ -70,6 +71,19 @@ class UnitFit:
     def sigma(self) -> np.ndarray:
         """(12,) of the model's numbers."""
         return np.sqrt(np.diag(self.covariance))[:PARAMETERS]
+
+
+    @property
+    def sigma_alone(self) -> np.ndarray:
+        """(12,) of the same by the unit's own gravity alone."""
+        return np.sqrt(np.diag(self.covariance_alone))
+
+    @property
+    def best_gain(self) -> float:
+        """By how much less the array's sigma is, in that direction of the twelve in which the others tell most: yaw about the vertical."""
+        factor = np.linalg.cholesky(self.covariance[:PARAMETERS, :PARAMETERS])
+        white = solve_triangular(factor, self.covariance_alone, lower=True)
+        return float(np.sqrt(np.linalg.eigvalsh(solve_triangular(factor, white.T, lower=True))[-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +142,7 @@ def fit_array(
     found = []
     for i, unit in enumerate(units):
         progress(f"unit {unit.number} alone")
-        alone, sigma = _alone(unit, chosen, use_earth)
+        alone, apart = _alone(unit, chosen, use_earth)
         block = unit_block(covariance, i)
         known = where[i]
         place = replace(
@@ -148,7 +162,7 @@ def fit_array(
                 accelerometer=after(joint.state.accelerometers[i], accelerometer_before(unit), "stills"),
                 covariance=block,
                 alone=alone,
-                sigma_alone=sigma,
+                covariance_alone=apart,
                 own_rad=(float(split.own[i, 0]), float(split.own[i, 1])),
                 minus_mean_rad=float(split.minus_mean_of[i]),
                 closure_rad=_rms(closure_angles(problem.batch, problem.first)),
@@ -190,8 +204,7 @@ def _alone(unit: ArrayUnit, bias: str, use_earth: bool) -> tuple[LinearModel, np
     by_itself = replace(unit, place=UnitPlace(unit.number))
     same = same_stills([by_itself])
     joint = estimate([by_itself], same, np.zeros(len(same) - 1), bias=bias, alone=True, use_earth=use_earth)
-    covariance = units_covariance([by_itself], joint)
-    return joint.models[0], np.sqrt(np.diag(covariance))[:PARAMETERS]
+    return joint.models[0], units_covariance([by_itself], joint)[:PARAMETERS, :PARAMETERS]
 
 
 def _rms(angles: np.ndarray) -> float:

@@ -1,6 +1,6 @@
 """Where each unit's accelerometer is on the body, from what it feels beyond the first one while the body turns.
 
-a_i - a_0 = alpha x r + omega x (omega x r) + offset, in the array's axes: linear in r.  The rate is the mean of all units' calibrated rates,
+a_i - a_0 = alpha x r + omega x (omega x r) + offset, in the array's axes: linear in r; a force that lags behind the rate is one more column, its derivative.  The rate is the mean of all units' calibrated rates,
 its derivative that of a spline.  Covariance by the scatter from turn to turn (the sandwich, White 1980, turns as clusters): what filters
 and clocks leave is alike within a turn.
 """
@@ -22,6 +22,8 @@ from tinygc.array.units import ArrayUnit
 #: m: a position known worse than this is not known
 KNOWN_M = 0.05
 FEWEST_TURNS = 5
+#: of its length: what filters of gyroscope and accelerometer that differ make of a position (benchmarks/array_fit.py)
+FILTERS = 0.005
 #: rows that miss by more than this many typical misses count less
 BAR = 2.0
 ROUNDS = 6
@@ -51,7 +53,10 @@ def positions(units: list[ArrayUnit], joint: Joint) -> list[tuple[np.ndarray, np
             omega = np.mean([spline(t_s) for spline in splines], axis=0)
             alpha = np.mean([spline(t_s, 1) for spline in splines], axis=0)
             A = cross(alpha) + cross(omega) @ cross(omega)
-            rows.append((A, force[i][log](t_s) - force[0][log](t_s)))
+            beyond = force[i][log](t_s) - force[0][log](t_s)
+            later = force[i][log](t_s, 1) - force[0][log](t_s, 1)
+            columns = np.concatenate([A, np.broadcast_to(np.eye(3), A.shape), later[..., None]], axis=2)
+            rows.append((columns.reshape(-1, 7), beyond.reshape(-1)))
         found.append(_solved(rows))
     return found
 
@@ -72,13 +77,12 @@ def _of_logs(unit: ArrayUnit, joint: Joint, i: int, what: str) -> list[CubicSpli
 def _solved(turns: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray] | None:
     if len(turns) < FEWEST_TURNS:
         return None
-    design = [np.concatenate([A, np.broadcast_to(np.eye(3), A.shape)], axis=2).reshape(-1, 6) for A, _ in turns]
-    values = [d.reshape(-1) for _, d in turns]
+    design, values = zip(*turns, strict=True)
     weights = [np.ones(len(v)) for v in values]
-    x = np.zeros(6)
+    x = np.zeros(7)
     for _ in range(ROUNDS):
         normal = sum((D * w[:, None]).T @ D for D, w in zip(design, weights, strict=True))
-        if np.linalg.matrix_rank(normal) < 6:
+        if np.linalg.matrix_rank(normal) < 7:
             return None
         x = np.linalg.solve(normal, sum(D.T @ (w * v) for D, v, w in zip(design, values, weights, strict=True)))
         left = [v - D @ x for D, v in zip(design, values, strict=True)]
@@ -88,6 +92,7 @@ def _solved(turns: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
     inverse = np.linalg.inv(normal)
     count = len(turns)
     covariance = (inverse @ (scores.T @ scores) @ inverse)[:3, :3] * count / max(count - 2, 1)
+    covariance += np.eye(3) * (FILTERS * float(np.linalg.norm(x[:3]))) ** 2
     if np.sqrt(np.linalg.eigvalsh(covariance)[-1]) > KNOWN_M:
         return None
     return x[:3], covariance

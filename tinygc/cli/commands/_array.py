@@ -6,7 +6,7 @@ import argparse
 
 from session.common.errors import CalibrationError
 from tinygc.cli.commands._fitting import given
-from tinygc.cli.commands._results import complain, output, try_destinations
+from tinygc.cli.commands._results import complain, output, try_destinations, verdict, write_json
 from tinygc.cli.commands._several import Done
 
 #: of a fit's options, those that an array's heeds
@@ -41,3 +41,20 @@ def fit_array_folder(args: argparse.Namespace) -> Done:
     for number in above:
         complain(f"above --limit: unit {number}'s closure is {closure[number]:.4g} deg")
     return Done(1 if above else 0, table, f"{len(table['units'])} units")
+
+
+def explain_array_folder(args: argparse.Namespace) -> int:
+    """Each unit by itself, and what the others say of it."""
+    from tinygc.cli.console import progress_bar
+    from tinygc.library.array import explain
+    from tinygc.report.array_explain_text import array_verdict_line
+
+    try_destinations(args, "explain")
+    with progress_bar(args.quiet) as progress:
+        found = explain(args.folder, seed=args.seed, use_earth=not args.no_earth, progress=progress)
+    folder = found.save(args.out)
+    output(args).print(found.page)
+    output(args).print(f"written: {folder}", soft_wrap=True)
+    verdict(args, array_verdict_line(found.result))
+    write_json(args.json, found.to_json())
+    return 1 if args.strict and found.result.verdict != "no_mismatch" else 0

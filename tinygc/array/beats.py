@@ -27,12 +27,14 @@ FALSE_ALARM = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class AgeReadings:
-    """What single readings say of a unit's age: t_s (N,) s, age_s (N,) s, each of a variance (N,) s^2; reader_s: the reader's period."""
+    """What single readings say of a unit's age: t_s (N,) s, age_s (N,) s, each of a variance (N,) s^2, with spread_s^2 of it common
+    to all; reader_s: the reader's period."""
 
     t_s: np.ndarray
     age_s: np.ndarray
     variance: np.ndarray
     reader_s: float
+    spread_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,8 @@ def age_readings(t_s: np.ndarray, excess: np.ndarray, slope: np.ndarray, noise: 
     strong = white < np.median(white) if len(white) else white > 0
     if not strong.any():
         return AgeReadings(t_s, age, white, reader_s)
-    spread = float(sigma_of(age[strong] - np.median(age[strong]))) ** 2
-    return AgeReadings(t_s, age, white + spread, reader_s)
+    spread_s = float(sigma_of(age[strong] - np.median(age[strong])))
+    return AgeReadings(t_s, age, white + spread_s**2, reader_s, spread_s)
 
 
 def find_beat(readings: AgeReadings) -> Beat:

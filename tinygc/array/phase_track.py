@@ -1,4 +1,4 @@
-"""The phase of a beat through a recording whose readings tell it only here and there: forwards and backwards over all phases and frequencies.
+"""The phase of a beat through a recording whose readings tell it only here and there.
 
 States are a grid of phase and frequency.  From window to window the phase goes on by the frequency, and the frequency wanders as an
 oscillator's does while it warms up.  Each window's readings give a likelihood of every phase.  Both passes together (Rabiner, Proc. IEEE
@@ -17,7 +17,7 @@ from tinygc.array.beats import AgeReadings
 
 PHASES = 64
 #: Hz; how far around where the beat stands out, and how finely
-REACH_HZ, STEP_HZ = 0.1, 0.001
+REACH_HZ, STEP_HZ = 0.09, 0.0015
 #: Hz per root second, of the frequency's walk: an oscillator of 1 kHz that changes by some 20 ppm in ten minutes
 WALK_HZ = 1e-3
 #: s; a window's phase goes on by the frequency at its middle

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from tinygc.array.rates import Rates, session_rates
 
 #: of the shorter of two stills, that they have to have in common
 LEAST_COMMON = 0.5
+#: of a period of the readings, by which units that one reader asks in turn may seem apart: sensors sample far oftener than they are read
+ONE_READER = 0.1
 
 
 def places_of(array: ArraySession) -> tuple[UnitPlace, ...]:
@@ -45,7 +47,7 @@ def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None
     fits = [_own_fit(rates[0])]
     for mine, name in zip(rates[1:], names[1:], strict=True):
         try:
-            fit = fit_clock(rates[0], mine, name)
+            fit = _as_stamped(fit_clock(rates[0], mine, name), rates[0], mine)
         except CalibrationError:
             _blame_first(rates, names, mine)
             raise
@@ -55,6 +57,16 @@ def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None
             )
         fits.append(fit)
     return fits
+
+
+def _as_stamped(fit: ClockFit, first: tuple[Rates, ...], mine: tuple[Rates, ...]) -> ClockFit:
+    """Stamps that are the first unit's own, and not told from them by the motion, are one reader's: its clock is exact, and what is left
+    is the age of each reading (``ages``)."""
+    same = all(np.array_equal(one.t_s, other.t_s) for one, other in zip(first, mine, strict=True))
+    apart = max(float(np.abs(fit.clock.array_time(each.t_s[[0, -1]]) - each.t_s[[0, -1]]).max() / each.period_s) for each in mine)
+    if not same or apart > ONE_READER:
+        return fit
+    return replace(fit, clock=replace(fit.clock, offset_s=0.0, rate=0.0))
 
 
 def _own_fit(rates: tuple[Rates, ...]) -> ClockFit:

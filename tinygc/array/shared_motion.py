@@ -17,8 +17,11 @@ from tinygc.array.rates import Rates
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """Of one unit, over all its logs, readings that all units cover: t_s (N,) array clock, as stamped; log (N,) and row (N,) of each; excess (N, 3) rad/s,
-    the unit's rate in the first unit's axes minus the others' mean at that moment; rate and slope (N, 3), rad/s and rad/s^2, of that mean."""
+    """Of one unit, over all its logs, readings that all units cover.
+
+    t_s (N,) s array clock, as stamped; log and row (N,) of each; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the
+    others' mean at that moment; rate and slope (N, 3), rad/s and rad/s^2, of that mean.
+    """
 
     t_s: np.ndarray
     log: np.ndarray
@@ -40,7 +43,8 @@ class SharedMotion:
     def correct(self, ages: Sequence[Sequence[np.ndarray]]) -> None:
         """Take the readings to have been made so much earlier than they are stamped: of each unit, of each log, (N,) s."""
         self.moved = [
-            [each.shifted(each.t_s - age) for each, age in zip(unit, mine, strict=True)] for unit, mine in zip(self.stamped, ages, strict=True)
+            [each.shifted(each.t_s - age) for each, age in zip(unit, mine, strict=True)]
+            for unit, mine in zip(self.stamped, ages, strict=True)
         ]
 
     def differences(self) -> list[Difference]:
@@ -51,18 +55,18 @@ class SharedMotion:
         for unit in range(len(self.moved)):
             others = [each for each in range(len(self.moved)) if each != unit]
             parts = []
-            for log, mine in enumerate(self.moved[unit]):
-                covered = mine.good & np.all([self.moved[other][log].covers(mine.t_s) for other in others], axis=0)
+            for number, mine in enumerate(self.moved[unit]):
+                covered = mine.good & np.all([self.moved[other][number].covers(mine.t_s) for other in others], axis=0)
                 rows = np.flatnonzero(covered)
-                at = self.stamped[unit][log].t_s[rows]
+                at = self.stamped[unit][number].t_s[rows]
                 # Held against the motion at the stamp: what the age is, is then seen whole.
-                rate = np.mean([(splines[o][log](at) - self.offsets[o][log]) @ self.maps[o].T for o in others], axis=0)
-                slope = np.mean([slopes[o][log](at) @ self.maps[o].T for o in others], axis=0)
-                parts.append((at, np.full(len(rows), log), rows, mine.rate[rows], rate, slope))
+                rate = np.mean([(splines[o][number](at) - self.offsets[o][number]) @ self.maps[o].T for o in others], axis=0)
+                slope = np.mean([slopes[o][number](at) @ self.maps[o].T for o in others], axis=0)
+                parts.append((at, np.full(len(rows), number), rows, mine.rate[rows], rate, slope))
             t_s, log, row, read, rate, slope = (np.concatenate(each) for each in zip(*parts, strict=True))
             logs = len(self.moved[unit])
             design = np.hstack([read, (log[:, None] == np.arange(logs)).astype(float)])
-            age = np.concatenate([self.stamped[unit][i].t_s[r] - self.moved[unit][i].t_s[r] for i, r in enumerate(p[2] for p in parts)])
+            age = np.concatenate([self.stamped[unit][i].t_s[part[2]] - self.moved[unit][i].t_s[part[2]] for i, part in enumerate(parts)])
             target = rate - age[:, None] * slope  # what the others say of the moment in which the reading was made
             coefficients = np.linalg.lstsq(design, target, rcond=None)[0]
             found.append(Difference(t_s, log, row, design @ coefficients - rate, rate, slope))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-SCHEMA = re.compile(r"tinygc-[a-z]+/\d+")
+SCHEMA = re.compile(r"tinygc-[a-z]+(?:-[a-z]+)*/\d+")
 CODE = re.compile(r"`([^`]+)`")
 
 
@@ -43,7 +43,7 @@ METHODS = set(CODE.findall(METHOD_LINE)[1:])
 OPTIONS = {path[1] for path in keys_on_page("tinygc-truth/1") if path[0] == "options"}
 STANDS_FOR = {
     "<method>": lambda word: word in METHODS,
-    "<file>": lambda word: re.fullmatch(r"[\w-]+\.(csv|csv\.gz|toml|json)", word),
+    "<file>": lambda word: re.fullmatch(r"[\w-]+(\.unit\d+)?\.(csv|csv\.gz|toml|json)", word),
     "<id>": lambda word: word in EFFECTS or word.startswith(("unknown.", "outside.")),
     "<parameter>": lambda word: word in PARAMETERS,
     "<option>": lambda word: word in OPTIONS,

@@ -24,8 +24,8 @@ OF_THE_BODY = ("motion", "still", "reference", "earth")
 
 @dataclass(frozen=True)
 class Trait:
-    """An effect that is named: in which units; whose: ``own`` of one unit, ``some``, ``common`` to all through the body, or ``alike`` in all;
-    says: of each unit, in its order."""
+    """An effect that is named: in which units; whose: ``own`` of one unit, ``some``, ``common`` to all through the body, or ``alike`` in
+    all; says: of each unit, in its order."""
 
     id: str
     units: tuple[int, ...]
@@ -37,7 +37,8 @@ class Trait:
         """Whose it is, in a sentence."""
         named = ", ".join(map(str, self.units))
         if self.whose == OWN:
-            return f"{self.id} in unit {named} alone: that unit's own physics ({self.says[0]})"
+            whose = "readings" if self.id.startswith(("data.", "timing.")) else "physics"
+            return f"{self.id} in unit {named} alone: that unit's own {whose} ({self.says[0]})"
         if self.whose == SOME:
             return f"{self.id} in units {named}, not in the others: these units' own physics"
         if self.whose == COMMON:

@@ -16,10 +16,11 @@ from session.detect.stills import Noise
 from session.log.array_session import ArraySession
 from session.log.config import Accelerometer
 from session.log.folder import Session
+from tinygc.array.ages import SampleAges, ages_of, corrected
 from tinygc.array.joint import Joint, estimate
 from tinygc.array.parameters import unit_block, units_covariance
 from tinygc.array.place import UnitPlace
-from tinygc.array.places import places_of
+from tinygc.array.places import clock_fits, places_of
 from tinygc.array.position import positions
 from tinygc.array.same_stills import SameStills, same_stills
 from tinygc.array.split import Split, split_of
@@ -44,11 +45,11 @@ BIASES = ("auto", "ends", "stills")
 class UnitFit:
     """Of one unit.
 
-    number; session as recorded; place: clock, mounting and position, refined; model: omega = E m + B in the unit's body frame, in seconds of
-    the array's clock; accelerometer; covariance (24, 24) of E, B, the accelerometer's nine and the mounting's three (rad about the array's
-    axes); alone: the same twelve by the unit's own gravity alone, and its covariance_alone (12, 12); own_rad: tilt, rms a turn, by which it misses alone
-    beyond noise, with its sigma; closure_rad, floor_rad: rms of tilt by the model alone, and what white noise makes of it; noise; instability;
-    warnings of its first look.
+    number; session as recorded; place: clock, mounting and position, refined; model: omega = E m + B in the unit's body frame, in
+    seconds of the array's clock; accelerometer; covariance (24, 24) of E, B, the accelerometer's nine and the mounting's three (rad about
+    the array's axes); alone: the same twelve by the unit's own gravity alone, and its covariance_alone (12, 12); own_rad: tilt, rms a
+    turn, by which it misses alone beyond noise, with its sigma; closure_rad, floor_rad: rms of tilt by its own calibration alone, and what
+    white noise makes of it; noise; instability; warnings of its first look.
     """
 
     number: int
@@ -71,7 +72,6 @@ class UnitFit:
     def sigma(self) -> np.ndarray:
         """(12,) of the model's numbers."""
         return np.sqrt(np.diag(self.covariance))[:PARAMETERS]
-
 
     @property
     def sigma_alone(self) -> np.ndarray:
@@ -100,6 +100,7 @@ class ArrayFit:
     joint: Joint
     split: Split
     prepared: tuple[ArrayUnit, ...]
+    ages: tuple[SampleAges, ...] = ()
 
     def __repr__(self) -> str:
         return f"<ArrayFit {self.array.name}: units {', '.join(str(unit.number) for unit in self.units)}>"
@@ -120,17 +121,21 @@ def fit_array(
     *,
     places: tuple[UnitPlace, ...] | None = None,
     bias: str = "auto",
+    with_ages: bool = True,
     use_earth: bool = True,
     accelerometer: str = "auto",
     progress: Callable[[str], None] = lambda what: None,
 ) -> ArrayFit:
     """Estimate all units jointly.
 
-    places: where clocks and mountings are known already; bias: of ``BIASES``; accelerometer as of ``prepare``.  Raises the errors of
+    places: where clocks and mountings are known already; with_ages: whether ages of readings that beat against the reader are taken off
+    their stamps; bias: of ``BIASES``; accelerometer as of ``prepare``.  Raises the errors of
     ``places_of``, and FitError where fewer than two units can be used or their turns are not the same.
     """
     progress("clocks and mountings")
-    units, left = prepare_units(array, places or places_of(array), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
+    ages = ages_of(array, clock_fits(array)) if with_ages and places is None and _one_reader(array) else ()
+    sampled = corrected(array, ages) if any(each.found for each in ages) else array
+    units, left = prepare_units(sampled, places or places_of(sampled), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
     same = same_stills(units)
     progress("motion beyond the data rate")
     missed = missed_between(units, same)
@@ -139,6 +144,7 @@ def fit_array(
     where = positions(units, joint)
     covariance = units_covariance(units, joint)
     split = split_of(joint)
+    recorded = dict(zip(array.numbers, array.units, strict=True))
     found = []
     for i, unit in enumerate(units):
         progress(f"unit {unit.number} alone")
@@ -156,7 +162,7 @@ def fit_array(
         found.append(
             UnitFit(
                 number=unit.number,
-                session=unit.session,
+                session=recorded[unit.number],
                 place=place,
                 model=joint.models[i],
                 accelerometer=after(joint.state.accelerometers[i], accelerometer_before(unit), "stills"),
@@ -172,7 +178,28 @@ def fit_array(
                 warnings=tuple(unit.prepared.warnings),
             )
         )
-    return ArrayFit(array, tuple(found), tuple(left), covariance, chosen, p_value, joint, split, tuple(units))
+    return ArrayFit(
+        array,
+        tuple(found),
+        tuple(left),
+        covariance,
+        chosen,
+        p_value,
+        joint,
+        split,
+        tuple(units),
+        tuple(each for each in ages if each.found),
+    )
+
+
+def _one_reader(array: ArraySession) -> bool:
+    """Whether all units have the very same stamps: then one reader gave them, and readings may be older than they say."""
+    first = array.units[0].logs
+    return all(
+        len(unit.logs) == len(first)
+        and all(np.array_equal(one.samples.t_ns, other.samples.t_ns) for one, other in zip(first, unit.logs, strict=True))
+        for unit in array.units[1:]
+    )
 
 
 def missed_between(units: list[ArrayUnit], same: SameStills) -> np.ndarray:

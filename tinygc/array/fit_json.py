@@ -36,6 +36,7 @@ def array_to_json(fit: ArrayFit) -> dict:
         "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
         "turns_used": [len(rows) for rows in fit.same.turns],
         "bias_from": {"used": fit.bias, "p_value": fit.bias_p},
+        "sample_ages": [{"number": each.number, "beat_hz": each.beat_hz, "period_s": each.period_s} for each in fit.ages],
         "split": split_to_json(fit.split),
         "turns": [
             {

@@ -91,8 +91,11 @@ def estimate(
     use_earth: bool = True,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Joint:
-    """missed_rad (Q-1,): tilt that motion beyond the data rate is predicted to make every unit miss; zeros where nothing is known of it; alone:
-    of a single unit, in which what is common cannot be told from its own."""
+    """Of all units together.
+
+    missed_rad (Q-1,): tilt that motion beyond the data rate is predicted to make every unit miss; zeros where nothing is known of it;
+    alone: of a single unit, in which what is common cannot be told from its own.
+    """
     rows = [unit_rows(unit, i, same, bias) for i, unit in enumerate(units)]
     start = state = start_state(units, rows, same)
     site = units[0].problem.session.config.site

@@ -16,6 +16,8 @@ FALSE_READING, KNOCK = "false reading", "knock"
 FELT = 0.5
 #: samples beside the leap in which the others' clocks may see it
 BESIDE = 1
+#: s around a leap that is read of the others
+NEAR_S = 0.1
 #: a board's impact lasts so long, s: units that jump within it have felt one knock
 TOGETHER_S = 0.05
 
@@ -36,10 +38,11 @@ class Moment:
     @property
     def words(self) -> str:
         """Whose it is."""
+        leap, felt = f"leaps by {self.size_rps / DEG:.3g}°/s", f"{100 * max(self.felt, 0.0):.0f} % of it"
         if self.what == FALSE_READING:
-            return f"unit {self.unit} alone leaps by {self.size_rps / DEG:.3g}°/s, the others feel {100 * max(self.felt, 0):.0f} % of it: a false reading"
+            return f"unit {self.unit} alone {leap}, the others feel {felt}: a false reading"
         if self.size_rps:
-            return f"unit {self.unit} leaps by {self.size_rps / DEG:.3g}°/s, and the others feel {100 * self.felt:.0f} % of it: a knock, no false reading"
+            return f"unit {self.unit} {leap}, and the others feel {felt}: a knock, no false reading"
         return f"{len(self.units)} units' specific force jumps at once: a knock that all felt"
 
 
@@ -81,8 +84,8 @@ def _felt(fit: ArrayFit, i: int, log: int, t_s: np.ndarray, leap: np.ndarray, us
                 continue
             samples = other.problem.session.logs[log].samples
             theirs = samples.t_ns * NS
-            near = slice(*np.clip(np.searchsorted(theirs, [t_s[0] - 0.1, t_s[-1] + 0.1]) + [-1, 1], 0, len(theirs)))
-            if theirs[near][0] > t_s[0] + late or theirs[near][-1] < t_s[-1] + late:
+            near = slice(*np.searchsorted(theirs, [t_s[0] - NEAR_S, t_s[-1] + NEAR_S]))
+            if not theirs[near].size or theirs[near][0] > t_s[0] + late or theirs[near][-1] < t_s[-1] + late:
                 continue
             rate = _in_array(fit, j, np.asarray(samples.gyro[near]))
             others.append(np.column_stack([np.interp(t_s + late, theirs[near], axis) for axis in rate.T]) - usual)

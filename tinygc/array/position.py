@@ -1,8 +1,8 @@
 """Where each unit's accelerometer is on the body, from what it feels beyond the first one while the body turns.
 
-a_i - a_0 = alpha x r + omega x (omega x r) + offset, in the array's axes: linear in r; a force that lags behind the rate is one more column, its derivative.  The rate is the mean of all units' calibrated rates,
-its derivative that of a spline.  Covariance by the scatter from turn to turn (the sandwich, White 1980, turns as clusters): what filters
-and clocks leave is alike within a turn.
+a_i - a_0 = alpha x r + omega x (omega x r) + offset, in the array's axes: linear in r.  A force that lags behind the rate is one more
+column, its derivative.  The rate is the mean of all units' calibrated rates, its derivative that of a spline.  Covariance by the scatter
+from turn to turn (the sandwich, White 1980, turns as clusters): what filters and clocks leave is alike within a turn.
 """
 
 from __future__ import annotations

@@ -141,9 +141,7 @@ def _priors(
         if unit.rest is not None:
             gyroscope[linear.BIAS] *= HELD
         prior[layout.unit(i)] = np.concatenate([gyroscope, unit.prior, np.full(3, HELD if i == 0 else MOUNTING_RAD)])
-        pull[layout.unit(i)][: PER_UNIT - 3] = np.concatenate(
-            [unit.centre - state.models[i].vector, IDENTITY - state.accelerometers[i]]
-        )
+        pull[layout.unit(i)][: PER_UNIT - 3] = np.concatenate([unit.centre - state.models[i].vector, IDENTITY - state.accelerometers[i]])
     prior[layout.gravity] = gravity_sigma
     pull[layout.gravity] = start.gravity_mps2 - state.gravity_mps2
     attitude = np.full((len(same), 3), ATTITUDE_RAD)

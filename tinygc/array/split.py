@@ -21,7 +21,7 @@ BORNE_OUT = 2.0
 
 @dataclass(frozen=True, eq=False)
 class TurnSplit:
-    """Of one turn between stills first and last: common_rad (2,) tilt that all units miss by, with sigma_rad of each angle; own_rad (N,) the
+    """Of one turn between stills first and last: common_rad (2,) tilt that all units miss by, sigma_rad of each angle; own_rad (N,) the
     length of what each unit errs by itself, NaN where it has no such turn; events of it."""
 
     first: int
@@ -86,12 +86,24 @@ def split_of(joint: Joint) -> Split:
     predicted = float(np.sqrt(2 * np.mean(joint.missed_rad**2)))
     both = np.sqrt(2)
     own = np.array([joint.component(f"turn.{i}") for i in range(count)]) * both
-    turn = tuple(both * part for part in joint.component("common.turn"))
-    fast = tuple(predicted * part for part in joint.component("common.undersampled")) if predicted > 0 else (0.0, 0.0)
+    turn, fast = (joint.component(f"common.{name}") for name in ("turn", "undersampled"))
     minus, of_unit = _minus_mean(joint)
     return Split(
-        own, turn, fast, predicted, joint.component("common.level"), _gains(joint), minus, of_unit, _turns(joint)
+        own,
+        _times(turn, both),
+        _times(fast, predicted),
+        predicted,
+        joint.component("common.level"),
+        _gains(joint),
+        minus,
+        of_unit,
+        _turns(joint),
     )
+
+
+def _times(size: tuple[float, float], factor: float) -> tuple[float, float]:
+    """A size and its sigma; nothing where the factor is."""
+    return (factor * size[0], factor * size[1]) if factor > 0 else (0.0, 0.0)
 
 
 def _gains(joint: Joint) -> dict[str, float]:

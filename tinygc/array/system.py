@@ -45,10 +45,7 @@ class System:
         apart = x - self.pull / self.prior
         counted = ~self.out
         value = float(
-            np.sum(np.log(variance[counted]))
-            + 2 * np.sum(np.log(np.diag(factor[0])))
-            + np.sum((residual * root) ** 2)
-            + apart @ apart
+            np.sum(np.log(variance[counted])) + 2 * np.sum(np.log(np.diag(factor[0]))) + np.sum((residual * root) ** 2) + apart @ apart
         )
         return Solution(self, t, self.prior * x, residual, variance, leverage, taken, factor, value)
 

@@ -14,14 +14,15 @@ from tinygc.array.events import COMMON_STILL, COMMON_TURN, OWN_TURN, ArrayEvent
 from tinygc.array.fit import ArrayFit, UnitFit
 from tinygc.array.fit_json import begins_s
 
-ROW = {"justify": "right", "no_wrap": True}
-
 
 def array_page(fit: ArrayFit) -> Group:
     """Places, closure, what is common, what stands out, what was left out."""
     parts: list[RenderableType] = [_places(fit), "", _closure(fit), ""]
     parts.append(one_line(f"Common: {fit.split.words}."))
     parts.append(one_line(_bias_words(fit)))
+    if fit.ages:
+        ages = ", ".join(f"unit {each.number} ({each.beat_hz:.3g} Hz)" for each in fit.ages)
+        parts.append(one_line(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected."))
     parts += [one_line(f"{event_words(event, fit)}.", "yellow") for event in fit.joint.events]
     parts += [one_line(f"Left out: unit {unit.number}: {unit.why}", "bold red") for unit in fit.left_out]
     return Group(*parts)

@@ -29,9 +29,7 @@ def fit_array_folder(args: argparse.Namespace) -> Done:
         raise CalibrationError(f"--bias {args.bias}: a bias of the day is one unit's; an array takes --bias auto, ends or stills")
     try_destinations(args, "fit")
     with progress_bar(args.quiet) as progress:
-        found = fit(
-            args.folder, bias=args.bias or "auto", accelerometer=args.accelerometer, use_earth=not args.no_earth, progress=progress
-        )
+        found = fit(args.folder, bias=args.bias or "auto", accelerometer=args.accelerometer, use_earth=not args.no_earth, progress=progress)
     table = found.to_json()
     folder = found.save(args.out)
     output(args).print(found.page)

@@ -85,8 +85,8 @@ def _rest_options(args: argparse.Namespace) -> dict:
 
 def _add_simulation_options(command: argparse.ArgumentParser) -> None:
     """One flag for each field of ``SimulationOptions``; its comments say what they mean."""
-    from tinygc.simulation.options import SimulationOptions, flag
     from tinygc.simulation.array.options import ArrayOptions
+    from tinygc.simulation.options import SimulationOptions, flag
     from tinygc.simulation.rest_options import RestOptions, rest_flag
 
     _add(command, {flag(name): (name, field) for name, field in SimulationOptions.__dataclass_fields__.items() if name != "seed"})

@@ -58,8 +58,8 @@ def simulate_array(options: SimulationOptions, array: ArrayOptions, distort: Map
     units = []
     for number, truth in enumerate(truths):
         seed = int(np.random.SeedSequence([options.unit_drawn_from, number]).generate_state(1)[0])
-        lever = np.array(options.lever_m) + truth.position_m
-        own = replace(options, seed=seed, unit_seed=seed, lever_m=tuple(map(float, lever)), heading_deg=heading_deg)
+        x, y, z = (float(length) for length in np.array(options.lever_m) + truth.position_m)
+        own = replace(options, seed=seed, unit_seed=seed, lever_m=(x, y, z), heading_deg=heading_deg)
         if array.synchronous and options.odr_error is None:
             own = replace(own, odr_error=0.0)
         simulation = _unit(own, plan, truth, jerks, level, None if distort is None else distort.get(number))

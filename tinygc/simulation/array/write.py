@@ -20,7 +20,7 @@ from tinygc.simulation.array.simulate import SimulatedArray
 from tinygc.simulation.options import command_line
 from tinygc.simulation.simulate import Recording, Simulation
 from tinygc.simulation.unit import BIAS_DIGITS, MATRIX_DIGITS
-from tinygc.simulation.write import CONFIG, HEADER, SIMULATED, TRUTH, packed_log, truth_table
+from tinygc.simulation.write import CONFIG, SIMULATED, TRUTH, packed_log, truth_table
 
 TRUTH_SCHEMA = "tinygc-array-truth/1"
 

@@ -47,15 +47,22 @@ def is_array(folder: Path) -> bool:
 
 def array_size(folder: Path) -> int | None:
     """How many units the folder's names, or its session.toml, speak of; None of what is no array, or cannot be read."""
+    named = [UNIT_LOG.fullmatch(path.name) for stem in ("log*.csv", "log*.csv.gz") for path in folder.glob(stem)]
+    numbers = {found["number"] for found in named if found}
     try:
-        numbers = unit_numbers([*folder.glob("log*.csv"), *folder.glob("log*.csv.gz")])
         section = array_section(read_toml(folder / "session.toml")) if (folder / "session.toml").exists() else None
-    except (FormatError, OSError):
-        return None
+    except (FormatError, OSError):  # who reads the folder says it
+        section = None
     if section is None and not numbers:
         return None
     folders = (section or {}).get(FOLDERS)
     return len(folders) if isinstance(folders, list) else len(numbers)
+
+
+def array_folders(folder: Path) -> list[str]:
+    """What ``[array]`` lists as its units' folders, as it stands there; empty of an array whose logs name their units."""
+    listed = (array_section(read_toml(folder / "session.toml")) or {}).get(FOLDERS, [])
+    return [name for name in listed if isinstance(name, str)] if isinstance(listed, list) else []
 
 
 def refuse_array(folder: Path) -> None:

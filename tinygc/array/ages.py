@@ -19,7 +19,7 @@ from session.common.units import NS
 from session.log.array_session import ArraySession
 from session.log.folder import Session
 from session.log.logfile import Log
-from tinygc.array.beats import FALSE_ALARM, AgeReadings, age_readings, find_beat
+from tinygc.array.beats import FALSE_ALARM, STRETCH_S, AgeReadings, age_readings, find_beat
 from tinygc.array.clocks import ClockFit, noise_of
 from tinygc.array.phase_track import PhaseTrack, sawtooth, track
 from tinygc.array.place import UnitClock
@@ -35,6 +35,8 @@ ROUNDS = 3
 NEAR_JUMP = 0.1
 #: jumps that a recording has to hold; a clock that wanders makes ages that are no sawtooth
 LEAST_CYCLES = 2.0
+#: of a sawtooth, that may show elsewhere; and how near to one a beat is taken for it, the width of a stretch's peak
+HARMONICS, ECHO_HZ = 5, 1 / STRETCH_S
 #: periods; farther off a reading is spoilt
 WILD = 2.0
 
@@ -80,8 +82,22 @@ def ages_of(array: ArraySession, fits: Sequence[ClockFit]) -> tuple[SampleAges, 
     for _ in range(ROUNDS):
         found = motion.differences()
         ages = [_aged(before, difference, mine[0].period_s) for before, difference, mine in zip(ages, found, rates, strict=True)]
+        ages = [SampleAges(a.number, False, a.p_value, clock=a.clock) if _is_echo(a, ages) else a for a in ages]
         motion.correct([[each.age_s(log.t_s) for log in mine] for each, mine in zip(ages, rates, strict=True)])
     return tuple(ages)
+
+
+def _is_echo(one: SampleAges, ages: Sequence[SampleAges]) -> bool:
+    """Whether a beat is another unit's, or one of its harmonics, as it shows in the mean that this unit is held against: each unit of the
+    others has its share in that, and no more."""
+    for other in ages:
+        if not one.found or not other.found or one.period_s > other.period_s / (len(ages) - 1):
+            continue
+        harmonics = abs(other.beat_hz) * np.arange(1, HARMONICS + 1)
+        near = max(ECHO_HZ, 4 * np.hypot(one.beat_sigma_hz, other.beat_sigma_hz))
+        if (np.abs(harmonics - abs(one.beat_hz)) < near).any():
+            return True
+    return False
 
 
 def _aged(before: SampleAges, difference: Difference, reader_s: float) -> SampleAges:

@@ -52,6 +52,19 @@ class ClockFit:
 
 def fit_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "the unit") -> ClockFit:
     """first, unit: logs of the same times.  Raises CalibrationError where the two did not feel the same motion."""
+    fit, likeness = nearest_clock(first, unit, name)
+    if fit is None or fit.agreement < SAME_BODY:
+        found = "no turn" if fit is None else f"its rates follow the first unit's by {max(fit.agreement, 0.0):.2f} of 1"
+        raise CalibrationError(
+            f"{name} did not feel the motion of the array's first unit: {found}, the correlation of their speeds is {likeness:.2f}; "
+            "an array's units are fixed to one rigid body and recorded together: take that unit out"
+        )
+    return fit
+
+
+def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "the unit") -> tuple[ClockFit | None, float]:
+    """The clock that suits best, be it good or not, and the correlation of the speeds from which it was looked for; None where nothing
+    turns.  Raises CalibrationError for a clock that was set anew between two logs."""
     rough = _roughly(first, unit, name)
     about_s = rough.about_s
     splines = [rates.spline() for rates in first]
@@ -69,17 +82,7 @@ def fit_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "the un
         x = x + solved.step
         if abs(solved.step[0]) < ENOUGH_S and abs(solved.step[1]) < ENOUGH_RATE:
             break
-    if solved is None or solved.agreement < SAME_BODY:
-        found = "no turn" if solved is None else f"its rates follow the first unit's by {max(solved.agreement, 0.0):.2f} of 1"
-        raise _not_one_body(name, found, rough.likeness)
-    return _as_fit(solved, x, about_s)
-
-
-def _not_one_body(name: str, found: str, likeness: float) -> CalibrationError:
-    return CalibrationError(
-        f"{name} did not feel the motion of the array's first unit: {found}, the correlation of their speeds is {likeness:.2f}; "
-        "an array's units are fixed to one rigid body and recorded together: take that unit out"
-    )
+    return (None if solved is None else _as_fit(solved, x, about_s)), rough.likeness
 
 
 def _as_fit(solved: _Solved, x: np.ndarray, about_s: float) -> ClockFit:

@@ -16,6 +16,8 @@ from scipy.spatial.transform import Rotation
 TRIADS_RAD = 0.02
 #: rad; a direction of gravity by an accelerometer that nobody has calibrated: zeros of some 30 mg
 DIRECTION_RAD = 0.03
+#: rad; no direction is known better: a 16-bit register of 2 g has steps of 6e-5 g
+LEAST_RAD = 1e-5
 ROUNDS = 20
 
 
@@ -47,8 +49,8 @@ def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: n
         mounting, information = _weighed(ours, theirs, from_rates, sigma)
         before, freedom = sigma, 2 * count - 3
         if freedom > 0:
-            sigma = float(np.sqrt(np.square(ours - theirs @ mounting.T).sum() / freedom))
-        if abs(sigma - before) <= 1e-6 * before or not sigma > 0:
+            sigma = max(float(np.sqrt(np.square(ours - theirs @ mounting.T).sum() / freedom)), LEAST_RAD)
+        if abs(sigma - before) <= 1e-6 * before:
             break
     return Mounting(mounting, np.linalg.inv(information), sigma if 2 * count > 3 else float("nan"), count)
 

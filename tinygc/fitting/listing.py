@@ -17,6 +17,7 @@ from session.common.errors import CalibrationError
 from session.common.texts import printable
 from session.files.reading import open_file
 from session.files.shapes import Keys, Text, read_required
+from session.log.array_names import array_folders, array_size, unit_of
 from session.log.config import Config, read_config
 from session.log.folder import log_paths
 from tinygc.fitting.fit_file import read_fit
@@ -32,7 +33,7 @@ EXPLAINED = Keys({"verdict": Text()})
 class ListedSession:
     """One session folder.  date: when it was recorded, UTC, and date_from: ``port``, ``notes`` or ``file`` (a log's time); method: whose
     model to use (of an older fit, None); held_out_deg, floor_deg: of it, or of least squares; verdict: of ``explain``; problem: why it
-    cannot be read; a part that is not known is None."""
+    cannot be read; units: of an array, whose logs and closure runs are each of all its units; a part that is not known is None."""
 
     folder: Path
     date: str | None = None
@@ -48,6 +49,7 @@ class ListedSession:
     runs_deg: tuple[float, ...] = field(default=())
     verdict: str | None = None
     problem: str | None = None
+    units: int | None = None
 
     def to_json(self) -> dict:
         """A row of ``tinygc-list/1``."""
@@ -74,6 +76,8 @@ def _folders(folder: Path, depth: int = 0) -> Iterator[Path]:
 def _listed(folder: Path) -> ListedSession:
     known: dict[str, Any] = {}
     try:
+        if (units := array_size(folder)) is not None:
+            return ListedSession(folder, **_array(folder, units))
         config = read_config(folder / "session.toml")
         known |= {"model": config.sensor.model, "serial": config.sensor.serial or None}
         logs, closures = log_paths(folder, "log"), log_paths(folder, "closure")
@@ -88,6 +92,19 @@ def _listed(folder: Path) -> ListedSession:
     except (CalibrationError, OSError) as error:
         known["problem"] = printable(str(error)).replace(f"{folder}/", "")
     return ListedSession(folder, **known)
+
+
+def _array(folder: Path, units: int) -> dict[str, Any]:
+    """Of an array: its sensor as session.toml, or its first unit's, names it, and its first unit's logs."""
+    listed = array_folders(folder)
+    first = folder / listed[0] if listed else folder
+    config = read_config(first / "session.toml")
+    logs, closures = ([path for path in log_paths(first, stem)] for stem in ("log", "closure"))
+    date, source = _date(folder, config, [*logs, *closures])
+    counts = [len(paths) if listed else len({found[0] for found in map(unit_of, paths) if found}) for paths in (logs, closures)]
+    serial = None if listed else config.sensor.serial or None
+    known = {"model": config.sensor.model, "serial": serial, "date": date, "date_from": source, "units": units}
+    return {**known, "logs": counts[0], "closures": counts[1], **_fitted(folder / "fit" / "fit.json")}
 
 
 def _fitted(path: Path) -> dict[str, Any]:

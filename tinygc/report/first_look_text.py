@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from rich.table import Table
@@ -11,6 +12,8 @@ from session.checks.findings import LEVELS, Finding, worst
 from session.common.console import one_line
 from session.common.texts import shell_word
 
+#: how the findings of an array's units begin
+UNIT = re.compile(r"unit [0-9]+(?=:|$)")
 LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bold red"}
 
 
@@ -29,6 +32,16 @@ def next_line(folder: Path, findings: list[Finding]) -> Text:
     word = shell_word(folder)
     said = f"mend it, then calibrate.py check {word}" if worst(findings) == "error" else f"calibrate.py fit {word}"
     return one_line(f"next: {said}")
+
+
+def unit_lines(findings: list[Finding]) -> list[Text]:
+    """A verdict for each unit of an array, the worst first; none for a single session."""
+    units: dict[str, list[Finding]] = {}
+    for finding in findings:
+        if unit := UNIT.match(finding.where):
+            units.setdefault(unit[0], []).append(finding)
+    ranked = sorted(units.items(), key=lambda item: -LEVELS.index(worst(item[1])))
+    return [one_line(f"{unit}: {verdict_line(mine)}", LEVEL_STYLES[worst(mine)]) for unit, mine in ranked]
 
 
 def verdict_line(findings: list[Finding]) -> Text:

@@ -27,7 +27,7 @@ def sessions_table(folder: Path, sessions: list[ListedSession]) -> RenderableTyp
     table.caption, table.caption_justify = "closure in degrees: held-out tilt rms; RMSE of each closure run", "left"
     for each in sessions:
         name = each.folder.relative_to(folder) if each.folder != folder else each.folder
-        sensor = " ".join(filter(None, (each.model, each.serial)))
+        sensor = (f"{each.units} × " if each.units else "") + " ".join(filter(None, (each.model, each.serial)))
         recorded = (each.date or NONE)[:16].replace("T", " ") + (" (file)" if each.date_from == "file" else "")
         logs = NONE if each.logs is None else f"{each.logs}" + (f" + {each.closures}" if each.closures else "")
         figures = [_figure(each.held_out_deg), _figure(each.floor_deg), ", ".join(map(_figure, each.runs_deg)) or NONE]

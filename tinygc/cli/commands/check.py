@@ -12,7 +12,7 @@ SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("folder", type=path_read, help="session folder")
+    command.add_argument("folder", type=path_read, help="session folder, or an array's")
     command.add_argument("--strict", action="store_true", help="exit 1 on warnings")
 
 
@@ -20,13 +20,17 @@ def run(args: argparse.Namespace) -> int:
     """The first look at a session."""
     from session.checks.findings import worst
     from tinygc.library.check import check
-    from tinygc.report.first_look_text import findings_table, next_line, verdict_line
+    from tinygc.report.first_look_text import findings_table, next_line, unit_lines, verdict_line
 
     findings = check(args.folder)
     console = output(args)
     console.print(findings_table(findings))
     console.print()
-    for line in (verdict_line(findings), next_line(args.folder, findings)):  # each one line, however long, for who reads them by program
+    for line in (
+        *unit_lines(findings),
+        verdict_line(findings),
+        next_line(args.folder, findings),
+    ):  # each one line, however long, for who reads them by program
         console.print(line, soft_wrap=True)
     if worst(findings) != "error":
         verdict(args, verdict_line(findings))

@@ -1,0 +1,186 @@
+"""Arrays of units on one body: their clocks, mountings and the ages of their readings, on real recordings and on simulated ones.
+
+``python benchmarks/array_clocks.py`` prints the tables of ../shared/mikov and ../shared/mimu, where they are there; ``simulated`` the
+pulls of clocks and ages, and how often a beat is claimed where there is none; ``strangers`` what two recordings of other motions give.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Iterator
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from common import markdown, progress
+from scipy.spatial.transform import Rotation
+
+from session.common.units import DEG
+from session.log.array_reading import read_array
+from session.log.array_session import ArraySession
+from session.public import mikov, mimu
+from tinygc.array.ages import SampleAges, ages_of
+from tinygc.array.clocks import nearest_clock
+from tinygc.array.places import clock_fits, places_of
+from tinygc.array.rates import session_rates
+from tinygc.array.turn_differences import TurnDifferences, turn_differences
+
+ROOT = Path(__file__).resolve().parents[1]
+SHARED = ROOT.parent / "shared"
+SETS = {"mikov": mikov.write_array, "mimu": mimu.write_array}
+KHZ = 1000.0
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("what", nargs="?", choices=("real", "simulated", "strangers"), default="real", help="which tables (%(default)s)")
+    parser.add_argument("--seeds", type=int, default=100, help="simulated arrays of each kind (%(default)s)")
+    args = parser.parse_args()
+    if args.what == "simulated":
+        return simulated(args.seeds)
+    arrays = list(recordings())
+    return strangers(arrays) if args.what == "strangers" else real(arrays)
+
+
+def recordings() -> Iterator[ArraySession]:
+    """Every real array beside the checkout."""
+    with tempfile.TemporaryDirectory(prefix="tinygc-") as out:
+        for name, write in SETS.items():
+            if (SHARED / name).is_dir():
+                for folder in write(SHARED / name, Path(out)):
+                    yield read_array(folder)
+
+
+def real(arrays: list[ArraySession]) -> None:
+    clocks, ages_rows, turns_rows, mountings = [], [], [], []
+    for array in arrays:
+        progress(array.name)
+        fits = clock_fits(array)
+        ages = ages_of(array, fits)
+        for number, fit, place in list(zip(array.numbers, fits, places_of(array), strict=True))[1:]:
+            clock, turned = fit.clock, Rotation.from_matrix(place.mounting).as_rotvec() / DEG
+            told = (
+                f"{clock.offset_s * 1e3:+.3f} ± {clock.offset_sigma_s * 1e3:.3f}",
+                f"{clock.rate * 1e6:+.1f} ± {clock.rate_sigma * 1e6:.1f}",
+            )
+            clocks.append((array.name, str(number), *told, f"{fit.agreement:.5f}", f"{fit.rms_rps / DEG:.2f}"))
+            sigma = np.sqrt(np.diag(place.mounting_covariance)).max() / DEG
+            mountings.append((array.name, str(number), *(f"{angle:.3f}" for angle in turned), f"{sigma:.3f}"))
+        ages_rows += [(array.name, *_age_row(each)) for each in ages]
+        turns_rows.append(_turns_row(array, turn_differences(array, fits), turn_differences(array, fits, ages), ages))
+    progress("")
+    print(markdown(("array", "unit", "offset, ms", "rate, ppm (positive: slow)", "agreement", "left, dps rms"), clocks), end="\n\n")
+    print(markdown(("array", "unit", "mounting x, °", "y, °", "z, °", "largest sigma, °"), mountings), end="\n\n")
+    print(markdown(("array", "unit", "beat, Hz", "sigma", "period, ms", "left, ms", "p", "gain, nats"), ages_rows), end="\n\n")
+    head = ("array", "turns", "unit minus mean, ° rms", "ages taken off", "white noise", "median turn", "ages taken off", "largest turn")
+    print(markdown(head, turns_rows))
+
+
+def _age_row(ages: SampleAges) -> tuple[str, ...]:
+    if not ages.found:
+        return str(ages.number), "none", "", "", "", f"{ages.p_value:.0e}", ""
+    period = f"{ages.period_s * 1e3:.3f} ± {ages.period_sigma_s * 1e3:.3f}"
+    return (
+        str(ages.number),
+        f"{ages.beat_hz:+.4f}",
+        f"{ages.beat_sigma_hz:.4f}",
+        period,
+        f"{ages.scatter_s * 1e3:.3f}",
+        f"{ages.p_value:.0e}",
+        f"{ages.gain:.0f}",
+    )
+
+
+def _turns_row(array: ArraySession, before: TurnDifferences, after: TurnDifferences, ages: tuple[SampleAges, ...]) -> tuple[str, ...]:
+    def by_turn(found: TurnDifferences) -> np.ndarray:
+        return np.asarray(np.sqrt(np.square(found.rotation).sum(axis=2).mean(axis=0)) / DEG)
+
+    def rms(values: np.ndarray) -> str:
+        return f"{np.sqrt(np.mean(np.square(values))):.4f}"
+
+    taken = any(each.found for each in ages)
+    one, two = by_turn(before), by_turn(after)
+    figures = (
+        rms(one),
+        rms(two) if taken else "–",
+        rms(before.white / DEG),
+        f"{np.median(one):.4f}",
+        f"{np.median(two):.4f}" if taken else "–",
+    )
+    return array.name, str(len(one)), *figures, f"{one.max():.3f}"
+
+
+def strangers(arrays: list[ArraySession]) -> None:
+    """The least agreement within an array, and the largest between units of two recordings."""
+    rates = {array.name: [session_rates(unit) for unit in array.units] for array in arrays}
+    rows = []
+    for array in arrays:
+        progress(array.name)
+        found = [nearest_clock(rates[array.name][0], mine) for mine in rates[array.name][1:]]
+        rows.append(_agreement_row(array.name, found))
+    for one, other in combinations(rates, 2):
+        progress(f"{one} {other}")
+        found = [nearest_clock(rates[one][0], mine) for mine in (rates[other][0], rates[other][1])]
+        found += [nearest_clock(rates[other][1], rates[one][0])]
+        rows.append(_agreement_row(f"{one} with {other}", found))
+    progress("")
+    print(markdown(("units of", "agreement, least", "largest", "correlation of speeds, least", "largest"), rows))
+
+
+def _agreement_row(name: str, found: list) -> tuple[str, ...]:
+    agreements = [0.0 if fit is None else fit.agreement for fit, _ in found]
+    likeness = [like for _, like in found]
+    return name, f"{min(agreements):.4f}", f"{max(agreements):.4f}", f"{min(likeness):.3f}", f"{max(likeness):.3f}"
+
+
+def simulated(seeds: int) -> None:
+    sys.path.insert(0, str(ROOT / "tests"))
+    from array_twins import Body, any_unit, array_of
+
+    body = Body(turns=8, seed=4, still_s=2.0, shaken_s=12.0)
+    random, pulls, beats, claims = np.random.default_rng(0), [], [], []
+    for seed in range(seeds):
+        progress(f"{seed} of {seeds}")
+        offset_s, rate = random.uniform(-3, 3), random.uniform(-0.01, 0.01)
+        array = array_of(body, [any_unit(2 * seed), any_unit(2 * seed + 1, offset_s=offset_s, rate=rate)], 100.0, seed)
+        clock = clock_fits(array)[1].clock
+        expected = offset_s + rate * (clock.about_s - body.duration_s / 2)
+        pulls.append([(clock.offset_s - expected) / clock.offset_sigma_s, (clock.rate - rate) / clock.rate_sigma])
+        quiet = array_of(body, [any_unit(9000 + 4 * seed + n, noise_dps=0.15) for n in range(4)], 62.5, seed)
+        claims += [each.found for each in ages_of(quiet, clock_fits(quiet))]
+        if seed % 5 == 0:
+            true_hz = random.uniform(-3, 3, 4)
+            units = [
+                any_unit(5000 + 4 * seed + n, noise_dps=0.1, beat_hz=true_hz[n], phase=random.uniform(), period_s=1e-3) for n in range(4)
+            ]
+            aged = array_of(body, units, 62.5, seed)
+            for each, hz in zip(ages_of(aged, clock_fits(aged)), true_hz, strict=True):
+                pull = (each.period_s - 1e-3) / each.period_sigma_s if each.found else np.nan
+                beats.append([each.found, (each.beat_hz - hz) / each.beat_sigma_hz if each.found else np.nan, pull])
+    progress("")
+    inside, beat = np.abs(pulls) < 1, np.array(beats, dtype=float)
+    rows = [
+        (
+            "clock: offset within one sigma",
+            f"{inside[:, 0].mean():.2f}",
+            f"{np.sqrt(np.mean(np.square(pulls), axis=0))[0]:.2f}",
+            str(seeds),
+        ),
+        ("clock: rate within one sigma", f"{inside[:, 1].mean():.2f}", f"{np.sqrt(np.mean(np.square(pulls), axis=0))[1]:.2f}", str(seeds)),
+        ("beats found", f"{beat[:, 0].mean():.2f}", "", str(len(beat))),
+        ("beat within one sigma", f"{np.mean(np.abs(beat[:, 1]) < 1):.2f}", f"{np.sqrt(np.nanmean(beat[:, 1] ** 2)):.2f}", str(len(beat))),
+        (
+            "period within one sigma",
+            f"{np.mean(np.abs(beat[:, 2]) < 1):.2f}",
+            f"{np.sqrt(np.nanmean(beat[:, 2] ** 2)):.2f}",
+            str(len(beat)),
+        ),
+        ("beat claimed where there is none", f"{np.mean(claims):.4f}", "", str(len(claims))),
+    ]
+    print(markdown(("simulated", "share", "rms in sigmas", "of"), rows))
+
+
+if __name__ == "__main__":
+    main()

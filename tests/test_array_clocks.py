@@ -1,0 +1,144 @@
+"""Clocks and mountings of an array's units: injected and recovered with their sigmas, and refused where there is no rigid body."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from array_twins import DEG, Body, Unit, any_unit, array_of, samples_of
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from session.common.errors import CalibrationError
+from session.log.array_reading import read_array
+from session.public.__main__ import main as public
+from tinygc.array.clocks import fit_clock, interpolated_variance
+from tinygc.array.correlation import rough_clock
+from tinygc.array.mountings import TRIADS_RAD, fit_mounting
+from tinygc.array.places import clock_fits, places_of
+from tinygc.array.rates import Rates, rates_of
+
+ABOUT_S = 14.5  #: half of the body's time
+
+
+@pytest.fixture(scope="module")
+def body() -> Body:
+    return Body(turns=9, seed=1)
+
+
+def read(body: Body, unit: Unit, seed: int, odr_hz: float = 100.0) -> Rates:
+    return rates_of(samples_of(body, unit, odr_hz, seed), 2000.0)
+
+
+def injected(unit: Unit, first: Unit, about_s: float) -> tuple[float, float]:
+    """Offset and rate of a unit's clock against the first's, exactly: both are known against the body's."""
+    rate = (1 + unit.rate) / (1 + first.rate) - 1
+    moment = about_s + unit.offset_s + unit.rate * (about_s - ABOUT_S)  # of the body
+    on_first = (moment - first.offset_s + first.rate * ABOUT_S) / (1 + first.rate)
+    return on_first - about_s, rate
+
+
+def test_a_clock_is_recovered_within_its_sigmas_whatever_the_mounting(body):
+    random, pulls = np.random.default_rng(5), []
+    for seed in range(60):
+        first = any_unit(seed, noise_dps=0.1)
+        unit = any_unit(1000 + seed, offset_s=random.uniform(-3, 3), rate=random.uniform(-0.01, 0.01), noise_dps=random.uniform(0.05, 0.5))
+        fit = fit_clock([read(body, first, 2 * seed)], [read(body, unit, 2 * seed + 1, 100.0 if seed % 2 else 83.0)])
+        clock = fit.clock
+        offset_s, rate = injected(unit, first, clock.about_s)
+        pulls.append([(clock.offset_s - offset_s) / clock.offset_sigma_s, (clock.rate - rate) / clock.rate_sigma])
+        assert clock.offset_sigma_s < 1e-3
+        assert clock.rate_sigma < 1e-4
+        expected = unit.gyro @ unit.rotation.T @ np.linalg.inv(first.gyro @ first.rotation.T)
+        assert np.abs(fit.matrix - expected).max() < 6 * fit.matrix_sigma.max()
+    share = np.mean(np.abs(pulls) < 1)
+    assert 0.56 < share < 0.80  # 120 pulls: 0.68 ± 3 x 0.043
+    assert np.abs(pulls).max() < 5
+
+
+def test_interpolated_noise_pulls_no_clock(body):
+    """Between two readings an interpolated one is quieter; least squares without its correction would move a clock there."""
+    found = []
+    for seed in range(30):
+        first, unit = Unit(noise_dps=2.0), Unit(noise_dps=2.0, offset_s=0.0025)  # a quarter of a period, all along
+        clock = fit_clock([read(body, first, 500 + 2 * seed)], [read(body, unit, 501 + 2 * seed)]).clock
+        found.append((clock.offset_s - 0.0025 - 0.0) / clock.offset_sigma_s)
+    assert abs(np.mean(found)) < 4 / np.sqrt(len(found))
+
+
+def test_variance_of_an_interpolated_reading_is_what_a_spline_through_noise_has():
+    random = np.random.default_rng(3)
+    spline = CubicSpline(np.arange(40_000.0), random.normal(size=40_000))
+    for phase in (0.0, 0.25, 0.5, 0.9):
+        variance, _ = interpolated_variance(np.array([phase]))
+        assert variance[0] == pytest.approx(np.var(spline(np.arange(100.0, 39_900.0) + phase)), rel=0.03)
+
+
+def test_the_rough_clock_needs_no_mounting(body):
+    first, unit = any_unit(1), any_unit(2, offset_s=-2.5, rate=0.008)
+    rough = rough_clock(read(body, first, 1), read(body, unit, 2))
+    offset_s, rate = injected(unit, first, rough.about_s)
+    assert rough.likeness > 0.97
+    assert abs(rough.offset_s - offset_s) < 0.1
+    assert abs(rough.rate - rate) < 0.005
+
+
+@pytest.mark.parametrize("turned", ["not at all", "a quarter", "upside down", "any"])
+def test_a_mounting_is_recovered_within_its_covariance(body, turned):
+    vectors = {"not at all": [0, 0, 0], "a quarter": [0, 0, 90], "upside down": [180, 0, 0], "any": [60, -110, 35]}
+    rotation = Rotation.from_rotvec(np.array(vectors[turned]) * DEG)
+    pulls = []
+    for seed in range(6):
+        # A gyroscope that is misaligned by a degree, which the mounting must not take for its own.
+        gyro = np.eye(3) + np.array([[0, 0.02, 0], [-0.02, 0, 0.01], [0, -0.01, 0]])
+        unit = Unit(rotation.as_matrix(), gyro, offset_s=0.4)
+        place = places_of(array_of(body, [Unit(), unit], seed=seed))[1]
+        miss = (Rotation.from_matrix(place.mounting) * rotation.inv()).as_rotvec()
+        assert np.abs(miss).max() < 0.2 * DEG
+        pulls.append(miss @ np.linalg.solve(place.mounting_covariance, miss))
+    assert 0.5 < np.mean(pulls) < 8.0  # chi-square of 3, six of them: 3 ± 1
+
+
+def test_rates_tell_the_turn_about_the_vertical_where_gravity_stays():
+    """With gravity along one axis in all stills, only the rates know the rest, and the covariance says so."""
+    down = np.tile([0.0, 0.0, -1.0], (10, 1))
+    found = fit_mounting(down, down, Rotation.from_rotvec([0.001, 0.002, 0.01]).as_matrix().T)
+    sigma = np.sqrt(np.diag(found.covariance))
+    assert sigma[2] == pytest.approx(TRIADS_RAD, rel=0.01)
+    assert sigma[:2].max() < 0.5 * TRIADS_RAD
+    assert Rotation.from_matrix(found.matrix).as_rotvec() == pytest.approx([0, 0, 0.01], abs=3e-4)
+
+
+def test_a_unit_that_felt_another_motion_is_named(body):
+    array = array_of(body, [any_unit(1), any_unit(2), any_unit(3)])
+    other = array_of(Body(turns=9, seed=8), [any_unit(4)])
+    with pytest.raises(
+        CalibrationError, match=r"unit 2 did not feel the motion of the array's first unit: .* correlation of their speeds is 0\."
+    ):
+        clock_fits(replace(array, units=(*array.units[:2], other.units[0])))
+
+
+def test_the_first_unit_is_named_where_it_is_the_odd_one(body):
+    array = array_of(body, [any_unit(1), any_unit(2), any_unit(3)])
+    other = array_of(Body(turns=9, seed=8), [any_unit(4)])
+    with pytest.raises(CalibrationError, match=r"unit 0 did not feel the motion of the others"):
+        clock_fits(replace(array, units=(other.units[0], *array.units[1:])))
+
+
+def test_a_dead_unit_and_a_mirrored_one_are_named(body):
+    dead = Unit(gyro=np.zeros((3, 3)), noise_dps=0.0)
+    with pytest.raises(CalibrationError, match=r"unit 1 reads one and the same rate throughout: it is dead"):
+        clock_fits(array_of(body, [Unit(), dead]))
+    with pytest.raises(CalibrationError, match=r"unit 1 has mirrored axes"):
+        clock_fits(array_of(body, [Unit(), Unit(gyro=np.diag([1.0, 1.0, -1.0]))]))
+
+
+def test_the_clocks_of_mikov(shared, tmp_path):
+    """Unit 2's clock is slow by 0.220 %, as a separate analysis has it; the three pairs agree."""
+    public(["mikov", str(shared / "mikov"), "--array", "--out", str(tmp_path)])
+    array = read_array(tmp_path / "mikov")
+    two, four = (place.clock for place in places_of(array)[1:])
+    assert two.rate == pytest.approx(0.00220, abs=2e-5)
+    assert abs(four.rate) < 1e-5
+    between = clock_fits(replace(array, numbers=(2, 4), units=array.units[1:]))[1].clock
+    expected = (1 + four.rate) / (1 + two.rate) - 1
+    assert abs(between.rate - expected) < 4 * np.hypot(two.rate_sigma, four.rate_sigma)

@@ -17,6 +17,8 @@ from tinygc.array.rates import Rates
 MOST_RATE = 0.015
 #: s; a hand's turn has its speed's bends over some tenths of a second
 STEP_S = 0.05
+#: times as long steps, in which all rates are tried first
+COARSER = 4
 #: of the shorter log, that has to lie within the longer one
 LEAST_OVERLAP = 0.5
 #: a speed is looked at on this many grid points at most
@@ -35,18 +37,26 @@ class RoughClock:
 
 def rough_clock(first: Rates, unit: Rates) -> RoughClock:
     """The clock of one log of a unit against the first unit's log of the same time."""
-    length_s = max(rates.t_s[-1] - rates.t_s[0] for rates in (first, unit))
-    step_s = max(STEP_S, first.period_s, unit.period_s, length_s / MOST_POINTS)
+    length_s = max(float(rates.t_s[-1] - rates.t_s[0]) for rates in (first, unit))
+    fine_s = max(STEP_S, first.period_s, unit.period_s, length_s / MOST_POINTS)
+    best, around, reach = None, 0.0, MOST_RATE
+    for step_s in (COARSER * fine_s, fine_s):
+        # With a step of the grid at the ends of the recording, the smear takes little from the peak.
+        rate_step = min(MOST_RATE, 2 * step_s / max(float(unit.t_s[-1] - unit.t_s[0]), step_s))
+        count = int(np.ceil(reach / rate_step))
+        best = _search(first, unit, step_s, np.clip(around + rate_step * np.arange(-count, count + 1), -MOST_RATE, MOST_RATE))
+        around, reach = best.rate, 2 * rate_step
+    assert best is not None
+    return best
+
+
+def _search(first: Rates, unit: Rates, step_s: float, rates: np.ndarray) -> RoughClock:
+    """The best of these rates (R,), at any offset; speeds are meaned over steps of so many s."""
     grid = first.t_s[0] + step_s * np.arange(int((first.t_s[-1] - first.t_s[0]) / step_s) + 1)
-    ours = _speed(first, first.t_s, grid)
     about_s = float(unit.t_s[0] + unit.t_s[-1]) / 2
     count = int((unit.t_s[-1] - unit.t_s[0]) * (1 + MOST_RATE) / step_s) + 2
-    size = next_fast_len(len(grid) + count, real=True)
-    front = _Front(ours, size)
-    # With half a step of the grid at the ends of the recording, the smear takes nothing from the peak.
-    rate_step = min(MOST_RATE, 2 * step_s / max(unit.t_s[-1] - unit.t_s[0], step_s))
-    rates = rate_step * np.arange(-int(MOST_RATE / rate_step), int(MOST_RATE / rate_step) + 1)
-    best = RoughClock(0.0, 0.0, about_s, -1.0)
+    front = _Front(_speed(first, first.t_s, grid), next_fast_len(len(grid) + count, real=True))
+    best = RoughClock(0.0, 0.0, about_s, -2.0)
     for rate in rates:
         moved = about_s + (1 + rate) * (unit.t_s - about_s)
         theirs = _speed(unit, moved, moved[0] + step_s * np.arange(int((moved[-1] - moved[0]) / step_s) + 1))

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 from session.log.array_reading import read_array
+from session.log.config import LeftOut
 from session.public import mikov, mimu
 from tinygc.array.fit import fit_array
 from tinygc.array.fit_json import array_to_json, unit_model
@@ -206,6 +207,20 @@ def test_a_unit_that_cannot_be_used_is_left_out_and_said(made, tmp_path, capsys)
     assert [unit.number for unit in fit.left_out] == [2]
     assert fit.left_out[0].why
     assert "\n" not in fit.left_out[0].why
+
+
+def test_a_turn_that_is_left_out_in_one_unit_counts_in_none(made):
+    simulation, folder, fit = made(seed=4, clock_rate=0.01, clock_offset_ms=900.0)
+    array, truth = read_array(folder), simulation.truths[1]
+    start, stop = simulation.plan.turns[5]
+    own_s = ((start + stop) / 2 - truth.offset_s) / (1 + truth.rate)
+    unit = array.units[1]
+    config = dataclasses.replace(unit.config, exclude=(LeftOut(unit.logs[0].path.name, own_s),))
+    less = dataclasses.replace(array, units=(array.units[0], dataclasses.replace(unit, config=config), array.units[2]))
+    found = fit_array(less, bias="ends")
+    assert [len(rows) for rows in fit.same.turns] == [12, 12, 12]
+    assert [len(rows) for rows in found.same.turns] == [11, 11, 11]
+    assert (5, 6) not in set(map(tuple, found.same.spans.tolist()))
 
 
 def test_three_sensors_on_one_body(shared, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 
 from session.common.errors import FitError
 from session.common.units import NS
-from session.detect.segments import Segment
+from session.detect.excluded import moments_of
 from session.detect.stills import Still
 from tinygc.array.units import ArrayUnit
 from tinygc.problem.problem import Problem
@@ -49,6 +49,7 @@ def same_stills(units: list[ArrayUnit]) -> SameStills:
     anchor = int(np.argmax([len(unit.problem.used) for unit in units]))
     log, time_s, theirs, group = _references(units[anchor].problem)
     del theirs
+    left_out = [moment for unit in units for moment in _left_out(unit.problem)]
     stills, turns, firsts, lasts = [], [], [], []
     for unit in units:
         own_log, own_s, own, _ = _references(unit.problem)
@@ -58,7 +59,7 @@ def same_stills(units: list[ArrayUnit]) -> SameStills:
             if (q := match[id(still)]) >= 0:
                 mine[q] = still
         ends = [tuple(match.get(id(still), -1) for still in segment.stills) for segment in unit.problem.used]
-        rows = [row for row, (a, b) in enumerate(ends) if 0 <= a < b]
+        rows = [row for row, (a, b) in enumerate(ends) if 0 <= a < b and not _holds(time_s[a, 1], time_s[b, 0], log[a], left_out)]
         if not rows:
             raise FitError(f"unit {unit.number}: none of its {len(ends)} turns lies between stills of the others; are they of one time?")
         stills.append(tuple(mine))
@@ -81,14 +82,19 @@ def _references(problem: Problem) -> tuple[np.ndarray, np.ndarray, list[Still], 
     return np.array(logs), np.array(spans), stills, np.array(groups)
 
 
+def _left_out(problem: Problem) -> list[tuple[int, float]]:
+    """Log and s of the array's clock of moments whose turns session.toml leaves out: of one unit, so of all."""
+    logs = [log for log in problem.session.logs if problem.found.of(log).noise is not None]
+    return [(number, at_s) for number, log in enumerate(logs) for at_s in moments_of(log.path, problem.session.config.exclude)]
+
+
+def _holds(start_s: float, stop_s: float, log: int, moments: list[tuple[int, float]]) -> bool:
+    return any(number == log and start_s <= at_s <= stop_s for number, at_s in moments)
+
+
 def _match(log: int, span: np.ndarray, logs: np.ndarray, spans: np.ndarray) -> int:
     """The still that shares most of its time, or -1."""
     shared = np.minimum(spans[:, 1], span[1]) - np.maximum(spans[:, 0], span[0])
     least = LEAST_SHARED * np.minimum(spans[:, 1] - spans[:, 0], span[1] - span[0])
     shared = np.where((shared > least) & (logs == log), shared, -1.0)
     return int(np.argmax(shared)) if shared.max() > 0 else -1
-
-
-def segment_of(unit: ArrayUnit, row: int) -> Segment:
-    """The segment of a row of a unit's batch."""
-    return unit.problem.used[row]

@@ -62,7 +62,9 @@ def on_array_clock(session: Session, clock: UnitClock) -> Session:
         return replace(samples, t_ns=stretched)
 
     logs, runs = (tuple(replace(log, samples=moved(log.samples)) for log in each) for each in (session.logs, session.closures))
-    return replace(session, logs=logs, closures=runs)
+    # Moments that are left out are of the log's clock, too.
+    exclude = tuple(replace(row, at_s=float(clock.array_time(np.array([row.at_s]))[0])) for row in session.config.exclude)
+    return replace(session, config=replace(session.config, exclude=exclude), logs=logs, closures=runs)
 
 
 def prepare_units(

@@ -33,6 +33,7 @@ from tinygc.explanation.noise.undersampling import undersampling
 from tinygc.explanation.twin.twin import Twin
 from tinygc.fitting.bias_choice import BETTER_P, less_by_chance
 from tinygc.models.linear import PARAMETERS, LinearModel
+from tinygc.problem.closure_run import ClosureRun, read_closure_runs
 
 if TYPE_CHECKING:
     from tinygc.closure.floor import Floor
@@ -49,7 +50,8 @@ class UnitFit:
     seconds of the array's clock; accelerometer; covariance (24, 24) of E, B, the accelerometer's nine and the mounting's three (rad about
     the array's axes); alone: the same twelve by the unit's own gravity alone, and its covariance_alone (12, 12); own_rad: tilt, rms a
     turn, by which it misses alone beyond noise, with its sigma; closure_rad, floor_rad: rms of tilt by its own calibration alone, and what
-    white noise makes of it; noise; instability; warnings of its first look.
+    white noise makes of it; noise; instability; warnings of its first look; runs: its closure runs, each with the error (3,) rad at
+    its end.
     """
 
     number: int
@@ -67,6 +69,7 @@ class UnitFit:
     noise: Noise
     instability: BiasInstability
     warnings: tuple[Finding, ...]
+    runs: tuple[tuple[ClosureRun, np.ndarray], ...] = ()
 
     @property
     def sigma(self) -> np.ndarray:
@@ -176,6 +179,7 @@ def fit_array(
                 noise=problem.noise,
                 instability=problem.instability,
                 warnings=tuple(unit.prepared.warnings),
+                runs=tuple((run, run.errors(joint.models[i])) for run in read_closure_runs(problem)),
             )
         )
     return ArrayFit(

@@ -18,6 +18,7 @@ from tinygc.array.events import ArrayEvent
 from tinygc.array.fit import ArrayFit, UnitFit
 from tinygc.array.place import UnitPlace
 from tinygc.array.split import Split
+from tinygc.fitting.figures import run_figures
 from tinygc.models.accelerometer import accelerometer_table, sensor_table
 from tinygc.models.linear import PARAMETERS, LinearModel
 
@@ -103,6 +104,9 @@ def _unit(unit: UnitFit) -> dict:
         "B_sigma_dps": (unit.sigma[9:] / DEG).tolist(),
         "E_sigma_alone": unit.sigma_alone[:9].reshape(3, 3).tolist(),
         "B_sigma_alone_dps": (unit.sigma_alone[9:] / DEG).tolist(),
+        "closure_runs": [
+            {"file": run.file, "duration_s": run.duration_s, "rmse_deg": run_figures(error)["rmse_deg"]} for run, error in unit.runs
+        ],
         "model": f"unit{unit.number}/{MODEL}",
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -65,7 +65,21 @@ def moments_of(fit: ArrayFit) -> list[Moment]:
             what = KNOCK if felt > FELT else FALSE_READING
             size = float(np.linalg.norm(leap, axis=1).max())
             leaps.append(Moment(what, float(t_s.mean()), unit.number, size, felt, (unit.number,)))
+    leaps = _one_knock_each(leaps)
     return sorted([*leaps, *_impacts(fit, leaps)], key=lambda moment: moment.at_s)
+
+
+def _one_knock_each(leaps: list[Moment]) -> list[Moment]:
+    """Leaps of several units at once that all felt are one knock: that of the unit which leaps most."""
+    kept: list[Moment] = []
+    for leap in sorted(leaps, key=lambda moment: -moment.size_rps):
+        same = [k for k, one in enumerate(kept) if one.what == leap.what == KNOCK and abs(one.at_s - leap.at_s) < TOGETHER_S]
+        if same:
+            one = kept[same[0]]
+            kept[same[0]] = replace(one, units=tuple(sorted({*one.units, *leap.units})))
+        else:
+            kept.append(leap)
+    return kept
 
 
 def _in_array(fit: ArrayFit, i: int, rate: np.ndarray, bias: bool = True) -> np.ndarray:

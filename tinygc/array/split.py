@@ -17,6 +17,8 @@ from tinygc.array.joint import Joint
 
 #: -2 log likelihood by which the name "motion beyond the data rate" must better a part of no name, and no part at all
 BORNE_OUT = 2.0
+#: of what is predicted: less is what a filter lets through (``explanation/noise/components.py``: predicted within a factor of 1.5)
+FILTERED = 1 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,9 @@ class Split:
         size = f"{self.common / DEG:.2g}° rms a turn in common, which no unit's sensor has made"
         if self.is_fast_motion:
             factor, sigma = (part / self.predicted for part in self.fast)
-            return f"{size}: motion beyond the data rate, predicted {self.predicted / DEG:.2g}° (found {factor:.2f} ± {sigma:.2f} of it)"
+            why = "; a filter below half the data rate leaves so little" if factor < FILTERED else ""
+            predicted = f"predicted {self.predicted / DEG:.2g}° (found {factor:.2f} ± {sigma:.2f} of it{why})"
+            return f"{size}: motion beyond the data rate, {predicted}"
         fast = f"; motion beyond the data rate is predicted to make {self.predicted / DEG:.2g}°" if self.predicted > 0 else ""
         return f"{size}: the motion, the table or the reference{fast}"
 

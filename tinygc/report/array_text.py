@@ -13,6 +13,7 @@ from session.common.units import DEG, G
 from tinygc.array.events import COMMON_STILL, COMMON_TURN, OWN_TURN, ArrayEvent
 from tinygc.array.fit import ArrayFit, UnitFit
 from tinygc.array.fit_json import begins_s
+from tinygc.fitting.figures import run_figures
 
 
 def array_page(fit: ArrayFit) -> Group:
@@ -20,6 +21,9 @@ def array_page(fit: ArrayFit) -> Group:
     parts: list[RenderableType] = [_places(fit), "", _closure(fit), ""]
     parts.append(one_line(f"Common: {fit.split.words}."))
     parts.append(one_line(_bias_words(fit)))
+    for unit in fit.units:
+        runs = ", ".join(f"{run.file} {run_figures(error)['rmse_deg']:.4f}°" for run, error in unit.runs)
+        parts += [one_line(f"Closure runs of unit {unit.number}, rms error at the return: {runs}.")] if runs else []
     if fit.ages:
         ages = ", ".join(f"unit {each.number} ({each.beat_hz:.3g} Hz)" for each in fit.ages)
         parts.append(one_line(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected."))
@@ -92,14 +96,15 @@ def _bias_words(fit: ArrayFit) -> str:
 def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
     """What stands out, whose it is, and what was done about it."""
     at = fit.same.time_s[event.first, 1 if "turn" in event.what else 0] - begins_s(fit)
-    others = len(fit.units) - 1
     if event.what == COMMON_TURN:
         return f"{at:.1f} s: all units miss this turn by {event.size / DEG:.2g}°: a knock or the motion, no unit's reading"
     if event.what == COMMON_STILL:
         return f"{at:.1f} s: all units feel {1e3 * event.size / G:.2g} mg in this still: the body was not at rest"
     assert event.unit is not None
     number = fit.units[event.unit].number
+    spoilt = [e for e in fit.joint.events if (e.what, e.first, e.last) == (event.what, event.first, event.last)]
+    others = len(fit.units) - len(spoilt)
+    whom = f"the other {others} do not" if others > 1 else "the other does not"
     if event.what == OWN_TURN:
-        whom = f"the other {others} do not" if others > 1 else "the other does not"
-        return f"{at:.1f} s: unit {number} alone misses this turn by {event.size / DEG:.2g}°, {whom}: its readings; its turn does not count"
-    return f"{at:.1f} s: unit {number} alone feels {1e3 * event.size / G:.2g} mg too much in this still; its gravity there does not count"
+        return f"{at:.1f} s: unit {number} misses this turn by {event.size / DEG:.2g}°, {whom}: its own readings; its turn does not count"
+    return f"{at:.1f} s: unit {number} feels {1e3 * event.size / G:.2g} mg too much in this still, {whom}; its gravity there does not count"

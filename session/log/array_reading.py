@@ -189,8 +189,8 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
         raise FormatError(f"{path}: [[array.unit]] beside array.folders; each folder's own session.toml says what its unit is")
     reader = TomlReader(path, table)
     notes, rows = reader.notes(), tuple(LeftOut(*row) for row in reader.exclude())
-    places = [_place(folder, path, name) for name in names]
-    numbers = _numbers_of(path, names)
+    places = [place_of(folder, path, name) for name in names]
+    numbers = numbers_of(path, names)
     units = {}
     for number, place, name in zip(numbers, places, names, strict=True):
         if is_array(place):
@@ -211,7 +211,7 @@ def _told(progress: Callable[[str], None], name: str, what: str) -> None:
     progress(f"{name}/{what}")
 
 
-def _place(folder: Path, path: Path, name: str) -> Path:
+def place_of(folder: Path, path: Path, name: str) -> Path:
     """A unit's folder.  FormatError where it is not there, or neither inside the array's nor beside it."""
     plain = Path(os.path.normpath(name))
     inside = plain.parts[:1] != ("..",) and plain != Path(".")
@@ -226,7 +226,7 @@ def _place(folder: Path, path: Path, name: str) -> Path:
     return place
 
 
-def _numbers_of(path: Path, names: Sequence[str]) -> tuple[int, ...]:
+def numbers_of(path: Path, names: Sequence[str]) -> tuple[int, ...]:
     """By the digits that each name ends with; by their order where one has none."""
     plain = [os.path.normpath(name) for name in names]
     if doubled := next((name for name in plain if plain.count(name) > 1), None):

@@ -83,7 +83,7 @@ def apply_model(
         accel_fs_g=answers.accel_fs_g or _number(reader, "accel_fs_g") or known.sensor.accel_fs_g,
         sensor=answers.sensor or reader.comments.get("sensor") or known.sensor.model,
     )
-    source = _Source(reader, answers, known)
+    source = Source(reader, answers, known)
     pieces, rate_hz, notes = source.pieces(), None, []
     if not answers.sensor and any(unit.si is None for _, _, unit in reader.layout.kinds):
         notes.append(ASSUMED)
@@ -143,7 +143,7 @@ class Applicable:
         return Applicable(self.t_ns[which], self.gyro[which], accel, temp)
 
 
-class _Source:
+class Source:
     """A log's pieces in SI: stamps, measured rate, calibrated force, temperature."""
 
     def __init__(self, reader: Reader, answers: Answers, known: Surroundings):
@@ -192,13 +192,13 @@ def _no_samples(log: Path) -> FormatError:
     return FormatError(f"{log.name}: a header but no samples; was the recording stopped before it began?")
 
 
-def _write(out: Path, log: Path, source: _Source, pieces: Iterable[Applicable], stream: Stream, unit: str, progress: Progress) -> int:
+def _write(out: Path, log: Path, source: Source, pieces: Iterable[Applicable], stream: Stream, unit: str, progress: Progress) -> int:
     """All rows; how many.  The file has its name only once it is whole."""
     if out.is_dir():
         raise FormatError(f"{out}: that is a folder; give -o a file")
     size, count = max(log.stat().st_size, 1) if log.is_file() else 1, 0
     try:
-        with _open(out) as file:
+        with opened(out) as file:
             waiting: deque[Applicable] = deque()
             header = None
             for piece in pieces:
@@ -220,7 +220,7 @@ def _write(out: Path, log: Path, source: _Source, pieces: Iterable[Applicable], 
 
 
 @contextlib.contextmanager
-def _open(out: Path) -> Iterator[_Sink]:
+def opened(out: Path) -> Iterator[_Sink]:
     """The bytes of ``out``, packed if its name says so; of standard output where it is ``-``."""
     if str(out) == STANDARD:
         yield sys.stdout.buffer

@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 
 from session.common.texts import printable
+from tinygc.cli.arguments import filled
+from tinygc.cli.commands._array_apply import fuse
 from tinygc.cli.commands._log_options import add_log_options, answers_of
 from tinygc.cli.commands._results import output, write_json
 from tinygc.cli.paths import STANDARD, is_standard_output, log_written, path_read
@@ -18,7 +20,7 @@ USES_EFFECTS = True
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("model", type=path_read, help="model file, such as fit/model_least_squares.json of a session")
-    command.add_argument("log", type=path_read, help="any log that replay reads; -: standard input")
+    command.add_argument("log", type=path_read, help="any log that replay reads; -: standard input; of an array's model the array's folder")
     command.add_argument(
         "-o", "--out", type=log_written, required=True, metavar="CSV", help="to write (.csv or .csv.gz); -: standard output"
     )
@@ -29,6 +31,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="where session.toml is (beside the log); its [accelerometer] then holds, not the model's",
     )
+    command.add_argument("--which", type=filled, metavar="LOG", help="of an array's folder with several logs: log0002")
     command.add_argument("--force", action="store_true", help="write over a file that is there")
     add_log_options(command)
 
@@ -36,6 +39,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """A log with calibrated rates and specific force."""
     from session.common.errors import CalibrationError
+    from tinygc.array.model_files import is_array_model
     from tinygc.cli.console import progress_bar
     from tinygc.deploy.apply import apply_model
 
@@ -45,6 +49,12 @@ def run(args: argparse.Namespace) -> int:
     out = Path(STANDARD) if to_stdout else args.out
     if not to_stdout and out.is_file() and not args.force:
         raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
+    if is_array_model(args.model):
+        return fuse(args, out)
+    if args.log.is_dir():
+        raise CalibrationError(f"{args.log}: a folder, expected a log; an array's folder goes with an array's model")
+    if args.which:
+        raise CalibrationError("--which goes with an array's model and the array's folder")
     with progress_bar(args.quiet) as progress:
         done = apply_model(args.model, args.log, out, answers_of(args), args.session, args.unit, progress)
     late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from tinygc.cli.arguments import filled
 from tinygc.cli.commands._results import complain, output, write_json
@@ -15,7 +16,7 @@ USES_EFFECTS = True
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("folder", type=path_read, help="session folder that was fitted")
+    command.add_argument("folder", type=path_read, help="session folder that was fitted, or an array's model file")
     command.add_argument("--to", required=True, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
     command.add_argument("--model", type=filled, metavar="NAME", help="method of the fit, or a model file (least_squares)")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the files go (export/ in the session folder)")
@@ -24,11 +25,12 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """A calibration in another program's words."""
-    from session.files.results import write_text_whole
-    from session.files.writing import result_folder
+    from tinygc.array.model_files import is_array_model
     from tinygc.deploy.exports import exporter
     from tinygc.deploy.exports._context import read_context
 
+    if is_array_model(args.folder):
+        return export_an_array(args)
     said = []
 
     def say(line: str) -> None:
@@ -37,10 +39,28 @@ def run(args: argparse.Namespace) -> int:
 
     model, context = read_context(args.folder, args.model, say, anyway=args.anyway)
     folder = args.out or args.folder / "export"
-    files = exporter(args.to).export(model, context)
+    written(args, folder, exporter(args.to).export(model, context), said)
+    return 0
+
+
+def export_an_array(args: argparse.Namespace) -> int:
+    """An array's model file, beside which the files go."""
+    from session.common.errors import CalibrationError
+    from tinygc.deploy.array.export import export_array
+
+    if args.model is not None:
+        raise CalibrationError(f"--model goes with a session folder; {args.folder} is an array's model itself")
+    written(args, args.out or args.folder.parent / "export", export_array(args.folder, args.to), [])
+    return 0
+
+
+def written(args: argparse.Namespace, folder: Path, files: dict[str, str], said: list[str]) -> None:
+    """The files, each named on the page, and what ``--json`` asks for."""
+    from session.files.results import write_text_whole
+    from session.files.writing import result_folder
+
     with result_folder(folder):
         for name, text in files.items():
             write_text_whole(folder / name, text)
             output(args).print(f"written: {folder / name}", soft_wrap=True)
     write_json(args.json, {"schema": "tinygc-export/1", "format": args.to, "files": [str(folder / name) for name in files], "said": said})
-    return 0

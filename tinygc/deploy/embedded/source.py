@@ -166,11 +166,11 @@ def source_files(
     code = "\n".join(stage.body for stage in stages)
     unread = "; this model does not read it"
     fill = {
-        "title": _comment(title),
+        "title": commented(title),
         "header": HEADER,
         "flags": FLAGS,
-        "facts": "\n".join(f" * {_comment(name):8} {_comment(value)}" for name, value in facts.items()),
-        "formula": "\n".join(f" *     {_comment(stage.says)}" for stage in stages),
+        "facts": "\n".join(f" * {commented(name):8} {commented(value)}" for name, value in facts.items()),
+        "formula": "\n".join(f" *     {commented(stage.says)}" for stage in stages),
         "identity": program.identity,
         "weights": 4 * sum(array.size for array in constants.values()),
         "state": sum(stage.state_bytes for stage in stages) or 1,
@@ -179,10 +179,10 @@ def source_files(
         "averaged": _AVERAGED if "in->temp_c" in code else "",
         "force": "" if "in->force" in code else unread,
         "temp": "" if "in->temp_c" in code else unread,
-        "defines": "" if sensor is None else _DEFINES.format(sensor=sensor, odr=_number(np.float32(sensor.odr_hz))),
-        "prototype": _FORCE + ("" if sensor is None else _FROM_REGISTERS.format(sensor=sensor, model=_comment(sensor.model))),
+        "defines": "" if sensor is None else _DEFINES.format(sensor=sensor, odr=literal(np.float32(sensor.odr_hz))),
+        "prototype": _FORCE + ("" if sensor is None else _FROM_REGISTERS.format(sensor=sensor, model=commented(sensor.model))),
         "constants": "\n\n".join(
-            _constant(name, array)
+            constant(name, array)
             for name, array in (constants | known.constants | {"ACCELEROMETER": register_input.force_constant(accelerometer)}).items()
         ),
         "functions": "\n".join([affine.FUNCTION, *(stage.functions for stage in stages if stage.functions)]),
@@ -195,30 +195,34 @@ def source_files(
 
 
 def _block(stage: ProgramStage) -> str:
-    return f"{{ /* {_comment(stage.says)} */\n{indent(stage.body, '    ')}\n}}"
+    return f"{{ /* {commented(stage.says)} */\n{indent(stage.body, '    ')}\n}}"
 
 
 def _self_test(test: Vectors) -> str:
     return _SELF_TEST.format(
-        count=len(test.registers), registers=_rows(test.registers), rates=_rows(test.rates), tolerance=_number(np.float32(TOLERANCE))
+        count=len(test.registers),
+        registers=initialiser(test.registers),
+        rates=initialiser(test.rates),
+        tolerance=literal(np.float32(TOLERANCE)),
     )
 
 
-def _constant(name: str, array: np.ndarray) -> str:
+def constant(name: str, array: np.ndarray) -> str:
+    """A table as C has it."""
     sizes = "".join(f"[{size}]" for size in array.shape)
-    return f"static const float {name}{sizes} = {_rows(array)};"
+    return f"static const float {name}{sizes} = {initialiser(array)};"
 
 
-def _rows(array: np.ndarray) -> str:
+def initialiser(array: np.ndarray) -> str:
     """A C initialiser, a row a line; long rows are broken."""
     if array.ndim == 1:
-        words = [_number(value) for value in array]
+        words = [literal(value) for value in array]
         lines = [", ".join(words[at : at + 7]) for at in range(0, len(words), 7)]
         return "{" + ",\n     ".join(lines) + "}"
-    return "{\n" + ",\n".join(indent(_rows(row), "    ") for row in array) + "}"
+    return "{\n" + ",\n".join(indent(initialiser(row), "    ") for row in array) + "}"
 
 
-def _number(value: np.generic) -> str:
+def literal(value: np.generic) -> str:
     """A literal that reads back as the same number: the shortest decimals of a float32, or an integer."""
     if isinstance(value, np.integer):
         return str(value)
@@ -226,5 +230,6 @@ def _number(value: np.generic) -> str:
     return f"{text}f"
 
 
-def _comment(text: str) -> str:
+def commented(text: str) -> str:
+    """Text that may stand in a comment of C."""
     return comment(text, ascii_only=True)[:LONGEST]

@@ -1,0 +1,141 @@
+"""The array's C on this machine: the same rates as Python to single precision, and the same votes at the same samples."""
+
+import ctypes
+import shutil
+
+import numpy as np
+import processes
+import pytest
+from simulated_array import DEG, DENSITY, measured, model_of, motion, units
+
+import calibrate
+from tinygc.array.build_model import save_array_model
+from tinygc.deploy.array.c_source import array_source
+from tinygc.deploy.array.live import LiveArray
+from tinygc.deploy.array.voting import REASONS
+from tinygc.deploy.embedded.source import FLAGS
+
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
+
+
+class Compiled:
+    """The two files as a shared library."""
+
+    def __init__(self, folder, files, count: int):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="ascii")
+        flags = [*FLAGS.split(), "-std=c99", "-pedantic", "-Wconversion", "-Wshadow", "-ffreestanding", "-O2", "-shared", "-fPIC"]
+        made = processes.run(["gcc", *flags, folder / "tinygc_array.c", "-o", folder / "a.so"], capture_output=True, text=True)
+        assert made.returncode == 0, made.stderr
+        self.library = ctypes.CDLL(str(folder / "a.so"))
+
+        class Input(ctypes.Structure):
+            _fields_ = [("rate", ctypes.c_float * 3 * count), ("present", ctypes.c_uint8 * count)]
+
+        class Output(ctypes.Structure):
+            _fields_ = [
+                ("rate", ctypes.c_float * 3),
+                ("variance", ctypes.c_float * 3),
+                *[(name, ctypes.c_uint8) for name in ("valid", "at_end", "disagree", "changed")],
+                ("used", ctypes.c_uint8 * count),
+                ("why", ctypes.c_uint8 * count),
+                ("score", ctypes.c_float * count),
+            ]
+
+        self.input, self.output, self.count = Input, Output, count
+
+    def run(self, raw):
+        """rates, variances (T, 3); used, why (T, N); disagree (T,)."""
+        state = ctypes.create_string_buffer(b"\xa5" * 16384, 16384)  # what was in memory before must not matter
+        self.library.tinygc_array_start(state)
+        given, answer, found = self.input(), self.output(), []
+        for sample in raw.astype(np.float32):
+            there = np.isfinite(sample).all(axis=1)
+            given.present[:] = there.astype(int).tolist()
+            ctypes.memmove(given.rate, np.ascontiguousarray(sample).ctypes.data, 12 * self.count)
+            self.library.tinygc_array_step(state, ctypes.byref(given), ctypes.byref(answer))
+            rates = list(answer.rate) if answer.valid else [np.nan] * 3
+            found.append((rates, list(answer.variance), list(answer.used), list(answer.why), answer.disagree))
+        return [np.array(each) for each in zip(*found, strict=True)]
+
+    def self_test(self):
+        worst = ctypes.c_float(-1)
+        return self.library.tinygc_array_self_test(ctypes.byref(worst)), worst.value
+
+
+def everything_goes_wrong(raw):
+    """Faults of many kinds, one after the other, some at once, and clipping in all units."""
+    raw, count = raw.copy(), raw.shape[1]
+    raw[300:500, 1] = np.nan
+    raw[600:900, 2 % count] += 5 * DEG
+    raw[1000:1200, 3 % count] = raw[1000, 3 % count]
+    raw[1200:1500:40, 4 % count] += 60 * DEG
+    raw[1500:1700, 5 % count] *= -1
+    raw[1500:1900, 6 % count] += 3 * DEG
+    raw[1950:2000] = np.nan
+    return np.clip(raw, -500 * DEG, 500 * DEG)
+
+
+@pytest.mark.parametrize("count", [2, 3, 8])
+def test_c_fuses_and_votes_as_python_does(count, tmp_path):
+    density = np.linspace(1, 2, count) * DENSITY
+    model = model_of(units(count, density=density, full_scale=500))
+    raw = everything_goes_wrong(measured(model, motion(2400, top_dps=450)))
+    raw = raw.astype(np.float32).astype(float)
+    compiled = Compiled(tmp_path, array_source(model), count)
+    rates, variances, used, why, disagree = compiled.run(raw)
+    fused = LiveArray(model)(raw)
+    standing, two = np.zeros(why.shape, dtype=int), np.zeros(len(raw), dtype=bool)
+    for event in fused.events:
+        if event.unit is None:
+            two[event.sample :] = event.what == "disagree"
+        else:
+            codes = {reason: code for code, reason in REASONS.items()}
+            standing[event.sample :, event.unit] = codes.get(event.reason, 0)
+    np.testing.assert_array_equal(why, standing)
+    np.testing.assert_array_equal(disagree, two)
+    np.testing.assert_array_equal(used, fused.used)
+    np.testing.assert_allclose(rates, fused.rate, rtol=2e-6, atol=5e-6, equal_nan=True)
+    sigma = fused.sigma
+    some = np.isfinite(sigma)
+    np.testing.assert_allclose(np.sqrt(variances[some]), sigma[some], rtol=2e-3)
+    assert len(set(why.ravel())) >= (2 if count == 2 else 3)
+    assert disagree.any() == (count < 8)
+
+
+def test_the_self_test_passes_and_fails_where_a_table_is_another(tmp_path):
+    model = model_of(units())
+    files = array_source(model)
+    failed, worst = Compiled(tmp_path / "right", files, 8).self_test()
+    assert failed == 0
+    assert worst < 1e-5
+    wrong = files["tinygc_array.c"].replace(
+        "static const float OFFSET[8][3] = {\n    {", "static const float OFFSET[8][3] = {\n    {0.5f + ", 1
+    )
+    assert wrong != files["tinygc_array.c"]
+    assert Compiled(tmp_path / "wrong", files | {"tinygc_array.c": wrong}, 8).self_test()[0] > 0
+
+
+def test_registers_are_rates(tmp_path):
+    model = model_of(units(3))
+    compiled = Compiled(tmp_path, array_source(model), 3)
+    registers, given = np.arange(-4, 5, dtype=np.int16) * 3000, compiled.input()
+    compiled.library.tinygc_array_from_registers(ctypes.c_void_p(registers.ctypes.data), ctypes.byref(given))
+    per_lsb = model.units[0].sensor.register_units.gyro_rps
+    np.testing.assert_allclose(np.array([list(row) for row in given.rate]).ravel(), registers * per_lsb, rtol=2e-7)
+    assert list(given.present) == [1, 1, 1]
+
+
+def test_the_command_writes_c_and_json_and_refuses_one_sensors_formats(tmp_path, capsys):
+    path = tmp_path / "array.json"
+    save_array_model(model_of(units(3)), path)
+    assert calibrate.main(["export", str(path), "--to", "c", "--quiet"]) == 0
+    files = {each.name: each.read_text() for each in (tmp_path / "export").iterdir()}
+    assert Compiled(tmp_path / "c", files, 3).self_test()[0] == 0
+    assert calibrate.main(["export", str(path), "--to", "json", "--quiet", "--out", str(tmp_path / "json")]) == 0
+    assert (tmp_path / "json" / "array.json").read_text() == path.read_text()
+    assert calibrate.main(["export", str(path), "--to", "px4", "--quiet"]) == 2
+    said = capsys.readouterr().err
+    assert "px4 holds one sensor's calibration" in said
+    assert said.count("\n") == 1

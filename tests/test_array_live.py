@@ -1,0 +1,159 @@
+"""An array live: noise as predicted, and a vote that finds who is wrong, and nobody else."""
+
+import numpy as np
+import pytest
+from array_faults import FAULTS, with_fault
+from real_array import aligned, at_rest, recordings
+from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
+
+from session.common.errors import CalibrationError
+from tinygc.array.weights import best_weights
+from tinygc.deploy.array.live import LiveArray
+
+BEGIN, END, COUNT = 1500, 3000, 4200
+
+
+@pytest.fixture(scope="module")
+def eight():
+    model = model_of(units(8, density=np.linspace(1, 2, 8) * DENSITY))
+    omega = motion(COUNT, seed=7)
+    return model, omega, measured(model, omega)
+
+
+def outs(fused) -> set:
+    return {event.unit for event in fused.events if event.what == "out"}
+
+
+@pytest.mark.parametrize("count", [2, 4, 8])
+def test_noise_falls_with_the_root_of_the_number(count):
+    """Within four sampling errors of 1/sqrt(N), on every axis, and by the stated sigma."""
+    model = model_of(units(count))
+    samples = 20_000
+    fused = LiveArray(model)(measured(model, np.zeros((samples, 3)), seed=count))
+    within = 4 / np.sqrt(2 * samples)
+    np.testing.assert_allclose(fused.rate.std(axis=0), DENSITY * np.sqrt(RATE_HZ / 2 / count), rtol=within + 0.012)  # E is 1 % off 1
+    np.testing.assert_allclose(fused.rate.std(axis=0) / np.sqrt(fused.sigma[0] ** 2 - model.parameter_sigma() ** 2), 1, rtol=within)
+
+
+def test_nobody_is_voted_out_where_nobody_lies(eight):
+    model, omega, raw = eight
+    fused = LiveArray(model)(raw)
+    assert fused.events == ()
+    assert fused.used.all()
+    off = (fused.rate - omega) / fused.sigma
+    assert 0.95 < off.std() < 1.05
+
+
+def test_one_sample_after_another_is_the_same_as_all_at_once(eight):
+    model, _, raw = eight
+    raw = with_fault(raw, 3, "step", BEGIN, END)[BEGIN - 50 : BEGIN + 400]
+    whole, live = LiveArray(model)(raw), LiveArray(model)
+    parts = [live(sample) for sample in raw]
+    np.testing.assert_allclose(np.concatenate([part.rate for part in parts]), whole.rate, rtol=0, atol=1e-12)
+    events = [(each.sample, each.unit, each.what) for part in parts for each in part.events]
+    assert events == [(each.sample, each.unit, each.what) for each in whole.events]
+    assert events
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_each_fault_is_voted_out_said_and_forgiven(eight, name):
+    model, omega, raw = eight
+    live = LiveArray(model)
+    fused = live(with_fault(raw, 3, name, BEGIN, END))
+    first = fused.events[0]
+    assert outs(fused) == {3}
+    assert BEGIN <= first.sample < END
+    if name in ("dead", "stuck"):
+        assert {"dead": "no samples", "stuck": "same reading"}[name] in first.reason
+    else:
+        assert first.size_rps > first.bar_rps > 0
+    assert live.out == {}  # it agrees again, and is back
+    assert np.abs(fused.rate - omega).max() < 6 * fused.sigma.max() + 0.2 * DEG
+    without = LiveArray(model, vote=False)(with_fault(raw, 3, name, BEGIN, END))
+    if name != "dead":
+        assert np.abs(without.rate - omega).max() > 2 * np.abs(fused.rate - omega).max()
+
+
+def test_weights_are_shared_out_among_those_that_are_left(eight):
+    """Exactly the best combination of the seven others, where noise is independent."""
+    model, _, raw = eight
+    wrong = with_fault(raw, 3, "dead", 0, COUNT)
+    live = LiveArray(model)
+    fused = live(wrong)
+    left = [i for i in range(8) if i != 3]
+    white = model.density.reshape(8, 3, 8, 3)[np.ix_(left, range(3), left, range(3))].reshape(21, 21)
+    weights, covariance = best_weights(white)
+    units_rate = np.einsum("nij,tnj->tni", model.matrices, raw) + model.offsets
+    np.testing.assert_allclose(fused.rate, np.einsum("nij,tnj->ti", weights, units_rate[:, left]), atol=1e-12)
+    expected = np.sqrt(np.diag(covariance) * RATE_HZ / 2 + model.parameter_sigma() ** 2)
+    np.testing.assert_allclose(fused.sigma, np.tile(expected, (COUNT, 1)), rtol=1e-9)
+    assert live.out == {3: "gives no samples"}
+
+
+def test_two_liars_of_eight_are_both_found(eight):
+    model, omega, raw = eight
+    raw = with_fault(with_fault(raw, 2, "step", BEGIN, END), 6, "scale", BEGIN - 300, END)
+    fused = LiveArray(model)(raw)
+    assert outs(fused) == {2, 6}
+    assert np.abs(fused.rate - omega).max() < 1.0 * DEG
+
+
+def test_of_two_units_nobody_can_say_which_one_lies():
+    model = model_of(units(2))
+    omega = motion(COUNT)
+    live = LiveArray(model)
+    fused = live(with_fault(measured(model, omega), 1, "step", BEGIN, END))
+    assert [(event.unit, event.what) for event in fused.events] == [(None, "disagree"), (None, "agree")]
+    assert fused.used.all()
+    between = slice(fused.events[0].sample + 1, END)
+    assert (np.abs(fused.rate - omega)[between] < 3 * fused.sigma[between]).all()  # what they differ by is in the sigma
+    assert not live.disagree
+
+
+def test_a_unit_without_samples_for_a_moment_is_neither_out_nor_missed(eight):
+    model, _, raw = eight
+    raw = raw.copy()
+    raw[1000:1004, 5] = np.nan
+    raw[2000] = np.nan
+    fused = LiveArray(model)(raw)
+    assert fused.events == ()
+    assert not fused.used[1000:1004, 5].any()
+    assert np.isnan(fused.rate[2000]).all()
+    assert np.isfinite(np.delete(fused.rate, 2000, axis=0)).all()
+
+
+def test_what_reads_its_end_is_neither_believed_nor_blamed():
+    """Units of another range on one body: those that clip say nothing, the others carry the rate."""
+    small, large = units(6, full_scale=125), units(6, full_scale=2000)
+    model = model_of(small[:3] + large[3:])
+    omega = motion(COUNT, top_dps=400)
+    raw = measured(model, omega)
+    raw[:, :3] = np.clip(raw[:, :3], -125 * DEG, 125 * DEG)
+    fused = LiveArray(model)(raw)
+    assert outs(fused) == set()
+    assert np.abs(fused.rate - omega).max() < 7 * fused.sigma.max()
+    assert (~fused.used[:, :3]).mean() > 0.2
+    all_clip = LiveArray(model_of(small))(np.clip(raw, -125 * DEG, 125 * DEG)[:, :6])
+    assert outs(all_clip) == set()
+    ends = np.isinf(all_clip.sigma).any(axis=1)
+    assert ends.any()
+    assert np.isfinite(all_clip.rate[ends]).all()
+
+
+def test_another_shape_is_refused():
+    with pytest.raises(CalibrationError, match=r"raw has shape \(3, 3\), expected \(2, 3\)"):
+        LiveArray(model_of(units(2)))(np.zeros((3, 3)))
+
+
+def test_none_of_eight_real_units_is_voted_out_in_vigorous_motion(shared):
+    """Turns by hand, then 100 s of shaking up to the end of the range, clipped; how much units differ is known from another recording."""
+    source = shared / "mimu"
+    if not source.exists():
+        pytest.skip("../shared/mimu is not there")
+    read = recordings(source)
+    model = aligned(read[1])
+    fused = LiveArray(at_rest(model, read[2]))(read[2])  # all four by each other's: benchmarks/array_votes.py
+    clipped = np.isinf(fused.sigma).any(axis=1)
+    assert clipped.sum() > 300
+    assert fused.events == ()
+    assert fused.used[~clipped].mean() > 0.99

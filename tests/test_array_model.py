@@ -1,0 +1,193 @@
+"""The best combination of units, how it is chosen, and its file."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from formats_page import strangers
+from scipy.spatial.transform import Rotation
+from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
+
+from session.common.errors import CalibrationError, FormatError
+from tinygc.array.build_model import build_array_model, save_array_model
+from tinygc.array.medians import weighted_median
+from tinygc.array.model_files import from_table, load_array_model, to_table
+from tinygc.array.weights import best_weights, blocks, combined, divisible
+
+RNG = np.random.default_rng(16)
+
+
+def some_covariance(size: int) -> np.ndarray:
+    root = RNG.normal(size=(size, size))
+    return root @ root.T + size * np.eye(size)
+
+
+def test_no_other_unbiased_combination_has_less_noise():
+    """Gauss and Markov: any other weights that sum to identity have a covariance greater by a positive matrix."""
+    covariance = some_covariance(12)
+    weights, fused = best_weights(covariance)
+    np.testing.assert_allclose(weights.sum(axis=0), np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(combined(weights, covariance), fused, rtol=1e-10)
+    for _ in range(50):
+        change = RNG.normal(size=(4, 3, 3)) * 0.1
+        other = weights + change - change.mean(axis=0)
+        assert np.linalg.eigvalsh(combined(other, covariance) - fused)[0] > 0
+
+
+def test_equal_units_gain_the_root_of_their_number_and_correlated_ones_less():
+    count, rho = 8, 0.1
+    _, fused = best_weights(np.eye(3 * count))
+    np.testing.assert_allclose(fused, np.eye(3) / count, atol=1e-15)
+    alike = np.kron((1 - rho) * np.eye(count) + rho, np.eye(3))
+    _, fused = best_weights(alike)
+    np.testing.assert_allclose(fused, np.eye(3) * (1 + (count - 1) * rho) / count, atol=1e-14)
+
+
+def test_unequal_units_weigh_by_their_variance():
+    sigma = np.array([1.0, 2.0, 4.0])
+    weights, fused = best_weights(blocks(np.square(sigma)[:, None, None] * np.eye(3)))
+    share = sigma**-2 / (sigma**-2).sum()
+    np.testing.assert_allclose(weights, share[:, None, None] * np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(fused, np.eye(3) / (sigma**-2).sum(), atol=1e-14)
+
+
+@pytest.mark.parametrize("covariance", [np.zeros((6, 6)), np.kron(np.ones((2, 2)), np.eye(3))])
+def test_noise_that_no_combination_is_best_for_is_refused(covariance):
+    with pytest.raises(CalibrationError, match="no best combination"):
+        best_weights(covariance)
+
+
+def test_the_combination_of_clean_readings_is_the_rate():
+    model = model_of(units(5))
+    omega = motion(200)
+    clean = np.einsum("nij,tnj->tni", np.linalg.inv(model.matrices), omega[:, None] - model.offsets)
+    np.testing.assert_allclose(model(clean), omega, atol=1e-12)
+
+
+def test_turning_the_arrays_frame_turns_the_combination():
+    """Symmetry: all mountings turned by one rotation turn the weights and the rate with them."""
+    found, turn = units(4, density=[1e-4, 2e-4, 3e-4, 1e-4]), Rotation.from_rotvec([0.3, -0.8, 1.1]).as_matrix()
+    from dataclasses import replace
+
+    turned = [replace(unit, place=replace(unit.place, mounting=turn @ unit.place.mounting)) for unit in found]
+    one, other, raw = model_of(found), model_of(turned), RNG.normal(size=(10, 4, 3))
+    np.testing.assert_allclose(other(raw), one(raw) @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(other.fused_density, turn @ one.fused_density @ turn.T, atol=1e-18)
+
+
+def test_weights_are_best_for_what_is_greater_over_a_turn():
+    from dataclasses import replace
+
+    quiet_slow = [replace(unit, bias_instability=np.full(3, 1e-6 * (1 + i))) for i, unit in enumerate(units(3))]
+    noisy_slow = [replace(unit, bias_instability=np.full(3, 1e-3 * (1 + i))) for i, unit in enumerate(units(3))]
+    white, slow = model_of(quiet_slow), model_of(noisy_slow)
+    assert white.best_for == "white"
+    assert "best for white noise" in white.reason
+    assert slow.best_for == "instability"
+    assert slow.weights[0, 0, 0] > 0.6 > white.weights[0, 0, 0]
+    assert model_of([replace(unit, bias_instability=None) for unit in quiet_slow]).best_for == "white"
+
+
+def test_a_correlation_that_makes_a_weight_negative_is_left_out_and_said():
+    found = units(2, density=[1e-4, 3e-4])
+    correlation = np.kron(np.array([[1, 0.8], [0.8, 1]]), np.eye(3))
+    model = model_of(found, correlation=correlation)
+    assert model.correlation is None
+    assert "correlation is left out" in model.reason
+    assert divisible(model.weights, model.fused_density)
+    little = model_of(found, correlation=np.kron(np.array([[1, 0.1], [0.1, 1]]), np.eye(3)))
+    assert little.correlation is not None
+    assert little.noise_density.max() > model.noise_density.max()
+
+
+def test_the_parameters_sigma_is_that_of_drawn_parameters():
+    """Monte Carlo over E and B of all units, at a rate at which both matter."""
+    model, omega = model_of(units(3)), np.array([2.0, -1.0, 0.5])
+    clean = np.einsum("nij,nj->ni", np.linalg.inv(model.matrices), omega - model.offsets)
+    draws = 20_000
+    total = np.zeros((draws, 3))
+    for i, unit in enumerate(model.units):
+        off = RNG.multivariate_normal(np.zeros(12), unit.covariance, draws)
+        body = off[:, :9].reshape(-1, 3, 3) @ clean[i] + off[:, 9:]
+        total += body @ (model.weights[i] @ unit.place.mounting).T
+    np.testing.assert_allclose(total.std(axis=0), model.parameter_sigma(omega), rtol=4 / np.sqrt(2 * draws))
+
+
+@pytest.mark.parametrize("values", [[1.0, 2.0, 1e9], [-1e9, 1.0, 2.0], [1.0, 2.0, np.inf]])
+def test_one_of_three_cannot_move_the_median(values):
+    values = np.repeat(np.array(values)[None, :, None], 3, axis=2)
+    found = weighted_median(values, np.isfinite(values).all(axis=2), np.array([0.34, 0.33, 0.33]))
+    assert ((found >= 1) & (found <= 2)).all()
+
+
+def test_disagreement_is_found_as_it_was_put_in():
+    """Delays of 1 ms either way, biases of 0.3 dps: within a third, since the bars are widened for the worst windows, never below."""
+    model, samples = model_of(units(8)), 60_000
+    omega = motion(samples, top_dps=400)
+    change = np.gradient(omega, 1 / RATE_HZ, axis=0)
+    raw = measured(model, omega)
+    delays, biases = np.linspace(-1e-3, 1e-3, 8), RNG.normal(size=(8, 3)) * 0.3 * DEG
+    back = np.linalg.inv(model.matrices)
+    raw += np.einsum("nij,tnj->tni", back, delays[:, None] * change[:, None] + biases)
+    found = model_of(units(8), measured=raw).disagreement
+    assert 0.6e-3 < found.delay_s < 2.5e-3
+    assert 0.2 * DEG < found.bias_rps < 1.2 * DEG
+    nothing = model_of(units(8), measured=measured(model, omega)).disagreement
+    assert nothing.bias_rps < 0.01 * DEG
+    assert nothing.delay_s < 1e-4
+
+
+def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
+    model = model_of(units(3), correlation=np.eye(9), joint_covariance=np.eye(36) * 1e-8, session="a\nb", sha256={"log.csv": "00"})
+    save_array_model(model, tmp_path / "array.json")
+    again = load_array_model(tmp_path / "array.json")
+    assert to_table(again) == to_table(model)
+    raw = RNG.normal(size=(5, 3, 3))
+    np.testing.assert_array_equal(again(raw), model(raw))
+    assert not strangers(json.loads((tmp_path / "array.json").read_text()))
+
+
+WRONG = {
+    "schema": (lambda table: table.update(schema="tinygc-model/1"), "no array's model"),
+    "rates": (lambda table: table.update(rates="dps"), "rates are"),
+    "one unit": (lambda table: table.update(units=table["units"][:1]), "units has 1 entries, expected 2"),
+    "twice": (lambda table: table["units"][0].update(number=1), "unit 1 stands twice"),
+    "singular": (lambda table: table["units"][1].update(E=[[1, 0, 0], [1, 0, 0], [0, 0, 1]]), r"units\[1\].E is singular"),
+    "shape": (lambda table: table["units"][1].update(B=[0, 0]), r"units\[1\].B has shape 2, expected 3 numbers"),
+    "not finite": (lambda table: table["units"][1].update(B=[0, 0, float("nan")]), "not finite"),
+    "no rotation": (lambda table: table["units"][2].update(mounting=[[1, 0, 0], [0, 1, 0], [0, 0, 1.01]]), "is no rotation"),
+    "mirrored": (lambda table: table["units"][2].update(mounting=np.diag([1, 1, -1]).tolist()), "is no rotation"),
+    "no noise": (lambda table: table["units"][0].update(noise_density_rps_rthz=[0, 1, 1]), "noise_density_rps_rthz.0. is 0"),
+    "sum": (lambda table: table["units"][0].update(weights=np.eye(3).tolist()), "miss identity by"),
+    "negative": (
+        lambda table: [unit.update(weights=(np.eye(3) * w).tolist()) for unit, w in zip(table["units"], (1.5, -1.0, 0.5), strict=True)],
+        "not positive",
+    ),
+    "correlation": (lambda table: table.update(noise_correlation=np.eye(6).tolist()), "noise_correlation has 6 rows, expected 9"),
+    "diagonal": (lambda table: table.update(noise_correlation=(np.eye(9) / 2).tolist()), "diagonal other than 1"),
+    "covariance": (lambda table: table["units"][0].update(covariance=(-np.eye(12)).tolist()), "not positive"),
+    "rate": (lambda table: table.update(rate_hz=0), "rate_hz is 0"),
+    "missing": (lambda table: table["units"][0].pop("clock"), "clock is missing"),
+    "clock": (lambda table: table["units"][0]["clock"].update(rate=3), "clock.rate is 3"),
+    "accelerometer": (lambda table: table["units"][0].update(accelerometer={"matrix": 3}), "accelerometer"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_no_model_is_refused_in_one_line(name):
+    table = copy.deepcopy(to_table(model_of(units(3))))
+    change, said = WRONG[name]
+    change(table)
+    with pytest.raises(FormatError, match=said) as caught:
+        from_table(table, "array.json")
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith("array.json")
+
+
+def test_fewer_than_two_units_and_two_of_one_number_are_refused():
+    found = units(2, density=DENSITY)
+    with pytest.raises(CalibrationError, match="array of 1 unit"):
+        build_array_model(found[:1], RATE_HZ)
+    with pytest.raises(CalibrationError, match="stands twice"):
+        build_array_model([found[0], found[0]], RATE_HZ)

@@ -20,7 +20,7 @@ from tinygc.array.place import UnitPlace
 from tinygc.array.split import Split
 from tinygc.fitting.figures import run_figures
 from tinygc.models.accelerometer import accelerometer_table, sensor_table
-from tinygc.models.linear import PARAMETERS, LinearModel
+from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 
 SCHEMA = "tinygc-array-fit/1"
 NAME = "array.json"
@@ -100,10 +100,10 @@ def _unit(unit: UnitFit) -> dict:
         },
         "E": unit.model.E.tolist(),
         "B_dps": (unit.model.B / DEG).tolist(),
-        "E_sigma": unit.sigma[:9].reshape(3, 3).tolist(),
-        "B_sigma_dps": (unit.sigma[9:] / DEG).tolist(),
-        "E_sigma_alone": unit.sigma_alone[:9].reshape(3, 3).tolist(),
-        "B_sigma_alone_dps": (unit.sigma_alone[9:] / DEG).tolist(),
+        "E_sigma": unit.sigma[MATRIX].reshape(3, 3).tolist(),
+        "B_sigma_dps": (unit.sigma[BIAS] / DEG).tolist(),
+        "E_sigma_alone": unit.sigma_alone[MATRIX].reshape(3, 3).tolist(),
+        "B_sigma_alone_dps": (unit.sigma_alone[BIAS] / DEG).tolist(),
         "closure_runs": [
             {"file": run.file, "duration_s": run.duration_s, "rmse_deg": run_figures(error)["rmse_deg"]} for run, error in unit.runs
         ],

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from session.accelerometer.parameters import corrected
+from session.common.robust import sigma_of
 from session.common.units import NS
 from session.detect.clipping import register_end_dps
 from tinygc.array.joint import Joint
@@ -86,7 +87,7 @@ def _solved(turns: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.
             return None
         x = np.linalg.solve(normal, sum(D.T @ (w * v) for D, v, w in zip(design, values, weights, strict=True)))
         left = [v - D @ x for D, v in zip(design, values, strict=True)]
-        bar = BAR * float(np.median(np.abs(np.concatenate(left)))) / 0.6745
+        bar = BAR * float(sigma_of(np.concatenate(left)))
         weights = [1 / (1 + (e / max(bar, 1e-12)) ** 2) for e in left]
     scores = np.array([D.T @ (w * e) for D, w, e in zip(design, weights, left, strict=True)])
     inverse = np.linalg.inv(normal)

@@ -1,6 +1,8 @@
 """``apply`` of an array's model: a folder of units with clocks of their own becomes one log."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,13 +11,18 @@ from simulated_array import DEG, RATE_HZ, measured, model_of, motion, units
 
 import calibrate
 from session.common.units import NS, G
+from session.detect.stills import Noise
+from session.log.array_reading import read_array
 from session.log.config import Accelerometer
+from session.log.hashes import sha256_of
 from session.log.logfile import read_log
 from tinygc.array.build_model import save_array_model
+from tinygc.array.from_fit import array_model_of, together
 from tinygc.array.model import ArrayModel
 from tinygc.array.place import UnitClock
+from tinygc.array.resample import Resampler
+from tinygc.closure.bias_wander import BiasInstability
 from tinygc.deploy.array.force import fused_force
-from tinygc.deploy.array.resample import Resampler
 
 TOML = """schema = "tinygc-session/1"
 
@@ -43,8 +50,6 @@ def write_array(folder, model: ArrayModel, t_s, raw, force, which="log0001"):
 
 def with_places(found, clocks=None, positions=None):
     """Units with an accelerometer, on clocks, at positions."""
-    from dataclasses import replace
-
     return [
         replace(
             unit,
@@ -95,10 +100,7 @@ def test_a_folder_becomes_one_log_with_the_best_rate_and_the_event(tmp_path):
 def test_units_on_clocks_of_their_own_are_brought_to_the_first_ones(tmp_path):
     """2000 ppm and 7 ms apart: what is left of a motion of 3 Hz is below the noise."""
     clocks = [UnitClock(), UnitClock(0.007, 2e-3, 1.0), UnitClock(-0.013, -1e-3)]
-    from dataclasses import replace
-
     model = model_of([replace(unit, noise_density=np.full(3, 1e-9)) for unit in with_places(units(3), clocks)])
-    model = replace(model, sha256={})
 
     def at(t_s):
         return np.sin(2 * np.pi * np.outer(t_s, [0.7, 1.9, 3.0])) * [2.0, 1.0, 0.5]
@@ -111,9 +113,8 @@ def test_units_on_clocks_of_their_own_are_brought_to_the_first_ones(tmp_path):
     back = np.linalg.inv(model.matrices)
     raw = np.stack([(at(t) - model.offsets[i]) @ back[i].T for i, t in enumerate(t_array)], axis=1)
     write_array(tmp_path / "array", model, t_own, raw, np.ones_like(raw))
-    from session.log.hashes import sha256_of
-
-    model = replace(model, sha256={path.name: sha256_of(path) for path in (tmp_path / "array").glob("log*")})
+    logs = [tmp_path / "array" / f"log0001.unit{i}.csv" for i in range(3)]
+    model = replace(model, units=tuple(replace(unit, sha256=(sha256_of(path),)) for unit, path in zip(model.units, logs, strict=True)))
     save_array_model(replace(model, disagreement=replace(model.disagreement, bias_rps=1e-3)), tmp_path / "array.json")
     samples, table = said(tmp_path / "array", tmp_path / "array.json")
     assert table["clocks"] == "model"
@@ -201,3 +202,42 @@ def test_what_does_not_go_together_is_refused_in_one_line(tmp_path, capsys):
     (tmp_path / "array" / "log0002.unit1.csv").unlink()
     assert "logs of units 0, 2, the model has units 0, 1, 2" in refused(path, tmp_path / "array", "--which", "log0002")
     assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_joint_fit_becomes_a_model_whose_clocks_hold_for_its_own_recording(tmp_path):
+    """Of 24 numbers a unit the first twelve count; the disagreement is learnt from the recording; its logs are known again."""
+    clocks = [UnitClock(), UnitClock(0.004, 1e-4)]
+    found = with_places(units(2), clocks)
+    model = model_of(found)
+    t_array = np.arange(3000) / RATE_HZ
+    raw = measured(model, motion(3000))
+    own = [t_array, (t_array - clocks[1].offset_s) / (1 + clocks[1].rate)]
+    write_array(tmp_path / "array", model, own, raw, np.ones_like(raw))
+    array = read_array(tmp_path / "array")
+    wide, root = 24, np.random.default_rng(4).normal(size=(48, 48))
+    covariance = root @ root.T * 1e-10
+    fitted = [
+        SimpleNamespace(
+            number=i,
+            session=array.units[i],
+            place=unit.place,
+            model=unit.model,
+            accelerometer=Accelerometer(),
+            covariance=covariance[wide * i : wide * (i + 1), wide * i : wide * (i + 1)],
+            noise=Noise(unit.noise_density, np.full(3, 1e-3)),
+            instability=BiasInstability(2e-5, "given"),
+        )
+        for i, unit in enumerate(found)
+    ]
+    made = array_model_of(array, fitted, covariance)
+    assert made.rate_hz == pytest.approx(RATE_HZ)
+    np.testing.assert_array_equal(made.joint_covariance[12:, :12], covariance[24:36, :12])
+    np.testing.assert_array_equal(made.units[1].covariance, covariance[24:36, 24:36])
+    inner = slice(5, -5)
+    together_at = together(array.units, [unit.place for unit in found])
+    np.testing.assert_allclose(together_at[inner], raw[inner], atol=1e-6)  # the stamps of the second unit are whole ns
+    assert made.disagreement.delay_s < 1e-4
+    save_array_model(made, tmp_path / "array.json")
+    _, table = said(tmp_path / "array", tmp_path / "array.json")
+    assert table["clocks"] == "model"
+    assert table["events"] == []

@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,8 +69,6 @@ def test_the_combination_of_clean_readings_is_the_rate():
 def test_turning_the_arrays_frame_turns_the_combination():
     """Symmetry: all mountings turned by one rotation turn the weights and the rate with them."""
     found, turn = units(4, density=[1e-4, 2e-4, 3e-4, 1e-4]), Rotation.from_rotvec([0.3, -0.8, 1.1]).as_matrix()
-    from dataclasses import replace
-
     turned = [replace(unit, place=replace(unit.place, mounting=turn @ unit.place.mounting)) for unit in found]
     one, other, raw = model_of(found), model_of(turned), RNG.normal(size=(10, 4, 3))
     np.testing.assert_allclose(other(raw), one(raw) @ turn.T, atol=1e-12)
@@ -77,8 +76,6 @@ def test_turning_the_arrays_frame_turns_the_combination():
 
 
 def test_weights_are_best_for_what_is_greater_over_a_turn():
-    from dataclasses import replace
-
     quiet_slow = [replace(unit, bias_instability=np.full(3, 1e-6 * (1 + i))) for i, unit in enumerate(units(3))]
     noisy_slow = [replace(unit, bias_instability=np.full(3, 1e-3 * (1 + i))) for i, unit in enumerate(units(3))]
     white, slow = model_of(quiet_slow), model_of(noisy_slow)
@@ -139,7 +136,8 @@ def test_disagreement_is_found_as_it_was_put_in():
 
 
 def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
-    model = model_of(units(3), correlation=np.eye(9), joint_covariance=np.eye(36) * 1e-8, session="a\nb", sha256={"log.csv": "00"})
+    found = [replace(unit, sha256=("00", "01")) for unit in units(3)]
+    model = model_of(found, correlation=np.eye(9), joint_covariance=np.eye(36) * 1e-8, session="a\nb")
     save_array_model(model, tmp_path / "array.json")
     again = load_array_model(tmp_path / "array.json")
     assert to_table(again) == to_table(model)

@@ -30,7 +30,6 @@ def build_array_model(
     measured: np.ndarray | None = None,
     averaging_s: float = AVERAGING_S,
     session: str = "",
-    sha256: dict[str, str] | None = None,
 ) -> ArrayModel:
     """The model of units whose parameters, places and noise are known; rate_hz: samples a second of the array.
 
@@ -63,9 +62,7 @@ def build_array_model(
         words = {WHITE: "white noise", INSTABILITY: "bias instability"}[best_for]
         reason = f"over {averaging_s:g} s white noise leaves {parts[0]:.2g} dps, bias instability {parts[1]:.2g} dps: best for {words}"
         weights = weights if best_for == WHITE else slow
-    model = ArrayModel(
-        units, weights, float(rate_hz), best_for, reason + remark, correlation, Disagreement(), joint_covariance, session, sha256 or {}
-    )
+    model = ArrayModel(units, weights, float(rate_hz), best_for, reason + remark, correlation, Disagreement(), joint_covariance, session)
     return model if measured is None else replace(model, disagreement=disagreement(model, measured))
 
 

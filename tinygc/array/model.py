@@ -26,7 +26,8 @@ WHITE, INSTABILITY = "white", "instability"
 class FusedUnit:
     """One unit: place (number, clock, mounting, position); model, omega = E m + B in its own body frame; sensor; accelerometer, None where
     nobody has calibrated it; noise_density (3,) rad/s/sqrt(Hz), one-sided, of its own axes; bias_instability (3,) rad/s, None where it
-    is not known; covariance (12, 12) of E row by row, then B, rad/s, None where it is not known; accel_noise_density m/s^2/sqrt(Hz)."""
+    is not known; covariance (12, 12) of E row by row, then B, rad/s, None where it is not known; accel_noise_density m/s^2/sqrt(Hz);
+    sha256 of the logs that it was fitted to."""
 
     place: UnitPlace
     model: LinearModel
@@ -36,6 +37,7 @@ class FusedUnit:
     sensor: Sensor | None = None
     accelerometer: Accelerometer | None = None
     accel_noise_density: float | None = None
+    sha256: tuple[str, ...] = ()
 
     @property
     def number(self) -> int:
@@ -76,7 +78,7 @@ class Disagreement:
 class ArrayModel:
     """units; weights (N, 3, 3); rate_hz of the samples; best_for, ``white`` or ``instability``, and the reason; correlation (3 N, 3 N) of
     the units' white noise in the array's frame, None where it is independent; disagreement; joint_covariance (12 N, 12 N) of all units'
-    E and B, None where the units' own stand alone; session it comes from, and SHA-256 of its files."""
+    E and B, None where the units' own stand alone; session it comes from."""
 
     units: tuple[FusedUnit, ...]
     weights: np.ndarray
@@ -87,7 +89,6 @@ class ArrayModel:
     disagreement: Disagreement = field(default_factory=Disagreement)
     joint_covariance: np.ndarray | None = None
     session: str = ""
-    sha256: dict[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.units)

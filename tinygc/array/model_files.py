@@ -10,7 +10,7 @@ import numpy as np
 from session.common.errors import FormatError
 from session.common.version import VERSION
 from session.files.results import read_json
-from session.files.shapes import Array, Keys, ListOf, MapOf, Maybe, Number, Text, require, shown
+from session.files.shapes import Array, Keys, ListOf, Maybe, Number, Text, require, shown
 from session.log.config import Sensor
 from tinygc.array.model import EQUATION, INSTABILITY, WHITE, ArrayModel, Disagreement, FusedUnit
 from tinygc.array.place import UnitClock, UnitPlace
@@ -65,6 +65,7 @@ _UNIT = Keys(
         "covariance": Maybe(Array((12, 12), sound=covariance)),
         "accel_noise_density_mps2_rthz": Maybe(Number(0, above=True)),
         "sensor": Maybe(_SENSOR),
+        "sha256": ListOf(Text()),
     },
 )
 SHAPE = Keys(
@@ -72,7 +73,6 @@ SHAPE = Keys(
     {
         "reason": Text(),
         "session": Text(),
-        "sha256": MapOf(Text()),
         "version": Text(),
         "noise_correlation": Maybe(Array((None, None), Number(-1 - ROUNDING, 1 + ROUNDING), _correlation)),
         "joint_covariance": Maybe(COVARIANCE),
@@ -90,7 +90,6 @@ def to_table(model: ArrayModel) -> dict:
         "equation": EQUATION,
         "rates": UNITS,
         "session": model.session,
-        "sha256": model.sha256,
         "rate_hz": model.rate_hz,
         "best_for": model.best_for,
         "reason": model.reason,
@@ -136,6 +135,7 @@ def _unit_table(unit: FusedUnit, weights: np.ndarray) -> dict:
         "bias_instability_rps": _listed(unit.bias_instability),
         "accel_noise_density_mps2_rthz": unit.accel_noise_density,
         "weights": weights.tolist(),
+        "sha256": list(unit.sha256),
     }
     table["sensor"] = None if unit.sensor is None else sensor_table(unit.sensor)
     table["accelerometer"] = None if unit.accelerometer is None else accelerometer_table(unit.accelerometer)
@@ -185,7 +185,6 @@ def from_table(table: Any, where: str = "array model") -> ArrayModel:
         Disagreement(**{key: float(value) for key, value in table["disagreement"].items()}) if "disagreement" in table else Disagreement(),
         _array(table.get("joint_covariance")),
         table.get("session", ""),
-        table.get("sha256", {}),
     )
     if not divisible(weights, model.best_covariance):
         raise FormatError(f"{where}: a unit's weights are not positive, so that they cannot be shared out when a unit is out; fit again")
@@ -218,6 +217,7 @@ def _unit(entry: dict, where: str) -> FusedUnit:
         _sensor(entry.get("sensor")),
         accelerometer_of(entry, where),
         entry.get("accel_noise_density_mps2_rthz"),
+        tuple(entry.get("sha256", ())),
     )
 
 

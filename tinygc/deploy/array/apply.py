@@ -15,7 +15,7 @@ from session.dialects.layout import Answers
 from session.files.fixed_point import rows
 from session.log.array_logs import array_log_paths
 from session.log.array_reading import read_array
-from session.log.hashes import file_key, sha256_of
+from session.log.hashes import sha256_of
 from tinygc.array.model import ArrayModel
 from tinygc.array.model_files import load_array_model
 from tinygc.array.place import UnitClock
@@ -139,8 +139,7 @@ def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path]) -> tuple[tu
     own = tuple(unit.place.clock for unit in model.units)
     if all(clock.offset_s == 0 and clock.rate == 0 for clock in own):
         return own, "same"
-    known = set(model.sha256.values())
-    if all(sha256_of(path) in known for path in paths.values()):
+    if all(unit.number in paths and sha256_of(paths[unit.number]) in unit.sha256 for unit in model.units):
         return own, "model"
     found = dict(zip((array := read_array(folder)).numbers, clock_fits(array), strict=True))
     return tuple(found[number].clock for number in model.numbers if number in found), "found"
@@ -186,8 +185,3 @@ def _change(t_ns: np.ndarray, rate: np.ndarray, before: tuple[np.ndarray, np.nda
     low, high = np.maximum(at - 1, 0), np.minimum(at + 1, len(at) - 1)
     change = (rate[high] - rate[low]) / ((t_ns[high] - t_ns[low]) * 1e-9)[:, None]
     return change if before is None else change[1:]
-
-
-def provenance(paths: dict[int, Path]) -> dict[str, str]:
-    """SHA-256 of each unit's log by its file's name, as an array's model holds them."""
-    return {file_key(path): sha256_of(path) for path in paths.values()}

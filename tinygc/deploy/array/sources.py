@@ -15,8 +15,8 @@ from session.dialects.reader import Reader
 from session.log.logfile import already_calibrated
 from tinygc.array.model import ArrayModel, FusedUnit
 from tinygc.array.place import UnitClock
+from tinygc.array.resample import Resampler
 from tinygc.deploy.apply import Applicable, Source
-from tinygc.deploy.array.resample import Resampler
 from tinygc.deploy.surroundings import Surroundings
 from tinygc.models.accelerometer import KnownSensor
 

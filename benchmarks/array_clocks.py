@@ -29,6 +29,8 @@ from tinygc.array.turn_differences import TurnDifferences, turn_differences
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"
+#: s of each still that a fit integrates with a turn of theirs
+STILL_S = 2.0
 SETS = {"mikov": mikov.write_array, "mimu": mimu.write_array}
 KHZ = 1000.0
 
@@ -69,12 +71,23 @@ def real(arrays: list[ArraySession]) -> None:
             sigma = np.sqrt(np.diag(place.mounting_covariance)).max() / DEG
             mountings.append((array.name, str(number), *(f"{angle:.3f}" for angle in turned), f"{sigma:.3f}"))
         ages_rows += [(array.name, *_age_row(each)) for each in ages]
-        turns_rows.append(_turns_row(array, turn_differences(array, fits), turn_differences(array, fits, ages), ages))
+        as_fitted = turn_differences(array, fits, beside_s=STILL_S, one_zero=True)
+        turns_rows.append(_turns_row(array, as_fitted, turn_differences(array, fits), turn_differences(array, fits, ages)))
     progress("")
     print(markdown(("array", "unit", "offset, ms", "rate, ppm (positive: slow)", "agreement", "left, dps rms"), clocks), end="\n\n")
     print(markdown(("array", "unit", "mounting x, °", "y, °", "z, °", "largest sigma, °"), mountings), end="\n\n")
     print(markdown(("array", "unit", "beat, Hz", "sigma", "period, ms", "left, ms", "p", "gain, nats"), ages_rows), end="\n\n")
-    head = ("array", "turns", "unit minus mean, ° rms", "ages taken off", "white noise", "median turn", "ages taken off", "largest turn")
+    head = (
+        "array",
+        "turns",
+        "as a fit has it, ° rms",
+        "the turn alone",
+        "ages taken off",
+        "white noise",
+        "median turn",
+        "ages taken off",
+        "largest",
+    )
     print(markdown(head, turns_rows))
 
 
@@ -93,23 +106,16 @@ def _age_row(ages: SampleAges) -> tuple[str, ...]:
     )
 
 
-def _turns_row(array: ArraySession, before: TurnDifferences, after: TurnDifferences, ages: tuple[SampleAges, ...]) -> tuple[str, ...]:
+def _turns_row(array: ArraySession, as_fitted: TurnDifferences, before: TurnDifferences, after: TurnDifferences) -> tuple[str, ...]:
     def by_turn(found: TurnDifferences) -> np.ndarray:
         return np.asarray(np.sqrt(np.square(found.rotation).sum(axis=2).mean(axis=0)) / DEG)
 
     def rms(values: np.ndarray) -> str:
         return f"{np.sqrt(np.mean(np.square(values))):.4f}"
 
-    taken = any(each.found for each in ages)
-    one, two = by_turn(before), by_turn(after)
-    figures = (
-        rms(one),
-        rms(two) if taken else "–",
-        rms(before.white / DEG),
-        f"{np.median(one):.4f}",
-        f"{np.median(two):.4f}" if taken else "–",
-    )
-    return array.name, str(len(one)), *figures, f"{one.max():.3f}"
+    whole, one, two = by_turn(as_fitted), by_turn(before), by_turn(after)
+    figures = rms(whole), rms(one), rms(two), rms(before.white / DEG), f"{np.median(one):.4f}", f"{np.median(two):.4f}", f"{one.max():.3f}"
+    return array.name, str(len(one)), *figures
 
 
 def strangers(arrays: list[ArraySession]) -> None:

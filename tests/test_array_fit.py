@@ -16,6 +16,7 @@ from session.log.config import LeftOut
 from session.public import mikov, mimu
 from tinygc.array.fit import fit_array
 from tinygc.array.fit_json import array_to_json, unit_model
+from tinygc.array.model_files import load_array_model
 from tinygc.array.state import MOUNTING
 from tinygc.array.system import System
 from tinygc.simulation.array.options import ArrayOptions
@@ -178,6 +179,9 @@ def test_the_command_prints_saves_and_keeps_to_the_page(made, tmp_path, capsys):
     assert written["schema"] == "tinygc-array-fit/1"
     assert not strangers(written)
     assert written == json.loads(json.dumps(array_to_json(fit)))
+    fused = load_array_model(out / "model_array.json")
+    assert fused.numbers == (0, 1, 2)
+    assert np.allclose(fused.joint_covariance[:12, :12], fit.units[0].covariance[:12, :12])
     for unit in written["units"]:
         model = json.loads((out / unit["model"]).read_text(encoding="utf-8"))
         assert model["kind"] == "linear"

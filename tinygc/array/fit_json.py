@@ -14,8 +14,10 @@ from session.files.results import write_whole
 from session.files.writing import result_folder
 from session.log.hashes import input_hashes
 from tinygc import models
+from tinygc.array.build_model import save_array_model
 from tinygc.array.events import ArrayEvent
 from tinygc.array.fit import ArrayFit, UnitFit
+from tinygc.array.from_fit import array_model_of
 from tinygc.array.place import UnitPlace
 from tinygc.array.split import Split
 from tinygc.fitting.figures import run_figures
@@ -24,6 +26,8 @@ from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 
 SCHEMA = "tinygc-array-fit/1"
 NAME = "array.json"
+#: all units as one gyroscope
+FUSED = "model_array.json"
 MODEL = "model_least_squares.json"
 
 
@@ -169,9 +173,9 @@ def unit_table(fit: ArrayFit, unit: UnitFit) -> dict:
 
 
 def save_array(fit: ArrayFit, folder: Path | None = None) -> Path:
-    """``array.json``, and of each unit ``unit3/model_least_squares.json``, into a folder, ``fit`` in the array's; returns it.
+    """``array.json``, ``model_array.json``, and of each unit ``unit3/model_least_squares.json``, into a folder; returns it.
 
-    CalibrationError where the array was never a folder and none is given.
+    Without one it is ``fit`` in the array's.  CalibrationError where the array was never a folder and none is given.
     """
     if folder is None and not fit.array.folder.is_dir():
         raise CalibrationError(f"{fit.array.name}: made of arrays, it has no folder of its own; give one to save to")
@@ -180,5 +184,6 @@ def save_array(fit: ArrayFit, folder: Path | None = None) -> Path:
         for unit in fit.units:
             with result_folder(folder / f"unit{unit.number}"):
                 write_whole(folder / f"unit{unit.number}" / MODEL, unit_table(fit, unit))
+        save_array_model(array_model_of(fit.array, fit.units, fit.covariance), folder / FUSED)
         write_whole(folder / NAME, array_to_json(fit))
     return folder

@@ -51,8 +51,19 @@ class TurnDifferences:
         return np.asarray(np.sqrt(np.square(self.rotation).sum(axis=2).mean(axis=1)))
 
 
-def turn_differences(array: ArraySession, fits: Sequence[ClockFit], ages: Sequence[SampleAges] | None = None) -> TurnDifferences:
-    """ages: taken off the stamps, where they are given; the linear maps of all units onto the mean are those of all their readings."""
+def turn_differences(
+    array: ArraySession,
+    fits: Sequence[ClockFit],
+    ages: Sequence[SampleAges] | None = None,
+    *,
+    beside_s: float = BESIDE_S,
+    one_zero: bool = False,
+) -> TurnDifferences:
+    """ages: taken off the stamps, where they are given; the linear maps of all units onto the mean are those of all their readings.
+
+    beside_s: s of the stills on both sides that are integrated with the turn; one_zero: one zero rate for the whole recording, as a fit
+    has it, and not that of the stills next to each turn.
+    """
     rates = [session_rates(unit) for unit in array.units]
     motion = SharedMotion(rates, fits)
     if ages is not None:
@@ -62,14 +73,17 @@ def turn_differences(array: ArraySession, fits: Sequence[ClockFit], ages: Sequen
     turns = _turns(array, rates)
     zeros = [[_zeros(motion.moved[unit][turn[0]], turn) for turn in turns] for unit in range(len(array))]
     kept = [k for k in range(len(turns)) if all(unit[k] is not None for unit in zeros)]
+    if one_zero and kept:
+        means = [np.mean([zero for zero in unit if zero is not None], axis=(0, 1)) for unit in zeros]
+        zeros = [[np.tile(mean, (2, 1)) for _ in turns] for mean in means]
     rotation, white = np.zeros((len(array), len(kept), 3)), np.zeros((len(array), len(kept)))
     for place, k in enumerate(kept):
-        number, before, begin, end, _ = turns[k]
+        number = turns[k][0]
         ends = []
         for unit in range(len(array)):
             mine, zero = motion.moved[unit][number], zeros[unit][k]
             assert zero is not None
-            q, white[unit, place] = _turned(mine, motion.maps[unit], zero, (before, begin, end))
+            q, white[unit, place] = _turned(mine, motion.maps[unit], zero, turns[k][1:], beside_s)
             ends.append(q)
         mean = Rotation.from_quat(np.array(ends)[:, [1, 2, 3, 0]]).mean().as_quat()[[3, 0, 1, 2]]
         rotation[:, place] = log(multiply(np.array(ends), conjugate(mean)[None]))
@@ -107,10 +121,13 @@ def _zeros(rates: Rates, turn: tuple[int, float, float, float, float]) -> np.nda
     return np.array([rates.rate[side].mean(axis=0) for side in sides])
 
 
-def _turned(rates: Rates, to_first: np.ndarray, zero: np.ndarray, turn: tuple[float, float, float]) -> tuple[np.ndarray, float]:
+def _turned(
+    rates: Rates, to_first: np.ndarray, zero: np.ndarray, turn: tuple[float, float, float, float], beside_s: float
+) -> tuple[np.ndarray, float]:
     """Quaternion of a turn's rotation, and the length, rad rms, of what white noise does to it; turn: begins of the still before, of the
-    turn, of the still after."""
-    before, begin, end = turn[0], turn[1] - BESIDE_S, turn[2] + BESIDE_S
+    turn, of the still after, and its end."""
+    before, after = turn[0], turn[3]
+    begin, end = max(before, turn[1] - beside_s), min(after, turn[2] + beside_s)
     rows = np.flatnonzero((rates.t_s > begin) & (rates.t_s < end))
     t_s = rates.t_s[rows]
     bias = zero[0] + (zero[1] - zero[0]) * ((t_s - begin) / (end - begin))[:, None]

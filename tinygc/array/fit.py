@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from session.accelerometer.parameters import after
 from session.checks.findings import Finding
 from session.detect.stills import Noise
 from session.log.array_session import ArraySession
@@ -25,14 +24,15 @@ from tinygc.array.position import positions
 from tinygc.array.same_stills import SameStills, same_stills
 from tinygc.array.split import Split, split_of
 from tinygc.array.state import MOUNTING
-from tinygc.array.unit_rows import accelerometer_before
+from tinygc.array.unit_rows import accelerometer_after
 from tinygc.array.units import ArrayUnit, LeftOutUnit, prepare_units
 from tinygc.closure.bias_wander import BiasInstability
+from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.residual import closure_angles
 from tinygc.explanation.noise.undersampling import undersampling
 from tinygc.explanation.twin.twin import Twin
 from tinygc.fitting.bias_choice import BETTER_P, less_by_chance
-from tinygc.models.linear import PARAMETERS, LinearModel
+from tinygc.models.linear import NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.problem.closure_run import ClosureRun, read_closure_runs
 
 if TYPE_CHECKING:
@@ -75,6 +75,11 @@ class UnitFit:
     def sigma(self) -> np.ndarray:
         """(12,) of the model's numbers."""
         return np.sqrt(np.diag(self.covariance))[:PARAMETERS]
+
+    @property
+    def unobserved(self) -> tuple[str, ...]:
+        """Names of the model's numbers that neither this unit's turns nor the others tell."""
+        return tuple(name for name, s, prior in zip(NAMES, self.sigma, PRIOR_SIGMA, strict=True) if s > OBSERVED_BELOW * prior)
 
     @property
     def sigma_alone(self) -> np.ndarray:
@@ -168,7 +173,7 @@ def fit_array(
                 session=recorded[unit.number],
                 place=place,
                 model=joint.models[i],
-                accelerometer=after(joint.state.accelerometers[i], accelerometer_before(unit), "stills"),
+                accelerometer=accelerometer_after(unit, joint.state.accelerometers[i]),
                 covariance=block,
                 alone=alone,
                 covariance_alone=apart,

@@ -108,6 +108,7 @@ def _unit(unit: UnitFit) -> dict:
         "B_sigma_dps": (unit.sigma[BIAS] / DEG).tolist(),
         "E_sigma_alone": unit.sigma_alone[MATRIX].reshape(3, 3).tolist(),
         "B_sigma_alone_dps": (unit.sigma_alone[BIAS] / DEG).tolist(),
+        "unobserved": list(unit.unobserved),
         "closure_runs": [
             {"file": run.file, "duration_s": run.duration_s, "rmse_deg": run_figures(error)["rmse_deg"]} for run, error in unit.runs
         ],
@@ -168,7 +169,7 @@ def unit_table(fit: ArrayFit, unit: UnitFit) -> dict:
         sensor=sensor_table(unit.session.config.sensor),
         accelerometer=accelerometer_table(unit.accelerometer),
         covariance=(unit.covariance[:PARAMETERS, :PARAMETERS] * pace**2).tolist(),
-        unobserved=[],
+        unobserved=list(unit.unobserved),
     )
 
 

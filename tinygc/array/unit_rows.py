@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.accelerometer.parameters import IDENTITY, PARAMETERS
+from session.accelerometer.parameters import IDENTITY, PARAMETERS, after
 from session.common.units import MG
 from session.log.config import Accelerometer
 from tinygc import closure
@@ -101,6 +101,12 @@ def force_problem(unit: ArrayUnit) -> Problem:
 def accelerometer_before(unit: ArrayUnit) -> Accelerometer:
     """The calibration that those forces are under."""
     return force_problem(unit).session.config.accelerometer
+
+
+def accelerometer_after(unit: ArrayUnit, x: np.ndarray) -> Accelerometer:
+    """What a correction x (9,) makes of it; the same where it is taken as given."""
+    before, joint = accelerometer_before(unit), unit.problem.joint
+    return before if joint is None else after(x, before, "stills" if joint.mode == "fit" else "prior")
 
 
 def _spread(unit: ArrayUnit) -> np.ndarray:

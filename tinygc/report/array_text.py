@@ -24,6 +24,7 @@ def array_page(fit: ArrayFit) -> Group:
     for unit in fit.units:
         runs = ", ".join(f"{run.file} {run_figures(error)['rmse_deg']:.4f}°" for run, error in unit.runs)
         parts += [one_line(f"Closure runs of unit {unit.number}, rms error at the return: {runs}.")] if runs else []
+        parts += [one_line(f"Unit {unit.number}: not observed: {', '.join(unit.unobserved)}.", "yellow")] if unit.unobserved else []
     if fit.ages:
         ages = ", ".join(f"unit {each.number} ({each.beat_hz:.3g} Hz)" for each in fit.ages)
         parts.append(one_line(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected."))

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from session.common.errors import CalibrationError
 from session.log.array_reading import read_array
+from session.log.array_session import ArraySession
 from session.public.__main__ import main as public
 from tinygc.array.clocks import fit_clock, interpolated_variance
 from tinygc.array.correlation import rough_clock
@@ -58,7 +59,7 @@ def test_a_clock_is_recovered_within_its_sigmas_whatever_the_mounting(body):
 def test_interpolated_noise_pulls_no_clock(body):
     """Between two readings an interpolated one is quieter; least squares without its correction would move a clock there."""
     found = []
-    for seed in range(30):
+    for seed in range(20):
         first, unit = Unit(noise_dps=2.0), Unit(noise_dps=2.0, offset_s=0.0025)  # a quarter of a period, all along
         clock = fit_clock([read(body, first, 500 + 2 * seed)], [read(body, unit, 501 + 2 * seed)]).clock
         found.append((clock.offset_s - 0.0025 - 0.0) / clock.offset_sigma_s)
@@ -130,6 +131,28 @@ def test_a_dead_unit_and_a_mirrored_one_are_named(body):
         clock_fits(array_of(body, [Unit(), dead]))
     with pytest.raises(CalibrationError, match=r"unit 1 has mirrored axes"):
         clock_fits(array_of(body, [Unit(), Unit(gyro=np.diag([1.0, 1.0, -1.0]))]))
+
+
+def in_two_logs(array: ArraySession, again_s: float) -> ArraySession:
+    """Each unit's log cut in two; the clock of the second unit set by so much between them."""
+    units = []
+    for number, unit in enumerate(array.units):
+        samples = unit.logs[0].samples
+        middle = len(samples) // 2
+        parts = [samples.between(0, middle), samples.between(middle, len(samples))]
+        parts[1] = replace(parts[1], t_ns=parts[1].t_ns + int(number * again_s * 1e9))
+        units.append(replace(unit, logs=tuple(replace(unit.logs[0], samples=part) for part in parts)))
+    return replace(array, units=tuple(units))
+
+
+def test_one_clock_runs_through_all_logs(body):
+    array = array_of(body, [any_unit(1), any_unit(2, offset_s=0.7, rate=0.004)])
+    whole, parts = (clock_fits(each)[1].clock for each in (array, in_two_logs(array, 0.0)))
+    at = np.array([parts.about_s])
+    assert parts.array_time(at) == pytest.approx(whole.array_time(at), abs=5 * whole.offset_sigma_s)
+    assert parts.rate == pytest.approx(whole.rate, abs=5 * whole.rate_sigma)
+    with pytest.raises(CalibrationError, match=r"unit 1: its clock was set anew between two logs: .* give each log an array's folder"):
+        clock_fits(in_two_logs(array, 3.0))
 
 
 def test_the_clocks_of_mikov(shared, tmp_path):

@@ -1,16 +1,19 @@
 """Arrays as files: what is read, and the one line that says what is wrong with one that cannot be."""
 
 import gzip
+import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import calibrate
 from session.common.errors import CalibrationError, DataError, FormatError
 from session.log.array_reading import is_array, read_array
 from session.log.folder import read_session
 from session.public.__main__ import main as public
+from tinygc.fitting.listing import list_sessions
 from tinygc.library.check import check
 
 TOML = """schema = "tinygc-session/1"
@@ -256,3 +259,24 @@ def test_what_is_no_array_in_the_public_sets(shared, capsys):
     assert "--array: xsens is no array; expected mikov or mimu" in capsys.readouterr().err
     assert public(["mimu", str(shared / "mimu"), "--array", "--accelerometer", "stills"]) == 2
     assert "leave one of the two out" in capsys.readouterr().err
+
+
+def test_check_and_list_take_an_array(shared, tmp_path, capsys):
+    public(["mikov", str(shared / "mikov"), "--array", "--out", str(tmp_path)])
+    capsys.readouterr()
+    assert calibrate.main(["check", str(tmp_path / "mikov"), "--json", str(tmp_path / "check.json")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(": ")[0] for line in lines if line.startswith("unit ")] == ["unit 0", "unit 2", "unit 4"]
+    found = json.loads((tmp_path / "check.json").read_text(encoding="utf-8"))["findings"]
+    said = {finding["where"]: finding["says"] for finding in found if finding["what"] == "one body"}
+    assert list(said) == ["unit 2", "unit 4"]
+    assert "ppm slow" in said["unit 2"]
+    assert calibrate.main(["list", str(tmp_path), "--json", str(tmp_path / "list.json")]) == 0
+    assert "3 × MPU-9150" in capsys.readouterr().out
+    (listed,) = json.loads((tmp_path / "list.json").read_text(encoding="utf-8"))["sessions"]
+    assert (listed["units"], listed["logs"], listed["closures"], listed["problem"]) == (3, 1, 0, None)
+
+
+def test_an_array_whose_logs_name_units_is_listed(named):
+    (listed,) = list_sessions(named)
+    assert (listed.units, listed.logs, listed.closures, listed.model, listed.problem) == (3, 2, 1, "MPU-9150", None)

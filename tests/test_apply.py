@@ -192,12 +192,12 @@ def test_a_full_disk_leaves_no_output(folder, tmp_path, capsys):
         pytest.skip("no /dev/full here")
     import tinygc.deploy.apply as module
 
-    opened = module._open
+    opened = module.opened
     try:
-        module._open = lambda out: open("/dev/full", "wb")  # noqa: SIM115
+        module.opened = lambda out: open("/dev/full", "wb")  # noqa: SIM115
         assert run(tmp_path, tmp_path / "linear.json", folder / "log0001.csv", "-o", tmp_path / "out.csv") == 2
     finally:
-        module._open = opened
+        module.opened = opened
     assert "No space left" in capsys.readouterr().err
     assert not (tmp_path / "out.csv").exists()
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from session.common.errors import DataError, FormatError
-from session.common.units import DEG
+from session.common.units import DEG, NS
 from session.dialects.layout import Answers
 from session.files.fixed_point import rows
 from session.log.array_logs import array_log_paths
@@ -82,7 +82,7 @@ def apply_array(
             found = live(part.rate)
             begins = int(part.t_ns[0]) if begins is None else begins
             for event in found.events:
-                events.append((float(part.t_ns[event.sample - before] - begins) * 1e-9, event))
+                events.append((float(part.t_ns[event.sample - before] - begins) * NS, event))
             before += len(part.t_ns)
             counts["at_end"] += int(np.isinf(found.sigma).any(axis=1).sum())
             yield part.t_ns, found.rate, part.force, found.used
@@ -183,5 +183,5 @@ def _change(t_ns: np.ndarray, rate: np.ndarray, before: tuple[np.ndarray, np.nda
         return np.zeros_like(rate)
     at = np.arange(len(t_ns))
     low, high = np.maximum(at - 1, 0), np.minimum(at + 1, len(at) - 1)
-    change = (rate[high] - rate[low]) / ((t_ns[high] - t_ns[low]) * 1e-9)[:, None]
+    change = (rate[high] - rate[low]) / ((t_ns[high] - t_ns[low]) * NS)[:, None]
     return change if before is None else change[1:]

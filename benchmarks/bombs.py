@@ -172,7 +172,7 @@ BOMBS = [
 #: place of a bomb, up to its number -> commands that read it; {S} session folder, {B} the bomb, {M} a good model, {L} a good log, {O} new
 SESSION_READERS = [
     "check {S}", "fit {S} --methods least_squares", "explain {S}", "report {S} --methods least_squares", "plan {S}",
-    "accelerometer {S} --out {O}", "board {S} --link {O}", "challenge --on {S} --out {O}",
+    "accelerometer {S} --out {O}", "fleet {S} --out {O} --jobs 1", "board {S} --link {O}", "challenge --on {S} --out {O}",
 ]  # fmt: skip
 READERS = {
     "log": [*SESSION_READERS, "replay {B} --out {O} --gyro-fs 500 --accel-fs 4", "apply {M} {B} -o {O}"],
@@ -183,7 +183,7 @@ READERS = {
         *SESSION_READERS, "replay {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S} --to json",
         "record --port {O} --like {S} --out {O}", "list {S}",
     ],
-    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}"],
+    "model": ["apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "lot {S} --limits {B} --out {O}"],
     "raw": ["replay {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],
 }  # fmt: skip
 

@@ -48,6 +48,7 @@ STANDS_FOR = {
     "<parameter>": lambda word: word in PARAMETERS,
     "<option>": lambda word: word in OPTIONS,
     "<case>": lambda word: re.fullmatch(r"case\d+", word),
+    "<quantity>": lambda word: re.fullmatch(r"(gyro|accel)_\w+_(ppm|mrad|mdps|mg)", word),
     "<length>": lambda word: re.fullmatch(r"\d+(\.\d+)?", word),
 }
 

@@ -100,7 +100,7 @@ def test_every_path_of_every_command_says_whether_it_is_read_or_written():
     assert {name for name, option in outputs(file_written) if option == "--json"} == set(COMMANDS)
     assert set(outputs(file_written, log_written)) > {("report", "--out"), ("apply", "--out"), ("board", "--config"), ("board", "--link")}
     assert {name for name, _ in outputs(folder_written)} == {
-        "record", "replay", "accelerometer", "fit", "explain", "export", "challenge", "simulate"
+        "record", "replay", "accelerometer", "fit", "explain", "export", "challenge", "simulate", "fleet"
     }  # fmt: skip
     for command in command_parsers().values():
         assert isinstance(command.get_default("paths"), Paths)

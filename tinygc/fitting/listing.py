@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -83,7 +83,7 @@ def _listed(folder: Path) -> ListedSession:
         logs, closures = log_paths(folder, "log"), log_paths(folder, "closure")
         rests = log_paths(folder, "rest")
         known |= {"logs": len(logs) + len(rests), "closures": len(closures)}
-        known["date"], known["date_from"] = _date(folder, config, [*logs, *closures, *rests])
+        known["date"], known["date_from"] = date_of(folder, config, [*logs, *closures, *rests])
         if not (logs or rests):
             known["problem"] = "no log*.csv: nothing was recorded, or it lies elsewhere"
         known |= _fitted(folder / "fit" / "fit.json")
@@ -100,7 +100,7 @@ def _array(folder: Path, units: int) -> dict[str, Any]:
     first = folder / listed[0] if listed else folder
     config = read_config(first / "session.toml")
     logs, closures = ([path for path in log_paths(first, stem)] for stem in ("log", "closure"))
-    date, source = _date(folder, config, [*logs, *closures])
+    date, source = date_of(folder, config, [*logs, *closures])
     counts = [len(paths) if listed else len({found[0] for found in map(unit_of, paths) if found}) for paths in (logs, closures)]
     serial = None if listed else config.sensor.serial or None
     known = {"model": config.sensor.model, "serial": serial, "date": date, "date_from": source, "units": units}
@@ -126,8 +126,9 @@ def _fitted(path: Path) -> dict[str, Any]:
     }
 
 
-def _date(folder: Path, config: Config, logs: list[Path]) -> tuple[str | None, str | None]:
-    """When the port was first opened; else what the notes say; else when the oldest log was last written."""
+def date_of(folder: Path, config: Config, logs: Sequence[Path] = ()) -> tuple[str | None, str | None]:
+    """When a session was recorded, and who says so: when the port was first opened; else what the notes say; else when the oldest of these
+    logs was last written."""
     times = folder / "raw.times"
     if times.exists():
         with open_file(times) as file:

@@ -1,4 +1,5 @@
 """Results for people: the terminal's tables, the HTML report, the comparison.
 
-May import: session, attitude, effects, models, closure, problem, methods, explanation, fitting, temperature, plan, deploy, array, lot.
+May import: session, attitude, effects, models, closure, problem, methods, explanation, fitting, temperature, plan, deploy, array, lot,
+fleet.
 """

@@ -22,6 +22,8 @@ COMMANDS = (
     "apply",
     "export",
     "compare",
+    "fleet",
+    "lot",
     "challenge",
     "simulate",
     "completion",

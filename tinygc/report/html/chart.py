@@ -164,11 +164,11 @@ class Chart:
                 continue
             last = a
             self._parts.append(f'<path class="grid" d="M{_px(a)} {self.top}V{_px(bottom)}"/>')
-            self._parts.append(f'<text class="tick" x="{_px(a)}" y="{_px(bottom + 16)}" text-anchor="middle">{escape(text)}</text>')
+            self._parts.append(f'<text class="tick" x="{_px(a)}" y="{_px(bottom + 16)}" text-anchor="middle">{_tick(text)}</text>')
         for value, text in self.y.marks(self.inner_height * 1.4):
             _, (b,) = self.at([self.x.lo], [value])
             self._parts.append(f'<path class="grid" d="M{self.left} {_px(b)}H{_px(right)}"/>')
-            self._parts.append(f'<text class="tick" x="{self.left - 8}" y="{_px(b + 4)}" text-anchor="end">{escape(text)}</text>')
+            self._parts.append(f'<text class="tick" x="{self.left - 8}" y="{_px(b + 4)}" text-anchor="end">{_tick(text)}</text>')
         self._parts.append(f'<path class="axis" d="M{self.left} {_px(bottom)}H{_px(right)}"/>')
         if self.x.label:
             middle = self.left + self.inner_width / 2
@@ -185,6 +185,11 @@ def drawing(width: float, height: float, about: str, inside: str) -> str:
         f'<svg viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}" role="img" aria-label="{escape(about)}">'
         f"<title>{escape(about)}</title>{inside}</svg>"
     )
+
+
+def _tick(text: str) -> str:
+    """Escaped; the thin space between thousands is ours."""
+    return "\u202f".join(map(escape, text.split("\u202f")))
 
 
 def _px(value: float) -> str:

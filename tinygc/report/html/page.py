@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from session.files.results import write_text_whole
@@ -18,16 +19,20 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 def page(evidence: Evidence) -> str:
     """The report as one HTML document."""
     sections = [made for section in SECTIONS if (made := section(evidence)) is not None]
-    name = escape(evidence.fit.session.name)
+    return document(f"Calibration report: {evidence.fit.session.name}", _head(evidence), sections, _foot(evidence))
+
+
+def document(title: str, head: str, sections: Sequence[Section], foot: str) -> str:
+    """A page of sections with a list of contents; head and foot are HTML, title is text."""
     contents = "".join(f'<li><a href="#{section.id}">{section.title}</a></li>' for section in sections)
     return (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
         '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'
-        f"<title>Calibration report: {name}</title><style>{style_sheet()}</style></head>"
+        f"<title>{escape(title)}</title><style>{style_sheet()}</style></head>"
         f'<body><div class="sheet"><nav aria-label="Contents"><ol>{contents}</ol></nav>'
-        f"<main>{_head(evidence)}{''.join(map(_section, sections))}{_foot(evidence)}</main></div></body></html>\n"
+        f"<main>{head}{''.join(map(_section, sections))}{foot}</main></div></body></html>\n"
     )
 
 

@@ -1,0 +1,45 @@
+"""Lots of sensors with a known mean, spread, drift and repeatability: sessions as their fits would tell them."""
+
+import numpy as np
+
+from session.common.units import DEG
+from tinygc.lot.unit_result import NAMES, UnitResult
+
+COUNT = len(NAMES)
+#: between units, one sigma of each number, SI
+SPREAD = np.array([3e-3] * 9 + [0.6 * DEG] * 3 + [2e-3, 1e-3, 1e-3, 2e-3, 1e-3, 2e-3, 0.1, 0.1, 0.1])
+
+
+def truth(seed=0):
+    """mean (21,) and covariance (21, 21) of a lot."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(COUNT, COUNT))
+    C = A @ A.T + 10 * np.eye(COUNT)
+    size = np.sqrt(np.diag(C))
+    mean = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0) + SPREAD * rng.normal(size=COUNT)
+    return mean, C / np.outer(size, size) * np.outer(SPREAD, SPREAD)
+
+
+def simulated_lot(units, seed, sessions=1, noise=0.2, repeat=0.1, drift=0.0, tails=np.inf, wild=0.0, without_accelerometer=0.0, people=()):
+    """UnitResults; sizes in spreads.  sessions: of each unit, or of some in turn; drift over the whole lot; wild: share of units that do
+    not belong; people: (name, offset in spreads) of operators, in turn."""
+    mean, covariance = truth()
+    rng, results = np.random.default_rng(seed), []
+    root = np.linalg.cholesky(covariance)
+    for u in range(units):
+        heavy = np.sqrt((tails - 2) / rng.chisquare(tails)) if np.isfinite(tails) else 1.0
+        unit = mean + drift * SPREAD * (u / max(units - 1, 1) - 0.5) + heavy * root @ rng.normal(size=COUNT)
+        if rng.random() < wild:
+            unit = unit + 20 * SPREAD * rng.normal(size=COUNT)
+        for s in range(sessions if np.isscalar(sessions) else sessions[u % len(sessions)]):
+            B = np.eye(COUNT) + 0.3 * rng.normal(size=(COUNT, COUNT))
+            R = B @ B.T
+            size = noise * SPREAD * np.exp(0.3 * rng.normal(size=COUNT)) / np.sqrt(np.diag(R))
+            R = R * np.outer(size, size)
+            who, offset = people[s % len(people)] if people else ("", 0.0)
+            values = unit + SPREAD * (offset + repeat * rng.normal(size=COUNT)) + np.linalg.cholesky(R) @ rng.normal(size=COUNT)
+            if rng.random() < without_accelerometer:
+                values[12:] = R[12:] = R[:, 12:] = np.nan
+            name = f"{u:05d}-{s}"
+            results.append(UnitResult(name, f"serial {u:05d}", name, values, R, order=float(len(results)), operator=who))
+    return results

@@ -1,0 +1,290 @@
+"""A fleet of sessions: each is computed once, by what is in it; failures are rows; what a row says is what the commands say."""
+
+import json
+import os
+import shutil
+from itertools import islice
+
+import numpy as np
+import pytest
+from fleets import FIT, QUICK, Here, asked, content, made, ran
+from scipy import stats
+
+from session.common.errors import CalibrationError
+from tinygc.explanation.verdict.explain import explain_session
+from tinygc.fleet import compute, keys
+from tinygc.fleet.folders import listed_folders, session_folders
+from tinygc.fleet.keys import key_of
+from tinygc.fleet.options import FleetOptions
+from tinygc.fleet.results import unit_results, weighed_of
+from tinygc.fleet.row import packed, unpacked
+from tinygc.fleet.run import run_fleet
+from tinygc.fleet.table import EACH, open_table
+from tinygc.library.check import check
+from tinygc.library.fit import fit
+from tinygc.lot.unit_result import NAMES, Weighed
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory):
+    """Four units; read only."""
+    return made(tmp_path_factory.mktemp("fleet"))
+
+
+@pytest.fixture(scope="module")
+def whole(fleet, tmp_path_factory):
+    """Its table, with all steps."""
+    out = tmp_path_factory.mktemp("whole")
+    assert ran(fleet, out, FleetOptions())[0].done == 4
+    return out
+
+
+@pytest.fixture
+def copied(fleet, tmp_path):
+    """The same, to be spoilt."""
+    return shutil.copytree(fleet, tmp_path / "copied")
+
+
+# What a row says
+
+
+def test_a_row_says_what_check_fit_and_explain_say(fleet, whole):
+    """To the last bit, though they share what they begin with."""
+    folder = fleet / "unit1"
+    key = key_of(folder, FleetOptions())
+    names = "held_out_deg, floor_deg, use, segments, verdict, p_value, first_look, E_xx, sigma_B_z, accel_bias_x, sigma_accel_scale_z"
+    (row,) = asked(whole, f"SELECT {names} FROM results WHERE key = '{key}'")
+    alone = fit(folder, methods=("least_squares",))
+    why = explain_session(folder)
+    table = alone.to_json()
+    assert row[:4] == (
+        table["methods"]["least_squares"]["holdout"]["tilt_rms_deg"],
+        table["noise"]["closure_floor_rms_deg"],
+        table["use"]["method"],
+        table["segments"]["used"],
+    )
+    assert row[4:7] == (why.verdict, why.p_value, max((f.level for f in check(folder)), key=("ok", "note", "warning", "error").index))
+    assert row[7:9] == (alone.parameters["E_xx"].value, alone.parameters["B_z"].sigma)
+    np.testing.assert_allclose(
+        row[9:], [alone.accelerometer_parameters["bias_x"].value, alone.accelerometer_parameters["scale_z"].sigma], rtol=1e-12
+    )
+
+
+def test_what_was_injected_is_recovered_within_the_sigmas(fleet, whole):
+    """Chi-square of each unit's twelve numbers against the truth that the simulator drew."""
+    found = list(unit_results(whole))
+    assert [each.session for each in found] == [f"unit{n}" for n in range(4)]
+    total = 0.0
+    for each in found:
+        truth = json.loads((fleet / each.session / "truth.json").read_text())
+        expected = np.concatenate([np.ravel(truth["E"]), np.radians(truth["B_dps"])])
+        off = each.values[:12] - expected
+        total += off @ np.linalg.solve(each.covariance[:12, :12], off)
+        assert each.serial == f"SIM-{truth['options']['seed']}"
+    assert 0.001 < stats.chi2.sf(total, 48) < 0.999
+
+
+def test_what_is_weak_is_kept_for_the_lot(whole):
+    """Every effect that has columns, named or not; and the covariance is one of all 21 numbers."""
+    for each in unit_results(whole):
+        assert len(each.effects) > 10
+        weighed = each.effects["gyro.g_sensitivity"]
+        assert set(weighed.estimates) == set(weighed.sigmas)
+        assert all(sigma > 0 for sigma in weighed.sigmas.values())
+        assert each.covariance.shape == (21, 21)
+        np.testing.assert_array_equal(each.covariance, each.covariance.T)
+        assert np.linalg.eigvalsh(each.covariance[:12, :12])[0] > 0
+        np.testing.assert_array_equal(np.isnan(each.values), np.isnan(each.sigmas))
+
+
+def test_a_covariance_comes_back_as_it_was():
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(21, 21))
+    covariance = root @ root.T
+    covariance[3] = covariance[:, 3] = np.nan
+    np.testing.assert_array_equal(unpacked(packed(covariance)), covariance)
+    assert np.isnan(unpacked(None)).all()
+    assert len(NAMES) == 21
+
+
+def test_what_an_effect_does_not_tell_stays_untold():
+    told = Weighed({"x": 1.5, "y": np.nan}, {"x": 0.25, "y": np.nan}, 36.0, True, 0.75)
+    assert repr(weighed_of(compute._compact({"gyro.bias_step": vars(told)}))["gyro.bias_step"]) == repr(told)
+
+
+def test_a_given_accelerometer_is_not_told(fleet, tmp_path):
+    ran(fleet, tmp_path, FleetOptions(steps=("fit",), accelerometer="given"))
+    for each in unit_results(tmp_path):
+        assert np.isfinite(each.values[:12]).all()
+        assert np.isnan(each.values[12:]).all()
+        assert np.isnan(each.covariance[12:]).all()
+
+
+# Each is computed once
+
+
+def test_nothing_is_computed_twice(copied, tmp_path):
+    out = tmp_path / "out"
+    assert ran(copied, out)[1] == ["unit0", "unit1", "unit2", "unit3"]
+    before = content(out)
+    tally, computed = ran(copied, out)
+    assert (computed, tally.reused, tally.done) == ([], 4, 0)
+    assert content(out) == before
+
+
+def test_only_what_has_changed_is_computed_again(copied, tmp_path):
+    out = tmp_path / "out"
+    ran(copied, out)
+    config = copied / "unit2" / "session.toml"
+    config.write_text(config.read_text() + '[notes]\noperator = "A"\n')
+    (copied / "unit1" / "truth.json").write_text("{}")  # which no command reads
+    (copied / "unit3" / "fit").mkdir()  # and what one derived
+    assert ran(copied, out)[1] == ["unit2"]
+    assert asked(out, "SELECT folder, operator FROM results JOIN folders USING (key) WHERE operator IS NOT NULL") == [
+        (str(copied / "unit2"), "A")
+    ]
+
+
+def test_moved_and_copied_folders_are_known_by_what_is_in_them(copied, tmp_path):
+    out = tmp_path / "out"
+    ran(copied, out)
+    (copied / "unit0").rename(copied / "elsewhere")
+    shutil.copytree(copied / "unit1", copied / "unit1copy")
+    tally, computed = ran(copied, out)
+    assert (computed, tally.reused) == ([], 5)
+    names = [os.path.basename(folder) for (folder,) in asked(out, "SELECT folder FROM folders ORDER BY 1")]
+    assert names == ["elsewhere", "unit1", "unit1copy", "unit2", "unit3"]
+    assert asked(out, f"SELECT count(*) FROM {EACH}") == [(4,)]  # a copy is no further measurement
+
+
+def test_a_copy_beside_the_first_waits_for_its_result(copied, tmp_path):
+    """Both are seen before either is computed."""
+    shutil.copytree(copied / "unit0", copied / "unit0copy")
+    executor = Here()
+    executor.capacity = 9
+    tally, computed = ran(copied, tmp_path / "out", executor=executor)
+    assert len(computed) == 4
+    assert (tally.done, tally.reused) == (4, 1)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{"steps": ("fit",)}, {"seed": 1}, {"earth": False}, {"accelerometer": "fit"}],
+    ids=lambda change: next(iter(change)),
+)
+def test_a_key_follows_from_every_option(fleet, other):
+    assert key_of(fleet / "unit0", FleetOptions(**other)) != key_of(fleet / "unit0", FleetOptions())
+
+
+def test_a_key_follows_from_the_version(fleet, monkeypatch):
+    before = key_of(fleet / "unit0", QUICK)
+    monkeypatch.setattr(keys, "VERSION", "0.0.0")
+    assert key_of(fleet / "unit0", QUICK) != before
+
+
+def test_a_key_follows_from_the_effects_that_are_named(fleet, tmp_path):
+    plain = key_of(fleet / "unit0", FleetOptions())
+    found = []
+    for text in ("", "# changed\n"):
+        (tmp_path / "mine.py").write_text(text)
+        found.append(key_of(fleet / "unit0", FleetOptions(effects=(str(tmp_path),))))
+    assert len({plain, *found}) == 3
+
+
+def test_a_session_that_changes_while_it_is_read_is_not_kept(copied, tmp_path):
+    class Slow(Here):
+        def finished(self):
+            config = copied / "unit0" / "session.toml"
+            config.write_text(config.read_text() + "# later\n")
+            return super().finished()
+
+    shutil.rmtree(copied / "unit1")
+    tally, _ = ran(copied, tmp_path / "out", executor=Slow())
+    assert tally.failed >= 1
+    assert asked(tmp_path / "out", "SELECT count(*) FROM folders WHERE key IS NULL AND error LIKE '%changed while%'") == [(1,)]
+    assert ran(copied, tmp_path / "out")[1] == ["unit0"]
+
+
+# Failures are rows
+
+
+@pytest.fixture
+def spoilt(copied):
+    """unit0 has a broken log, unit1 no log, unit2 no session.toml and unit3 is well."""
+    log = next((copied / "unit0").glob("log*"))
+    log.write_bytes(log.read_bytes()[:1000])
+    next((copied / "unit1").glob("log*")).unlink()
+    (copied / "unit2" / "session.toml").unlink()
+    return copied
+
+
+def test_failures_are_rows_with_their_line(spoilt, tmp_path):
+    out = tmp_path / "out"
+    tally, _ = ran(spoilt, out)
+    assert (tally.done, tally.failed) == (1, 3)
+    rows = asked(out, "SELECT folder, status, step, results.error FROM folders JOIN results USING (key) ORDER BY 1")
+    assert [row[1] for row in rows] == ["failed"] * 3 + ["done"]
+    for folder, _, step, error in rows[:3]:
+        assert step == "check"
+        assert "\n" not in error
+        assert os.path.dirname(folder) not in error, "another copy lies elsewhere"
+    assert "log0001.csv.gz" in rows[0][3]
+    assert rows[3][2:] == (None, None)
+    assert ran(spoilt, out)[1] == []  # nor are failures computed twice
+    assert sorted(ran(spoilt, out, retry=True)[1]) == ["unit0", "unit1", "unit2"]
+
+
+def test_what_nobody_has_foreseen_fails_one_row(copied, tmp_path, monkeypatch):
+    def breaks(session, *more, **how):
+        if session.config.sensor.serial == "SIM-1":
+            raise ZeroDivisionError("not foreseen")
+        return fit_as_it_is(session, *more, **how)
+
+    fit_as_it_is = compute.fit_session
+    monkeypatch.setattr(compute, "fit_session", breaks)
+    assert ran(copied, tmp_path / "out", FIT)[0].done == 3
+    assert asked(tmp_path / "out", "SELECT serial, step, error FROM results WHERE status = 'failed'") == [
+        ("SIM-1", "fit", "internal error: ZeroDivisionError: not foreseen")
+    ]
+
+
+def test_a_folder_that_cannot_be_read_has_no_key_and_is_tried_again(fleet, tmp_path):
+    gone = tmp_path / "gone"
+    for there in (False, True):
+        if there:
+            shutil.copytree(fleet / "unit0", gone)
+        with open_table(tmp_path / "out") as table:
+            tally = run_fleet(listed_folders([f"{gone}\n", "\n"]), table, Here(), QUICK)
+        assert (tally.failed, tally.done) == (not there, there)
+    assert asked(tmp_path / "out", "SELECT key IS NULL, error FROM folders") == [(0, None)]
+
+
+# Which folders
+
+
+def test_sessions_are_found_at_any_depth_and_as_they_are_asked_for(fleet, tmp_path, monkeypatch):
+    for name in ("b/deep/down/one", "a", ".hidden/three", "c/logs"):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ("b/deep/down/one/session.toml", "a/session.toml", ".hidden/three/session.toml", "c/logs/log0001.csv", "b/notes.txt"):
+        (tmp_path / name).touch()
+    (tmp_path / "a" / "inside").mkdir()
+    (tmp_path / "a" / "inside" / "session.toml").touch()
+    assert [str(each.relative_to(tmp_path)) for each in session_folders([tmp_path])] == ["a", "b/deep/down/one", "c/logs"]
+    looked = []
+    scandir = os.scandir
+    monkeypatch.setattr(os, "scandir", lambda folder: looked.append(folder) or scandir(folder))
+    assert len(list(islice(session_folders([tmp_path]), 1))) == 1
+    assert len(looked) == 2
+
+
+def test_links_lead_to_sessions_and_never_round_and_round(fleet, tmp_path):
+    (tmp_path / "round").symlink_to(tmp_path, target_is_directory=True)
+    (tmp_path / "one").symlink_to(fleet / "unit0", target_is_directory=True)
+    assert [each.name for each in session_folders([tmp_path])] == ["one"]
+
+
+def test_a_place_that_is_not_there_is_said(tmp_path):
+    with pytest.raises(CalibrationError, match="not found; give a folder"):
+        list(session_folders([tmp_path / "nowhere"]))
+    with pytest.raises(CalibrationError, match="nothing"):
+        FleetOptions(steps=("fit", "nothing"))

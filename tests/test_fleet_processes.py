@@ -1,0 +1,168 @@
+"""Who computes does not matter: one process or two, a Dask cluster, or several runs of which each was ended in its own way."""
+
+import os
+import signal
+
+import processes
+import pytest
+from fleets import FIT, Here, content, made, ran
+from processes import CALIBRATE, PIPE, started, until
+
+from session.common.errors import CalibrationError
+from tinygc.fleet.compute import Job
+from tinygc.fleet.options import FleetOptions
+from tinygc.fleet.processes import Processes
+from tinygc.fleet.table import NAME, read_table
+
+posix = pytest.mark.skipif(not processes.HAS_GROUPS, reason="signals and groups as POSIX has them")
+WHOLE = FleetOptions()
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory):
+    return made(tmp_path_factory.mktemp("fleet"), 4)
+
+
+@pytest.fixture(scope="module")
+def reference(fleet, tmp_path_factory):
+    """What the table must hold, whoever makes it."""
+    out = tmp_path_factory.mktemp("reference")
+    ran(fleet, out, WHOLE)
+    return content(out)
+
+
+@pytest.fixture(scope="module")
+def quick(fleet, tmp_path_factory):
+    """The same without explain."""
+    out = tmp_path_factory.mktemp("quick")
+    ran(fleet, out, FIT)
+    return content(out)
+
+
+@pytest.fixture
+def started_processes():
+    """``started_processes(Kind, count)``: ended when the test is."""
+    pools = []
+
+    def start(kind, count):
+        pools.append(kind(count))
+        return pools[-1]
+
+    yield start
+    for pool in pools:
+        pool.close()
+
+
+def test_two_processes_make_the_same_table_in_any_order(fleet, reference, tmp_path, started_processes):
+    class Backwards(Processes):
+        """Those that came first are handed out last."""
+
+        capacity = 9
+
+        def finished(self):
+            self._queue.reverse()
+            return super().finished()
+
+    tally, _ = ran(fleet, tmp_path, WHOLE, started_processes(Backwards, 2))
+    assert tally.done == 4
+    assert content(tmp_path) == reference
+
+
+@posix
+def test_a_process_that_is_killed_loses_nothing_and_one_that_always_is_fails_alone(fleet, quick, tmp_path, started_processes):
+    """unit1's process is killed whenever it begins with it, and unit3's the first time."""
+    killed = []
+
+    class Deadly(Processes):
+        def _hand_out(self):
+            before = [worker.job for worker in self._workers]
+            super()._hand_out()
+            for job, worker in zip(before, self._workers, strict=True):
+                name = os.path.basename(worker.job.folder) if worker.job is not None and worker.job is not job else ""
+                if name == "unit1" or (name == "unit3" and name not in killed):
+                    killed.append(name)
+                    os.kill(worker.process.pid, signal.SIGKILL)
+
+    tally, _ = ran(fleet, tmp_path, FIT, started_processes(Deadly, 1))
+    assert sorted(killed) == ["unit1", "unit1", "unit3"]
+    assert (tally.done, tally.failed) == (3, 1)
+    with read_table(tmp_path) as table:
+        ((key, error),) = table.rows("SELECT key, error FROM results WHERE status = 'died'")
+    assert error.startswith("the process that computed it ended, 2 times (killed by SIGKILL)")
+    others = [row for row in quick["results"] if row[0] != key]
+    assert [row for row in content(tmp_path)["results"] if row[0] != key] == others
+    assert ran(fleet, tmp_path, FIT, retry=True)[1] == ["unit1"]
+    assert content(tmp_path) == quick
+
+
+@posix
+def test_processes_that_cannot_begin_are_said(fleet, started_processes):
+    pool = started_processes(Processes, 1)
+    pool.submit(Job(str(fleet / "unit0"), "", WHOLE))
+    os.kill(pool._workers[0].process.pid, signal.SIGKILL)
+    with pytest.raises(CalibrationError, match="a process ended before it could begin"):
+        pool.finished()
+
+
+def rows_of(out) -> int:
+    """So far."""
+    if not (out / NAME).exists():
+        return 0
+    try:
+        with read_table(out) as table:
+            return table.one("SELECT count(*) FROM results")
+    except CalibrationError:  # it is being made
+        return 0
+
+
+@posix
+def test_a_run_that_is_interrupted_and_one_that_is_killed_go_on(fleet, quick, tmp_path):
+    """Both wait for more folders when that happens; one is written each time, and two are under way."""
+    out = tmp_path / "out"
+    command = [*CALIBRATE, "fleet", "--from", "-", "--out", out, "--jobs", 1, "--only", "check,fit"]
+    pipes = {"stdin": PIPE, "stderr": PIPE, "stdout": PIPE, "text": True}
+    with started(command, **pipes) as running:
+        fed(running, [fleet / f"unit{number}" for number in range(3)])
+        until(lambda: rows_of(out) == 1, what="the first row")
+        os.killpg(running.pid, signal.SIGINT)  # as a terminal does: to all of the group
+        _, said = running.communicate()
+    assert running.returncode == 130
+    assert said.strip().splitlines()[-1] == "calibrate: interrupted"
+    assert "Traceback" not in said
+    assert rows_of(out) == 1
+    with started(command, **pipes) as running:
+        fed(running, [fleet / f"unit{number}" for number in range(4)])
+        until(lambda: rows_of(out) == 2, what="the next row")
+        running.kill()
+        running.communicate()  # returns when the process that it has left behind has gone, too
+    assert rows_of(out) == 2
+    assert len(ran(fleet, out, FIT)[1]) == 2
+    assert content(out) == quick
+
+
+def fed(running, folders) -> None:
+    """A list that does not end yet."""
+    running.stdin.write("".join(f"{folder}\n" for folder in folders))
+    running.stdin.flush()
+
+
+def test_a_dask_cluster_makes_the_same_table(fleet, reference, tmp_path, run):
+    distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        code, out, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", cluster.scheduler_address)
+    assert (code, "4 done, 0 failed, 0 known before" in out) == (0, True), err
+    assert content(tmp_path) == reference
+
+
+def test_a_scheduler_that_is_not_there_is_said(fleet, tmp_path, run, monkeypatch):
+    pytest.importorskip("distributed", reason="the extra fleet is not installed")
+    monkeypatch.setattr("tinygc.fleet.cluster.PATIENCE_S", 0.1)
+    code, _, err = run("fleet", fleet, "--out", tmp_path, "--scheduler", "tcp://127.0.0.1:9")
+    assert code == 2
+    assert "no Dask scheduler answers" in err.splitlines()[-1]
+
+
+def test_a_worker_of_another_version_is_said(fleet, tmp_path, monkeypatch):
+    monkeypatch.setattr("tinygc.fleet.compute.VERSION", "0.0.0")
+    with pytest.raises(CalibrationError, match=r"a worker runs TinyGC 0\.0\.0, this is .*; install the same version everywhere"):
+        ran(fleet, tmp_path, executor=Here())

@@ -1,0 +1,148 @@
+"""The table of a fleet: whole whatever happens, one line for what is wrong with it, never two who write it."""
+
+import csv
+import io
+import sqlite3
+
+import pytest
+from fleets import QUICK, Here, asked, content, made, ran
+
+from session.common.errors import CalibrationError, FormatError, StorageError
+from tinygc.fleet.compute import Outcome
+from tinygc.fleet.folders import session_folders
+from tinygc.fleet.results import write_csv
+from tinygc.fleet.row import COLUMNS, empty
+from tinygc.fleet.run import run_fleet
+from tinygc.fleet.table import NAME, open_table, read_table
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory):
+    return made(tmp_path_factory.mktemp("fleet"), 3)
+
+
+@pytest.fixture
+def out(fleet, tmp_path):
+    """A folder with a table."""
+    ran(fleet, tmp_path / "out")
+    return tmp_path / "out"
+
+
+def refused(out, error=FormatError) -> str:
+    """What both a run and a reader say, in one line."""
+    said = []
+    for opened in (open_table, read_table):
+        with pytest.raises(error) as caught, opened(out):
+            pass
+        said.append(str(caught.value))
+    assert said[0] == said[1]
+    assert "\n" not in said[0]
+    return said[0]
+
+
+def test_another_programs_file_is_left_alone(tmp_path):
+    connection = sqlite3.connect(tmp_path / NAME)
+    with connection:
+        connection.execute("CREATE TABLE results (key TEXT)")
+    connection.close()
+    before = (tmp_path / NAME).read_bytes()
+    assert "is no table of `calibrate.py fleet`; give --out another folder" in refused(tmp_path)
+    assert (tmp_path / NAME).read_bytes() == before
+
+
+def test_another_forms_table_is_left_alone(out):
+    connection = sqlite3.connect(out / NAME)
+    connection.execute("PRAGMA user_version = 2")
+    connection.close()
+    before = (out / NAME).read_bytes()
+    assert "form 2" in refused(out)
+    assert (out / NAME).read_bytes() == before
+
+
+@pytest.mark.parametrize("spoil", [lambda whole: b"no database at all" * 100, lambda whole: whole[:100] + b"\xff" * (len(whole) - 100)])
+def test_a_broken_table_is_said(out, spoil):
+    whole = (out / NAME).read_bytes()
+    (out / NAME).write_bytes(spoil(whole))
+    assert f"{out / NAME}: is broken, or no table" in refused(out)
+
+
+def test_a_table_that_breaks_while_it_is_read_is_said(fleet, out):
+    whole = bytearray((out / NAME).read_bytes())
+    whole[len(whole) // 2 :] = b"\xff" * (len(whole) - len(whole) // 2)
+    (out / NAME).write_bytes(whole)
+    with pytest.raises(FormatError, match="is broken"):
+        content_of_each(out)
+
+
+def content_of_each(out):
+    with read_table(out) as table:
+        return [list(table.each(f"SELECT * FROM {name}")) for name in ("results", "folders", "durations")]
+
+
+def test_no_table_is_said(tmp_path):
+    with pytest.raises(FormatError, match=r"not found; `calibrate\.py fleet DIR --out"), read_table(tmp_path):
+        pass
+
+
+def test_two_runs_at_once_are_refused_and_a_reader_is_not(fleet, out):
+    with open_table(out):
+        with pytest.raises(CalibrationError, match="another run is writing it; wait for its end"), open_table(out):
+            pass
+        with read_table(out) as table:
+            assert table.one("SELECT count(*) FROM results") == 3
+    assert ran(fleet, out)[0].reused == 3
+
+
+def test_a_full_disk_keeps_what_is_finished_and_says_so(fleet, tmp_path):
+    """A table that may not grow says what one on a full disk does."""
+
+    class Full(Here):
+        def finished(self):
+            if len(self.computed) == 1:
+                table._connection.execute(f"PRAGMA max_page_count = {table.one('PRAGMA page_count')}")
+            found = super().finished()
+            found[0].outcome.row["findings"] = "x" * 100_000
+            return found
+
+    out = tmp_path / "out"
+    with pytest.raises(StorageError, match="full; free space there and run again, what is finished is kept"), open_table(out) as table:
+        run_fleet(session_folders([fleet]), table, Full(), QUICK)
+    assert asked(out, "SELECT count(*) FROM results") == [(1,)]
+    assert ran(fleet, out)[1] == ["unit1", "unit2"]
+
+
+def test_what_cannot_be_written_is_said(fleet, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "fleet.lock").mkdir()
+    with pytest.raises(StorageError, match=r"fleet\.lock: cannot be written .*; give --out another folder"):
+        ran(fleet, tmp_path / "out")
+
+
+def test_a_table_is_one_file_when_the_run_is_over(out):
+    assert sorted(path.name for path in out.iterdir()) == ["fleet.lock", NAME]
+    assert asked(out, "PRAGMA journal_mode") == [("delete",)]
+
+
+def test_times_are_not_among_what_is_compared(fleet, out, tmp_path):
+    again = tmp_path / "again"
+    ran(fleet, again)
+    assert content(again) == content(out)
+    assert asked(again, "SELECT key FROM durations ORDER BY 1") == asked(out, "SELECT key FROM results ORDER BY 1")
+    assert not {"cpu_s", "wall_s"} & set(COLUMNS)
+
+
+def test_csv_has_a_line_for_each_folder(out, fleet):
+    with open_table(out) as table:
+        table.put_folder(fleet / "zzz", None, "not found")
+        row = empty() | {"status": "done", "serial": 'a,"b"\n', "E_xx": 1.0000000000000002, "effects": '[{"id":"gyro.bias_step"}]'}
+        table.put(Outcome("k", None), row, [fleet / "yyy"])
+        file = io.StringIO()
+        assert write_csv(table, file) == 5
+    lines = list(csv.DictReader(io.StringIO(file.getvalue())))
+    assert [line["folder"].rsplit("/", 1)[1] for line in lines] == ["unit0", "unit1", "unit2", "yyy", "zzz"]
+    assert [line["status"] for line in lines] == ["done"] * 4 + ["failed"]
+    assert lines[4]["error"] == "not found"
+    assert float(lines[3]["E_xx"]) == row["E_xx"]
+    assert lines[3]["serial"] == row["serial"]
+    assert lines[3]["effects"] == "gyro.bias_step"
+    assert "turns" in lines[0]["findings"]

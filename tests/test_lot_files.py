@@ -1,0 +1,89 @@
+"""A lot's file: what is written reads back the same, and what is no lot is refused in one line."""
+
+import json
+
+import numpy as np
+import pytest
+from simulated_lots import simulated_lot
+
+from session.common.errors import FormatError
+from tinygc.lot.files import lot_of_table, lot_table, read_lot, write_lot
+from tinygc.lot.lot import PooledEffect
+from tinygc.lot.report import lot_of
+
+EFFECT = PooledEffect(0.25, {"matrix_xx": 1e-4}, {"matrix_xx": float("nan")}, 1e-8, 12)
+
+
+@pytest.fixture(scope="module")
+def lot():
+    """Of twelve units without accelerometers, and no repeated session: much is null."""
+    return lot_of(simulated_lot(12, 0, without_accelerometer=1.0), "ASM330LHH", effects={"gyro.g_sensitivity": EFFECT}).lot
+
+
+@pytest.fixture
+def table(lot):
+    return json.loads(json.dumps(lot_table(lot)).replace("NaN", "null").replace("Infinity", "null"))
+
+
+def test_what_is_written_reads_back_the_same(lot, tmp_path):
+    write_lot(tmp_path / "lot.json", lot, more=1)
+    again = read_lot(tmp_path / "lot.json")
+    for name in ("mean", "mean_covariance", "spread", "repeatability"):
+        assert np.array_equal(getattr(again, name), getattr(lot, name), equal_nan=True), name
+    assert (again.sensor, again.units, again.sessions, again.tails) == ("ASM330LHH", 12, 12, np.inf)
+    effect = again.effects["gyro.g_sensitivity"]
+    assert (effect.share, effect.p_value, effect.units, effect.mean) == (0.25, 1e-8, 12, {"matrix_xx": 1e-4})
+    assert np.isnan(effect.spread["matrix_xx"])
+    assert np.isnan(again.repeatability).all()
+    assert np.isnan(again.mean[12:]).all()
+
+
+def changed(key, value):
+    def change(table):
+        at, *path = reversed(key)
+        inner = table
+        for word in reversed(path):
+            inner = inner[word]
+        inner[at] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (changed(["schema"], "tinygc-fit/1"), "no lot of this tool"),
+        (changed(["units"], 0), "units is 0, expected a whole number of at least 1"),
+        (changed(["sessions"], 3), "sessions is 3, expected at least one for each unit of 12"),
+        (changed(["names", 0], "E_yy"), "names are a list of 21"),
+        (changed(["mean"], [1.0]), "mean has 1 entries, expected 21"),
+        (changed(["spread", 3], [1.0]), r"spread\[3\] has 1 entries, expected 21"),
+        (changed(["spread", 0, 0], -1.0), "spread has a negative variance"),
+        (changed(["spread", 0, 1], 1.0), "spread is not symmetric"),
+        (changed(["spread", 0, 1], None), r"spread\[0\]\[1\] is null, expected null in whole rows"),
+        (changed(["spread", 0, 20], 0.0), r"spread\[0\]\[20\] is 0.0, expected null in whole rows"),
+        (changed(["mean", 0], None), "mean_covariance tells of E_xx, whose mean is null"),
+        (changed(["mean", 0], "1"), r"mean\[0\] is \"1\", expected a number"),
+        (changed(["tails"], 0), "tails is 0, expected a number above 0"),
+        (changed(["effects", "gyro.g_sensitivity", "share"], 1.5), "share is 1.5, expected a number from 0 to 1"),
+        (changed(["effects", "gyro.g_sensitivity", "spread", "matrix_xx"], -1), "expected a number of at least 0"),
+    ],
+)
+def test_what_is_no_lot_is_refused_in_one_line(table, change, says):
+    change(table)
+    with pytest.raises(FormatError, match=says) as refused:
+        lot_of_table(table, "lot.json")
+    assert "\n" not in str(refused.value)
+    assert str(refused.value).startswith("lot.json: ")
+
+
+def test_a_missing_key_and_broken_json(table, tmp_path):
+    del table["spread"]
+    with pytest.raises(FormatError, match="spread is missing"):
+        lot_of_table(table, "lot.json")
+    path = tmp_path / "lot.json"
+    path.write_text("{", encoding="utf-8")
+    with pytest.raises(FormatError, match="broken JSON"):
+        read_lot(path)
+    with pytest.raises(FormatError, match="cannot be read"):
+        read_lot(tmp_path / "none.json")

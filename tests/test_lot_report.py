@@ -1,0 +1,203 @@
+"""A lot's report: what people see is what was put in, in the terminal, on the page and in the file; the command reads a fleet's table."""
+
+import dataclasses
+import html
+import json
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from formats_page import strangers
+from rich.console import Console
+from simulated_lots import simulated_lot
+
+import calibrate
+from tinygc.lot.files import read_lot
+from tinygc.lot.lot_json import save, to_json
+from tinygc.lot.quantities import OWN, SEEN, jacobian, seen, seen_covariance
+from tinygc.lot.report import lot_of
+from tinygc.lot.unit_result import NAMES
+from tinygc.models.field_parameters import field_vector
+from tinygc.report.lot.page import page
+from tinygc.report.lot_text import lot_page
+
+LIMITS = {"gyro_bias_y_mdps": (-1500.0, 1500.0), "accel_bias_z_mg": (-np.inf, 30.0)}
+PEOPLE = (("Mara", 0.4), ("Ben <b>", -0.4))
+
+
+@pytest.fixture(scope="module")
+def report():
+    results = simulated_lot(60, 1, [2, 4], drift=1.5, people=PEOPLE)
+    far = np.zeros(21)
+    far[10] = 0.3
+    return lot_of(
+        [dataclasses.replace(r, values=r.values + far) if r.serial == "serial 00007" else r for r in results], "ASM330LHH", LIMITS
+    )
+
+
+def printed(report):
+    console = Console(width=200, force_terminal=False)
+    with console.capture() as capture:
+        console.print(lot_page(report))
+    return capture.get()
+
+
+def test_numbers_of_people_are_those_of_the_model():
+    values = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0) + np.random.default_rng(0).normal(size=21) * 0.01
+    field = field_vector(values[:12])
+    in_si = seen(values) * [each.si for each in SEEN]
+    assert in_si[:9] == pytest.approx(field[:9], abs=1e-15)
+    assert in_si[9:12] == pytest.approx(field[15:18], abs=1e-15)
+    # The accelerometer: f = M (m - b), so that its output at no force is b, and its scale the length of a row of M^-1.
+    M = np.eye(3)
+    M[np.triu_indices(3)] += values[12:18]
+    assert in_si[12:15] == pytest.approx(np.linalg.norm(np.linalg.inv(M), axis=1) - 1)
+    assert in_si[18:] == pytest.approx(values[18:])
+
+
+def test_a_covariance_goes_over_as_draws_do():
+    rng = np.random.default_rng(1)
+    values = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0)
+    B = rng.normal(size=(21, 21))
+    covariance = 1e-8 * B @ B.T
+    draws = seen(rng.multivariate_normal(values, covariance, size=20_000))
+    told = seen_covariance(covariance, jacobian(values))
+    assert np.cov(draws.T).diagonal() == pytest.approx(told.diagonal(), rel=0.05)
+
+
+def test_what_is_not_told_hides_its_own_number_only():
+    values = np.where(np.isin(NAMES, ("E_xx", "E_yy", "E_zz")), 1.0, 0.0)
+    values[[3, 13]] = np.nan
+    assert set(np.flatnonzero(np.isnan(seen(values)))) == {int(np.flatnonzero(n == OWN)[0]) for n in (3, 13)}
+
+
+def test_the_report_says_what_was_put_in(report):
+    by_key = {each.seen.key: each for each in report.quantities}
+    bias = by_key["gyro_bias_x_mdps"]
+    assert bias.spread == pytest.approx(600, rel=0.35)
+    # 1.5 spreads over 60 units, per 1000; the sensor's bias is minus the correction's.
+    assert bias.drift == pytest.approx(-1.5 * 600 * 1000 / 59, abs=4 * bias.drift_sigma)
+    assert report.hierarchy.drifts
+    (odd,) = report.outliers
+    assert odd.serial == "serial 00007"
+    assert odd.reasons[0].what == "gyro_bias_y_mdps"
+    gauge = report.gauges["accel_scale_factor_error_x_ppm"]
+    assert report.appraisers == "operator"
+    assert gauge.av == pytest.approx(2000 * 0.8 / np.sqrt(2), rel=0.15)  # two people 0.8 spreads apart
+    assert gauge.method == "likelihood"
+    assert report.capabilities["gyro_bias_y_mdps"].units == 60
+    assert report.charts["gyro_bias_y_mdps"].alarms.tolist() == [7]
+
+
+def test_the_terminal_names_all_of_it(report):
+    text = printed(report)
+    for word in ("ASM330LHH: 60 units, 180 sessions", "it drifts", "gyro bias y, mdps", "%GRR", "Ppk", "serial 00007", "repeats / stated"):
+        assert word in text, word
+
+
+def test_the_page_is_whole_and_escaped(report):
+    text = page(report)
+    assert "Ben <b>" not in text
+    for heading in ("The lot", "What does not belong", "Control charts", "Measurement system", "Capability"):
+        assert f">{heading}</h2>" in text
+    assert "serial 00007" in text
+    drawings = re.findall(r"<svg.*?</svg>", text)
+    assert len(drawings) >= 8
+    for drawing in drawings:
+        ElementTree.fromstring(html.unescape(drawing.replace("&lt;", "").replace("&amp;", "")))
+    assert "u202f" not in text
+    assert "nan" not in text.lower().replace("nano", "").replace("finan", "")
+
+
+def test_the_file_is_on_the_page_of_formats_and_is_a_prior(report, tmp_path):
+    table = to_json(report)
+    assert table["capabilities"]["accel_bias_z_mg"]["lower"] == -np.inf
+    save(report, tmp_path / "lot.json")
+    kept = json.loads((tmp_path / "lot.json").read_text(encoding="utf-8"))
+    assert kept["capabilities"]["accel_bias_z_mg"]["lower"] is None
+    assert not strangers(kept)
+    assert read_lot(tmp_path / "lot.json").mean == pytest.approx(report.lot.mean)
+
+
+def test_a_lot_of_two_units_says_what_it_cannot():
+    report = lot_of(simulated_lot(2, 0, without_accelerometer=1.0))
+    assert not report.charts
+    text = printed(report)
+    assert "repeatability is not told" in text
+    assert "two units have no drift" in text
+    assert "accel" not in text
+    assert "nan" not in text
+
+
+def test_the_same_input_gives_the_same_answer():
+    one, other = (json.dumps(to_json(lot_of(simulated_lot(12, 3, [1, 2]), limits=LIMITS))) for _ in range(2))
+    assert one == other
+
+
+def written_fleet(folder, first_model):
+    """A fleet's table of simulated results, the first of which may be of another model."""
+    from tinygc.fleet.compute import Outcome
+    from tinygc.fleet.row import DONE, SIGMAS, empty, packed
+    from tinygc.fleet.table import open_table
+
+    folder.mkdir()
+    with open_table(folder) as table:
+        for number, result in enumerate(simulated_lot(20, 5, [1, 2])):
+            row = empty() | {"status": DONE, "model": "ASM330LHH" if number else first_model, "serial": result.serial}
+            row |= {"covariance": packed(result.covariance), "held_out_deg": 0.02, "floor_deg": 0.02}
+            row |= dict(zip(NAMES, map(float, result.values), strict=True)) | dict(zip(SIGMAS, map(float, result.sigmas), strict=True))
+            table.put_folder(folder / result.session, result.key)
+            table.put(Outcome(result.key, row), row, [])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory):
+    return written_fleet(tmp_path_factory.mktemp("lot") / "fleet", "MPU-9150")
+
+
+def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path):
+    alone = written_fleet(tmp_path / "alone", "ASM330LHH")
+    for folder in (alone, fleet):
+        assert calibrate.main(["fleet", "--out", str(folder), "--quiet"]) == 0
+    assert read_lot(alone / "lot.json").units == 20
+    assert ">Control charts</h2>" in (alone / "fleet.html").read_text(encoding="utf-8")
+    assert not (fleet / "lot.json").exists()
+
+
+def test_the_command(fleet, tmp_path, capsys):
+    words = [
+        "--model",
+        "ASM330LHH",
+        "--out",
+        str(tmp_path / "lot.json"),
+        "--html",
+        str(tmp_path / "lot.html"),
+        "--json",
+        str(tmp_path / "x.json"),
+    ]
+    assert calibrate.main(["lot", str(fleet), *words]) == 0
+    assert "ASM330LHH: 19 units, 29 sessions" in capsys.readouterr().out
+    assert read_lot(tmp_path / "lot.json").units == 19
+    table = json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
+    assert table == json.loads((tmp_path / "lot.json").read_text(encoding="utf-8"))
+    assert not strangers(table)
+    assert "Measurement system" in (tmp_path / "lot.html").read_text(encoding="utf-8")
+    assert calibrate.main(["lot", str(fleet / "fleet.sqlite"), "--model", "ASM330LHH", "--quiet"]) == 0
+    assert "19 units" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ([], "sensors of 2 models (ASM330LHH, MPU-9150)"),
+        (["--model", "LSM9DS1"], "no fitted session of a LSM9DS1"),
+        (["--model", "MPU-9150"], "two units or more, got 1"),
+    ],
+)
+def test_what_is_no_lot_is_said_in_one_line(fleet, words, says, capsys):
+    assert calibrate.main(["lot", str(fleet), *words]) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1

@@ -1,0 +1,142 @@
+"""``fleet``: check, fit and explain hundreds to hundreds of thousands of sessions, each once, into one table."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from session.common.errors import CalibrationError
+from tinygc.cli.arguments import count, positive
+from tinygc.cli.commands._results import complain, output, write_json
+from tinygc.cli.paths import STANDARD, file_written, folder_written, path_read
+
+SUMMARY = "check, fit and explain thousands of sessions, each once, into one table and one page"
+USES_EFFECTS = True
+STEPS = ("check", "fit", "explain")
+MOST_JOBS = 1024
+PAGE, LOT = "fleet.html", "lot.json"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """The command's own arguments."""
+    command.add_argument("folders", type=path_read, nargs="*", metavar="DIR", help="where session folders lie, at any depth")
+    command.add_argument(
+        "--from", dest="listed", type=path_read, metavar="FILE", help="a list of session folders, one a line (- for standard input)"
+    )
+    command.add_argument(
+        "--out", type=folder_written, required=True, metavar="OUT", help="where fleet.sqlite and fleet.html go; without DIR, made anew"
+    )
+    command.add_argument("--only", type=steps, default=STEPS, metavar="check,fit,explain", help="do these steps alone")
+    command.add_argument("--without", type=steps, default=(), metavar="STEPS", help="do all but these steps")
+    command.add_argument("--jobs", type=count(1, MOST_JOBS), metavar="N", help="processes (one for each core)")
+    command.add_argument("--scheduler", metavar="ADDRESS", help="compute on the Dask cluster of this scheduler instead (tcp://host:8786)")
+    command.add_argument("--retry", action="store_true", help="compute again what has failed before")
+    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
+    command.add_argument("--accelerometer", choices=("auto", "given", "fit", "prior"), default="auto", help="as of fit (%(default)s)")
+    command.add_argument("--csv", type=file_written, metavar="FILE", help="write the table as CSV, too (- for standard output)")
+    command.add_argument("--limit", type=positive, metavar="DEG", help="exit 1 if a session's held-out tilt or closure run is above this")
+    command.add_argument("--strict", action="store_true", help="exit 1 if a session failed")
+
+
+def steps(text: str) -> tuple[str, ...]:
+    """Names of steps, with commas."""
+    chosen = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not chosen or not set(chosen) <= set(STEPS):
+        raise argparse.ArgumentTypeError(f"{text!r}: choose among {','.join(STEPS)}")
+    return chosen
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compute what is not known yet; then tell what the table holds."""
+    from tinygc.fleet.lot import lot_if_any
+    from tinygc.fleet.summary import summarise
+    from tinygc.fleet.table import read_table
+    from tinygc.lot.lot_json import save as save_lot
+    from tinygc.report.fleet_text import fleet_page
+    from tinygc.report.html.fleet import save
+    from tinygc.report.lot.sections import lot_sections
+
+    tally = _computed(args) if args.folders or args.listed is not None else None
+    with read_table(args.out) as table:
+        summary = summarise(table, args.limit)
+        _write_csv(args, table)
+        lot = lot_if_any(table, args.seed)
+    page = save(summary, args.out / PAGE, lot_sections(lot) if lot else ())
+    if lot:
+        save_lot(lot, args.out / LOT)
+    output(args).print(fleet_page(summary, tally))
+    files = [args.out / "fleet.sqlite", page, *([args.out / LOT] if lot else [])]
+    output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
+    now = {"done": 0, "failed": 0, "reused": 0} if tally is None else {name: getattr(tally, name) for name in ("done", "failed", "reused")}
+    write_json(args.json, {"schema": "tinygc-fleet/1", "run": now, **summary.to_json()})
+    failed = summary.failed + summary.died + summary.unreadable
+    if args.limit is not None and summary.missed:
+        complain(f"above --limit {args.limit:g} deg, or of no use: {summary.missed} of {summary.passed + summary.missed} fitted sessions")
+    if args.strict and failed:
+        complain(f"failed: {failed} of {summary.sessions + summary.unreadable} sessions, listed in {page}")
+    return 1 if (args.limit is not None and summary.missed) or (args.strict and failed) else 0
+
+
+def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Tally: its module is heavy
+    """The run; CalibrationError where there is no session at all."""
+    from tinygc.cli.commands._fleet_progress import Meter
+    from tinygc.fleet.cluster import Cluster
+    from tinygc.fleet.options import FleetOptions
+    from tinygc.fleet.processes import Processes
+    from tinygc.fleet.run import run_fleet
+    from tinygc.fleet.table import open_table
+
+    chosen = tuple(step for step in args.only if step not in args.without)
+    if not chosen:
+        raise CalibrationError("--only and --without leave no step; leave one of them out")
+    effects = tuple(str(folder) for folder in args.effects or ())
+    options = FleetOptions(chosen, args.seed, not args.no_earth, args.accelerometer, effects)
+    count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # what a pipe gives is read once
+    with open_table(args.out) as table, Meter(args.quiet, count) as meter:
+        executor = Cluster(args.scheduler) if args.scheduler else Processes(args.jobs or _cores())
+        try:
+            tally = run_fleet(_folders(args), table, executor, options, retry=args.retry, progress=meter)
+        finally:
+            executor.close()
+    if not tally.folders:
+        places = ", ".join(map(str, [*args.folders, *([args.listed] if args.listed else [])]))
+        raise CalibrationError(f"{places}: no session folder there; one holds session.toml and log*.csv")
+    return tally
+
+
+def _folders(args: argparse.Namespace) -> Iterator[Path]:
+    """Of the folders, then of the list, one after the other."""
+    from session.files.reading import open_file
+    from tinygc.fleet.folders import listed_folders, session_folders
+
+    yield from session_folders(args.folders)
+    if args.listed is None:
+        return
+    if str(args.listed) == STANDARD:
+        yield from listed_folders(sys.stdin)
+        return
+    with open_file(args.listed) as file:
+        yield from listed_folders(os.fsdecode(line) for line in file)
+
+
+def _cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _write_csv(args: argparse.Namespace, table) -> None:  # type: ignore[no-untyped-def]
+    from session.files.results import whole
+    from tinygc.cli.commands._results import standard_output
+    from tinygc.fleet.results import write_csv
+
+    if args.csv is None:
+        return
+    if str(args.csv) == STANDARD:
+        with standard_output():
+            write_csv(table, sys.stdout)
+        return
+    with whole(args.csv) as place, place.open("w", encoding="utf-8", newline="") as file:
+        write_csv(table, file)

@@ -1,0 +1,150 @@
+"""A lot as a file: JSON of format ``tinygc-lot/1`` (docs/formats.md), null for what no session told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.common.errors import FormatError
+from session.common.version import VERSION
+from session.files.results import read_json, write_whole
+from session.files.shapes import Keys, ListOf, MapOf, Maybe, Number, Text, require, shown
+from tinygc.lot.lot import Lot, PooledEffect
+from tinygc.lot.unit_result import NAMES
+
+SCHEMA = "tinygc-lot/1"
+_AGAIN = "make the lot again, or mend the file"
+#: of a correlation beyond 1, or an eigenvalue below 0, in shares of the largest: what rounding to JSON leaves, and no more
+_ROUNDING = 1e-9
+_COUNT = Number(low=1, whole=True)
+_SHARE = Number(low=0, high=1)
+_VECTOR = ListOf(Maybe(Number()))
+_MATRIX = ListOf(_VECTOR)
+_EFFECT = Keys(
+    must={
+        "share": _SHARE,
+        "mean": MapOf(Maybe(Number())),
+        "spread": MapOf(Maybe(Number(low=0))),
+        "p_value": _SHARE,
+        "units": Number(low=0, whole=True),
+    }
+)
+LOT = Keys(
+    must={
+        "sensor": Text(),
+        "units": _COUNT,
+        "sessions": _COUNT,
+        "names": ListOf(Text()),
+        "mean": _VECTOR,
+        "mean_covariance": _MATRIX,
+        "spread": _MATRIX,
+        "tails": Maybe(Number(low=0, above=True)),
+        "repeatability": _MATRIX,
+    },
+    may={"effects": MapOf(_EFFECT)},
+)
+
+
+def lot_table(lot: Lot, **more: Any) -> dict:
+    """JSON-ready; ``more`` is added as it is, and no reader of a lot needs it."""
+    effects = {
+        name: {"share": e.share, "mean": dict(e.mean), "spread": dict(e.spread), "p_value": e.p_value, "units": e.units}
+        for name, e in lot.effects.items()
+    }
+    return {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "sensor": lot.sensor,
+        "units": lot.units,
+        "sessions": lot.sessions,
+        "names": list(NAMES),
+        "mean": lot.mean.tolist(),
+        "mean_covariance": lot.mean_covariance.tolist(),
+        "spread": lot.spread.tolist(),
+        "tails": lot.tails,
+        "repeatability": lot.repeatability.tolist(),
+        "effects": effects,
+        **more,
+    }
+
+
+def write_lot(path: Path | str, lot: Lot, **more: Any) -> None:
+    """The lot's file, whole or not at all; what is not finite becomes null.  Raises StorageError for a full disk."""
+    write_whole(Path(path), lot_table(lot, **more))
+
+
+def read_lot(path: Path | str) -> Lot:
+    """The lot of a file, in SI.  Raises FormatError for what is no lot, in one line with the key and what was expected."""
+    return lot_of_table(read_json(Path(path)), str(path))
+
+
+def lot_of_table(table: Any, where: str) -> Lot:
+    """The lot of what JSON holds; where: its file's name.  Raises FormatError as ``read_lot``."""
+    if not isinstance(table, dict) or table.get("schema") != SCHEMA:
+        raise FormatError(f'{where}: no lot of this tool, expected "schema": "{SCHEMA}"; make it with calibrate.py lot or fleet')
+    require(table, LOT, where, _AGAIN)
+    if table["names"] != list(NAMES):
+        raise FormatError(
+            f"{where}: names are {shown(table['names'])}, expected the {len(NAMES)} of docs/formats.md in their order; {_AGAIN}"
+        )
+    if table["sessions"] < table["units"]:
+        raise FormatError(f"{where}: sessions is {table['sessions']}, expected at least one for each unit of {table['units']}; {_AGAIN}")
+    effects = {
+        name: PooledEffect(e["share"], _known(e["mean"]), _known(e["spread"]), e["p_value"], e["units"])
+        for name, e in table.get("effects", {}).items()
+    }
+    mean = _array(table, "mean", where, 1)
+    lot = Lot(
+        table["sensor"],
+        table["units"],
+        table["sessions"],
+        mean,
+        _covariance(table, "mean_covariance", where),
+        _covariance(table, "spread", where),
+        float("inf") if table["tails"] is None else float(table["tails"]),
+        _covariance(table, "repeatability", where),
+        effects,
+    )
+    for key, matrix in (("mean_covariance", lot.mean_covariance), ("spread", lot.spread), ("repeatability", lot.repeatability)):
+        for i in np.flatnonzero(np.isnan(mean) & np.isfinite(np.diag(matrix))):
+            raise FormatError(f"{where}: {key} tells of {NAMES[i]}, whose mean is null; expected null there, too; {_AGAIN}")
+    return lot
+
+
+def _known(values: dict[str, float | None]) -> dict[str, float]:
+    return {name: float("nan") if value is None else float(value) for name, value in values.items()}
+
+
+def _array(table: dict, key: str, where: str, dimensions: int) -> np.ndarray:
+    """(21,) or (21, 21), NaN for null."""
+    rows, size = table[key], len(NAMES)
+    lengths = [len(rows)] + ([len(row) for row in rows] if dimensions == 2 else [])
+    for at, length in enumerate(lengths):
+        if length != size:
+            place = key if at == 0 else f"{key}[{at - 1}]"
+            raise FormatError(f"{where}: {place} has {length} entries, expected {size}, one for each name; {_AGAIN}")
+    return np.array(rows, dtype=float)
+
+
+def _covariance(table: dict, key: str, where: str) -> np.ndarray:
+    """(21, 21), symmetric and of no negative variance where it is told, NaN in whole rows and columns where it is not."""
+    matrix = _array(table, key, where, 2)
+    unknown = np.isnan(np.diag(matrix))
+    for i, j in np.argwhere(np.isnan(matrix) != (unknown[:, None] | unknown)):
+        raise FormatError(f"{where}: {key}[{i}][{j}] is {shown(table[key][i][j])}, expected null in whole rows and columns only; {_AGAIN}")
+    told = matrix[np.ix_(~unknown, ~unknown)]
+    scale = np.sqrt(np.abs(np.diag(told)))
+    scaled = told / np.where(scale > 0, np.outer(scale, scale), 1.0) if told.size else told
+    wrong = ""
+    if (np.abs(scaled - scaled.T) > _ROUNDING).any():
+        wrong = "is not symmetric"
+    elif told.size and ((np.diag(told) < 0).any() or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING * len(told)):
+        wrong = "has a negative variance"
+    elif (np.abs(told[scale == 0]) > 0).any():
+        wrong = "has a covariance with a number of no variance"
+    if wrong:
+        raise FormatError(f"{where}: {key} {wrong}, expected a covariance; {_AGAIN}")
+    matrix[np.ix_(~unknown, ~unknown)] = (told + told.T) / 2
+    return matrix

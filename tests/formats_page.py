@@ -43,7 +43,7 @@ METHODS = set(CODE.findall(METHOD_LINE)[1:])
 OPTIONS = {path[1] for path in keys_on_page("tinygc-truth/1") if path[0] == "options"}
 STANDS_FOR = {
     "<method>": lambda word: word in METHODS,
-    "<file>": lambda word: re.fullmatch(r"[\w-]+\.(csv|csv\.gz|toml|json)", word),
+    "<file>": lambda word: re.fullmatch(r"[\w-]+(\.unit\d+)?\.(csv|csv\.gz|toml|json)", word),
     "<id>": lambda word: word in EFFECTS or word.startswith(("unknown.", "outside.")),
     "<parameter>": lambda word: word in PARAMETERS,
     "<option>": lambda word: word in OPTIONS,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from session.log.array_names import is_array
+from tinygc.cli.commands._array import explain_array_folder
 from tinygc.cli.commands._results import complain, output, try_destinations, verdict, write_json
 from tinygc.cli.paths import folder_written, path_read
 
@@ -13,7 +15,7 @@ USES_EFFECTS = True
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument("folder", type=path_read, help="session folder")
+    command.add_argument("folder", type=path_read, help="session folder, or one of an array")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     lot = "effects that many units of its kind have (lot.json): how probable they are in this one, and what they are worth"
     command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
@@ -23,7 +25,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Why recording and simulation differ."""
+    """Why recording and simulation differ; of an array, what is whose."""
+    if is_array(args.folder):
+        return explain_array_folder(args)
     from tinygc.cli.console import progress_bar
     from tinygc.library.explain import explain
 

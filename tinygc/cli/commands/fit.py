@@ -6,7 +6,9 @@ import argparse
 from dataclasses import replace
 
 from session.common.errors import CalibrationError
+from session.log.array_names import is_array
 from tinygc.cli.arguments import positive, three
+from tinygc.cli.commands._array import fit_array_folder
 from tinygc.cli.commands._fitting import add_fit_arguments, fit_options, given
 from tinygc.cli.commands._results import complain, output, try_destinations, write_json
 from tinygc.cli.commands._several import Done, run_each
@@ -27,7 +29,7 @@ DEFAULTS = {"limit": "limits.closure_deg"}
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     limit = "exit 1 if the best method's held-out tilt, or the best method's RMSE in any closure run, is above this"
-    command.add_argument("folder", type=path_read, help="session folder; several are fitted one by one")
+    command.add_argument("folder", type=path_read, help="session folder, or one of an array; several are fitted one by one")
     add_temperature_arguments(command)
     add_fit_arguments(command, OF_DAY)
     command.add_argument("--resume", action="store_true", help="go on with an adamw training that was interrupted")
@@ -53,7 +55,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fit(args: argparse.Namespace) -> Done:
-    """One session, or one folder of rest logs."""
+    """One session, one array, or one folder of rest logs."""
+    if is_array(args.folder):
+        return fit_array_folder(args)
     if has_only_rests(args.folder):
         return fit_temperature(args)
     if args.bias in OF_DAY or args.model or args.bias_dps:

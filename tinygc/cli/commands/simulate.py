@@ -10,6 +10,7 @@ from tinygc.cli.commands._results import output, write_json
 from tinygc.cli.paths import folder_written
 
 if TYPE_CHECKING:
+    from tinygc.simulation.array.options import ArrayOptions
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.rest_options import RestOptions
 
@@ -26,16 +27,21 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """A session that the rest of the tool cannot tell from a recorded one."""
     from tinygc.library.simulate import simulate
+    from tinygc.simulation.array.options import ArrayOptions
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.rest_options import RestOptions
     from tinygc.simulation.write import check_folder
 
     chosen = {name: value for name, value in vars(args).items() if name in SimulationOptions.__dataclass_fields__ and value is not None}
     options = SimulationOptions(**chosen)
-    check_folder(args.out, args.force)  # before the work
+    if not (args.units or 0) > 1:
+        check_folder(args.out, args.force)  # before the work
     rest = RestOptions(**_rest_options(args))
     if rest.cycles:
         return _rest(args, rest, options)
+    array = {name: value for name, value in vars(args).items() if name in ArrayOptions.__dataclass_fields__ and value is not None}
+    if array:
+        return _array(args, ArrayOptions(**array), options, chosen)
     folder = simulate(options).save(args.out, force=args.force)
     output(args).print(f"{folder}: simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
     write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen})
@@ -53,6 +59,25 @@ def _rest(args: argparse.Namespace, rest: RestOptions, options: SimulationOption
     return 0
 
 
+def _array(args: argparse.Namespace, array: ArrayOptions, options: SimulationOptions, chosen: dict) -> int:
+    """Several units on one body."""
+    from dataclasses import asdict
+
+    from session.common.errors import CalibrationError
+    from tinygc.simulation.array.simulate import simulate_array
+    from tinygc.simulation.array.write import check_array_folder, write_array
+
+    if array.units < 2:
+        raise CalibrationError("options of an array, and one unit; add --units N with two or more, or leave them out")
+    if args.rest_cycles or options.stop_sigma_deg:
+        raise CalibrationError("--units: an array has neither rest logs nor turns of known angle; simulate them apart")
+    check_array_folder(args.out, args.force)  # before the work
+    folder = write_array(simulate_array(options, array), args.out, args.force)
+    output(args).print(f"{folder}: {array.units} units are simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
+    write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen | {"array": asdict(array)}})
+    return 0
+
+
 def _rest_options(args: argparse.Namespace) -> dict:
     given = {name.removeprefix("rest_"): value for name, value in vars(args).items() if name.startswith("rest_") and value is not None}
     return {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
@@ -60,12 +85,15 @@ def _rest_options(args: argparse.Namespace) -> dict:
 
 def _add_simulation_options(command: argparse.ArgumentParser) -> None:
     """One flag for each field of ``SimulationOptions``; its comments say what they mean."""
+    from tinygc.simulation.array.options import ArrayOptions
     from tinygc.simulation.options import SimulationOptions, flag
     from tinygc.simulation.rest_options import RestOptions, rest_flag
 
     _add(command, {flag(name): (name, field) for name, field in SimulationOptions.__dataclass_fields__.items() if name != "seed"})
     rest = {rest_flag(name): (f"rest_{name}", field) for name, field in RestOptions.__dataclass_fields__.items()}
     _add(command.add_argument_group("a rest log, with --rest-cycles"), rest)
+    array = {flag(name): (name, field) for name, field in ArrayOptions.__dataclass_fields__.items()}
+    _add(command.add_argument_group("an array, with --units"), array)
 
 
 def _add(command: argparse._ActionsContainer, flags: dict[str, tuple[str, Field]]) -> None:

@@ -1,0 +1,142 @@
+"""Arrays: what the units of one body are to each other as a reference, on simulated arrays and on real ones.
+
+Coverage of the joint estimate and what it gains over each unit alone; of ../shared/mimu, whether mountings and positions repeat over the
+four experiments within their stated sigmas, what the units have in common and what each has alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from common import markdown, progress
+from scipy.spatial.transform import Rotation
+
+from session.common.units import DEG
+from session.log.array_reading import read_array
+from session.public import mikov, mimu
+from tinygc.array.fit import ArrayFit, fit_array
+from tinygc.simulation.array.options import ArrayOptions
+from tinygc.simulation.array.simulate import simulate_array
+from tinygc.simulation.array.write import write_array
+from tinygc.simulation.options import SimulationOptions
+
+SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
+SETS = {"mimu": mimu.write_array, "mikov": mikov.write_array}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("which", nargs="*", metavar="simulated|mimu|mikov", help="of these (all)")
+    parser.add_argument("--seeds", type=int, default=40, help="simulated arrays (%(default)s)")
+    chosen = parser.parse_args()
+    if not chosen.which or "simulated" in chosen.which:
+        simulated(chosen.seeds)
+    fits = {}
+    with tempfile.TemporaryDirectory() as place:
+        for name, write in SETS.items():
+            if (not chosen.which or name in chosen.which) and (SHARED / name).is_dir():
+                fits[name] = [fitted(folder) for folder in write(SHARED / name, Path(place) / name)]
+    if fits:
+        real([fit for each in fits.values() for fit in each])
+    if "mimu" in fits:
+        repeat(fits["mimu"])
+
+
+def simulated(seeds: int) -> None:
+    """Inject and recover: how many of the errors lie within one sigma, and how wide that is against a unit alone."""
+    print(f"\n{seeds} simulated arrays of 3 units, 14 turns, 104 Hz: errors over their stated sigma\n")
+    rows = []
+    for bias in ("ends", "stills"):
+        off: dict[str, list] = {name: [] for name in ("E", "B", "mounting", "position", "clock rate")}
+        gain, best = [], []
+        for seed in range(seeds):
+            progress(f"bias from {bias}: {seed + 1} of {seeds}")
+            made = simulate_array(SimulationOptions(segments=14, closure_s=0, odr_hz=104, seed=seed), ArrayOptions(units=3))
+            with tempfile.TemporaryDirectory() as place:
+                fit = fit_array(read_array(write_array(made, Path(place) / "array")), bias=bias)
+            for unit, truth, true in zip(fit.units, made.truths, made.units, strict=True):
+                apart = (unit.model.vector - np.concatenate([true.unit.E.ravel(), true.unit.B])) / unit.sigma
+                off["E"].append(apart[:9])
+                off["B"].append(apart[9:])
+                gain.append(unit.sigma[:9] / unit.sigma_alone[:9])
+                best.append(unit.best_gain)
+                if unit is fit.units[0]:
+                    continue
+                turn = Rotation.from_matrix(unit.place.mounting @ truth.mounting.T).as_rotvec()
+                off["mounting"].append(turn / np.sqrt(np.diag(unit.place.mounting_covariance)))
+                off["clock rate"].append([(unit.place.clock.rate - truth.rate) / unit.place.clock.rate_sigma])
+                if unit.place.position_m is not None:
+                    off["position"].append((unit.place.position_m - truth.position_m) / np.sqrt(np.diag(unit.place.position_covariance)))
+        for name, values in off.items():
+            z = np.concatenate(values)
+            more = (f"{np.median(gain):.2f}", f"{np.median(best):.1f} times") if name == "E" else ("", "")
+            rows.append((f"{name}, bias from {bias}", f"{100 * np.mean(np.abs(z) < 1):.0f} %", f"{np.sqrt(np.mean(z**2)):.2f}", *more))
+    progress("")
+    print(markdown(("errors of", "within 1 sigma", "rms, sigmas", "sigma in the array over alone", "best direction gains"), rows))
+
+
+def fitted(folder: Path) -> ArrayFit:
+    """With a line of progress."""
+    progress(f"fitting {folder.name}")
+    return fit_array(read_array(folder))
+
+
+def real(fits: list[ArrayFit]) -> None:
+    """Each array's common and own parts."""
+    progress("")
+    rows = []
+    for fit in fits:
+        split = fit.split
+        found = "" if not split.predicted else f"{split.fast[0] / split.predicted:.2f} ± {split.fast[1] / split.predicted:.2f}"
+        own = ", ".join(f"{unit.own_rad[0] / DEG:.2f}" for unit in fit.units)
+        figures = (f"{angle / DEG:.3f}" for angle in (split.minus_mean_rad, split.common, split.predicted))
+        rows.append((fit.array.name, fit.bias, len(fit.same.spans), *figures, found, f"{split.p_value:.1g}", own))
+    head = (
+        "array",
+        "bias",
+        "turns",
+        "unit minus mean",
+        "common",
+        "fast motion predicted",
+        "found of it",
+        "p of nothing common",
+        "own excess",
+    )
+    print(f"\nWhat turns miss by, degrees of tilt, rms a turn\n\n{markdown(head, rows)}")
+
+
+def repeat(fits: list[ArrayFit]) -> None:
+    """Mountings and positions over the experiments: scatter against stated sigma."""
+    rows, ratios = [], []
+    for number in fits[0].numbers[1:]:
+        units = [unit for fit in fits for unit in fit.units if unit.number == number]
+        middle = Rotation.from_matrix([unit.place.mounting for unit in units]).mean()
+        turns = np.array([(Rotation.from_matrix(unit.place.mounting) * middle.inv()).as_rotvec() for unit in units])
+        sigma = np.array([np.sqrt(np.diag(unit.place.mounting_covariance)) for unit in units])
+        scatter = np.sqrt((turns**2).sum(axis=0) / (len(units) - 1))
+        ratios.append(scatter / np.sqrt((sigma**2).mean(axis=0)))
+        where = np.array([unit.place.position_m for unit in units if unit.place.position_m is not None])
+        known = np.array([np.sqrt(np.diag(u.place.position_covariance)) for u in units if u.place.position_covariance is not None])
+        gain = np.median([unit.sigma[:9] / unit.sigma_alone[:9] for unit in units])
+        rows.append(
+            (
+                number,
+                ", ".join(f"{x / DEG:.3f}" for x in scatter),
+                f"{np.sqrt((sigma**2).mean()) / DEG:.3f}",
+                ", ".join(f"{x * 1e3:.1f}" for x in where.mean(axis=0)),
+                ", ".join(f"{x * 1e3:.1f}" for x in where.std(axis=0, ddof=1)),
+                f"{np.sqrt((known**2).mean()) * 1e3:.1f}",
+                f"{gain:.2f}",
+                f"{np.median([unit.best_gain for unit in units]):.1f} times",
+            )
+        )
+    head = ("unit", "mounting repeats to, deg", "stated", "position, mm", "repeats to", "stated", "sigma of E over alone", "best direction")
+    print(f"\nPlaces over {len(fits)} recordings\n\n{markdown(head, rows)}")
+    print(f"\nMountings: scatter over stated sigma, rms over units and axes: {np.sqrt(np.mean(np.square(ratios))):.2f}")
+
+
+if __name__ == "__main__":
+    main()

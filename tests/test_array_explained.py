@@ -1,0 +1,83 @@
+"""What is whose in an array: a false reading is in one unit, a knock in all; an effect in one unit is that unit's own physics."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import DEG
+from formats_page import strangers
+
+import calibrate
+from session.log.array_reading import read_array
+from tinygc.array.explain import ALIKE, COMMON, OWN, SOME, ArrayExplanation, Trait, explain_array
+from tinygc.array.moments import FALSE_READING, KNOCK
+from tinygc.simulation.array.options import ArrayOptions
+from tinygc.simulation.array.simulate import simulate_array
+from tinygc.simulation.array.write import write_array
+from tinygc.simulation.options import SimulationOptions
+
+
+@pytest.fixture(scope="module")
+def hit(tmp_path_factory):
+    """A body that is knocked in the middle turn, and a last unit that reads falsely in the second."""
+    options = SimulationOptions(segments=14, closure_s=0, odr_hz=104, seed=5)
+    made = simulate_array(options, ArrayOptions(units=3, knock_deg=1.0, false_reading_dps=60.0))
+    return made, write_array(made, tmp_path_factory.mktemp("explained") / "array")
+
+
+def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit, tmp_path, capsys):
+    made, folder = hit
+    out, table = tmp_path / "out", tmp_path / "x.json"
+    assert calibrate.main(["explain", str(folder), "--out", str(out), "--json", str(table), "--strict"]) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert "unit 2 alone leaps" in said
+    assert "a false reading" in said
+    assert "a knock, no false reading" in said
+    written = json.loads(table.read_text(encoding="utf-8"))
+    assert written["schema"] == "tinygc-array-explain/1"
+    assert not strangers(written)
+    assert written == json.loads((out / "array.json").read_text(encoding="utf-8"))
+    false = [moment for moment in written["moments"] if moment["what"] == FALSE_READING]
+    knocks = [moment for moment in written["moments"] if moment["what"] == KNOCK]
+    assert [moment["unit"] for moment in false] == [2]
+    start, stop = made.plan.turns[1]
+    assert false[0]["at_s"] == pytest.approx((start + stop) / 2, abs=0.1)
+    assert false[0]["felt_by_others"] < 0.2
+    start, stop = made.plan.turns[7]
+    assert knocks
+    assert all(moment["at_s"] == pytest.approx((start + stop) / 2, abs=0.1) for moment in knocks)
+    assert [(event["what"], event["unit"]) for event in written["events"]] == [("turn", 2)]
+    (trait,) = (trait for trait in written["traits"] if trait["id"] == "data.glitches")
+    assert (trait["whose"], trait["units"]) == (OWN, [2])
+    for unit in written["units"]:
+        assert not strangers(json.loads((out / unit["explained"]).read_text(encoding="utf-8")))
+
+
+def test_an_effect_in_one_unit_is_that_units_own_physics(tmp_path):
+    """Unit 1's bias follows gravity: it is named there, and in no other; the others stay as they are."""
+    matrix = np.array([[0.06, 0.0, 0.02], [0.0, -0.05, 0.0], [0.03, 0.0, 0.04]]) * DEG / 9.80665
+
+    def follows_gravity(t_s, rate, force, temp_c):
+        return rate + force @ matrix.T
+
+    options = SimulationOptions(segments=16, closure_s=0, odr_hz=104, seed=8)
+    made = simulate_array(options, ArrayOptions(units=3), distort={1: follows_gravity})
+    found = explain_array(read_array(write_array(made, tmp_path / "array")))
+    assert isinstance(found, ArrayExplanation)
+    (trait,) = (trait for trait in found.traits if trait.id == "gyro.g_sensitivity")
+    assert trait.whose == OWN
+    assert trait.units == (1,)
+    assert "unit 1 alone" in trait.words
+    own = [unit.own_rad[0] for unit in found.fit.units]
+    assert own[1] > 3 * max(own[0], own[2])
+    assert found.verdict in ("own", "common_and_own")
+    assert found.fit.split.common < own[1] / 3
+
+
+def test_words_say_whose():
+    says = ("a", "b")
+    assert "unit 3 alone" in Trait("gyro.x", (3,), OWN, says[:1]).words
+    assert "own readings" in Trait("data.glitches", (3,), OWN, says[:1]).words
+    assert "units 1, 2" in Trait("gyro.x", (1, 2), SOME, says).words
+    assert "no unit's sensor" in Trait("motion.undersampled", (1, 2), COMMON, says).words
+    assert "or what sensors of this kind have" in Trait("gyro.thermal_bias", (1, 2), ALIKE, says).words

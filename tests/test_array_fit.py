@@ -1,0 +1,258 @@
+"""An array's units estimated together: injected calibrations, mountings and positions come back, within sigmas that hold."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import DEG
+from formats_page import strangers
+from scipy.spatial.transform import Rotation
+
+import calibrate
+from session.log.array_reading import read_array
+from session.log.config import LeftOut
+from session.public import mikov, mimu
+from tinygc.array.fit import fit_array
+from tinygc.array.fit_json import array_to_json, unit_model
+from tinygc.array.model_files import load_array_model
+from tinygc.array.state import MOUNTING
+from tinygc.array.system import System
+from tinygc.simulation.array.options import ArrayOptions
+from tinygc.simulation.array.simulate import simulate_array
+from tinygc.simulation.array.write import write_array
+from tinygc.simulation.options import SimulationOptions
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """``made(units=3, seed=1, …)``: a simulated array, the folder that holds it, and its fit; each once."""
+    known = {}
+
+    def make(bias="ends", segments=12, seed=0, units=3, **more):
+        key = (bias, segments, seed, units, *sorted(more.items()))
+        if key not in known:
+            simulation = simulate_array(
+                SimulationOptions(segments=segments, closure_s=0, odr_hz=104, seed=seed), ArrayOptions(units=units, **more)
+            )
+            folder = write_array(simulation, tmp_path_factory.mktemp("array") / "array")
+            known[key] = simulation, folder, fit_array(read_array(folder), bias=bias)
+        return known[key]
+
+    return make
+
+
+def twelve(unit) -> np.ndarray:
+    return np.concatenate([unit.unit.E.ravel(), unit.unit.B])
+
+
+def test_every_injected_number_comes_back_within_sigmas_that_hold(made):
+    gyro, mounting = [], []
+    for seed in range(4):
+        simulation, _, fit = made(seed=seed)
+        assert not fit.left_out
+        assert not fit.joint.events
+        for unit, true, place in zip(fit.units, simulation.units, simulation.truths, strict=True):
+            gyro.append((unit.model.vector - twelve(true)) / unit.sigma)
+            turn = Rotation.from_matrix(unit.place.mounting @ place.mounting.T).as_rotvec()
+            if unit.number:
+                mounting.append(turn / np.sqrt(np.diag(unit.place.mounting_covariance)))
+            if unit.number and unit.place.position_m is not None:
+                assert np.abs(unit.place.position_m - place.position_m).max() < 1e-3
+                off = np.abs(unit.place.position_m - place.position_m) / np.sqrt(np.diag(unit.place.position_covariance))
+                assert off.max() < 5
+    for z in (np.array(gyro), np.array(mounting)):
+        # 144 and 24 numbers, of 4 motions: 68 % within one sigma, give or take what so few tell
+        assert 0.5 < np.mean(np.abs(z) < 1) < 0.92
+        assert 0.7 < np.sqrt(np.mean(z**2)) < 1.3
+
+
+def test_other_units_tell_what_gravity_alone_does_not(made):
+    _, _, fit = made()
+    for unit in fit.units:
+        assert (unit.sigma[:9] < unit.sigma_alone[:9]).all()
+        assert unit.best_gain > 1.5
+        assert np.abs((unit.alone.vector - unit.model.vector) / unit.sigma_alone).max() < 5
+    assert fit.covariance.shape == (72, 72)
+    assert np.linalg.eigvalsh(fit.covariance)[0] > -1e-12
+
+
+def test_a_units_place_in_the_list_changes_nothing(made):
+    _, folder, fit = made()
+    array = read_array(folder)
+    order = (0, 2, 1)
+    other = fit_array(dataclasses.replace(array, units=tuple(array.units[i] for i in order), numbers=order), bias="ends")
+    for i, unit in zip(order, other.units, strict=True):
+        assert np.abs((unit.model.vector - fit.units[i].model.vector) / unit.sigma).max() < 1e-3
+        assert np.abs(unit.covariance / fit.units[i].covariance - 1)[np.diag_indices(12)].max() < 1e-2
+        if i:
+            assert np.abs(unit.place.mounting - fit.units[i].place.mounting).max() < 1e-7
+
+
+def test_the_frame_of_a_unit_is_its_own(made):
+    """A unit that is turned on the body has the same E; only its mounting is another."""
+    simulation, _, fit = made(mounting_deg=25.0, seed=3)
+    for unit, true in zip(fit.units, simulation.units, strict=True):
+        assert np.abs((unit.model.vector - twelve(true)) / unit.sigma).max() < 4.5
+    turned = Rotation.from_matrix(fit.units[1].place.mounting).magnitude()
+    assert turned == pytest.approx(Rotation.from_matrix(simulation.truths[1].mounting).magnitude(), abs=0.01 * DEG)
+    assert turned > 5 * DEG
+
+
+def test_a_units_own_model_counts_seconds_of_its_own_clock(made):
+    simulation, _, fit = made(clock_rate=0.01, seed=4)
+    rates = [place.rate for place in simulation.truths]
+    assert max(map(abs, rates)) > 2e-3
+    for unit, rate in zip(fit.units, rates, strict=True):
+        assert unit.place.clock.rate == pytest.approx(rate, abs=2e-6)
+        assert np.allclose(unit_model(unit).E, unit.model.E * (1 + rate), atol=5e-6)
+
+
+def test_a_false_reading_is_one_units_and_spoils_no_number(made):
+    simulation, _, fit = made(seed=2, false_reading_dps=80.0)
+    (event,) = fit.joint.events
+    assert (event.what, event.unit, event.first) == ("turn", 2, 1)
+    assert event.size == pytest.approx(80 * 3 / simulation.units[2].unit.odr_hz * DEG, rel=0.25)
+    for unit, true in zip(fit.units, simulation.units, strict=True):
+        assert np.abs((unit.model.vector - twelve(true)) / unit.sigma).max() < 4.5
+
+
+def test_what_all_accelerometers_feel_is_the_bodys(made):
+    """A level acceleration of 2 mg in each still: no unit's own excess, and of the size that was put in."""
+    _, _, fit = made(seed=1, reference_error_mg=2.0)
+    _, _, without = made(seed=1)
+    level, common = fit.split.level_mps2[0] / 9.80665e-3, fit.split.common
+    tilt = np.hypot(level * 1e-3 * np.sqrt(2 * 2), common)
+    assert tilt == pytest.approx(2e-3 * np.sqrt(2 * 2), rel=0.5)
+    assert fit.split.p_value < 1e-3 or level == pytest.approx(2.0, rel=0.5)
+    for unit, other in zip(fit.units, without.units, strict=True):
+        assert unit.own_rad[0] < other.own_rad[0] + 0.02 * DEG
+    assert without.split.p_value > 1e-3
+
+
+def test_bias_from_stills_or_ends_is_the_same_within_sigmas(made):
+    simulation, _, ends = made()
+    _, _, stills = made(bias="stills")
+    for unit, other, true in zip(ends.units, stills.units, simulation.units, strict=True):
+        assert np.abs((unit.model.vector - other.model.vector) / np.hypot(unit.sigma, other.sigma)).max() < 3
+        assert np.abs((other.model.vector - twelve(true)) / other.sigma).max() < 4.5
+
+
+def test_components_of_variance_come_back():
+    """Rows of two groups with known errors, and an unknown that both share: the textbook's random effect."""
+    rng, found = np.random.default_rng(1), []
+    for _ in range(40):
+        turns, units = 30, 4
+        common, own = 2.0 * rng.normal(size=turns), rng.normal(size=(units, turns)) * np.array([0.5, 1.0, 1.0, 2.0])[:, None]
+        white = 0.3 * rng.normal(size=(units, turns))
+        design = np.zeros((units * turns + turns, units + turns))
+        for i in range(units):
+            design[i * turns : (i + 1) * turns, i] = 1.0
+            design[i * turns : (i + 1) * turns, units:] = np.eye(turns)
+        design[units * turns :, units:] = np.eye(turns)
+        values = np.concatenate([-(common + own + white + np.arange(units)[:, None]).ravel(), np.zeros(turns)])
+        V = np.zeros((units + 1, len(values)))
+        for i in range(units):
+            V[i, i * turns : (i + 1) * turns] = 1.0
+        V[-1, units * turns :] = 1.0
+        base = np.concatenate([np.full(units * turns, 0.09), np.full(turns, 1e-9)])
+        prior = np.full(units + turns, 1e3)
+        solution = System(design, values, base, V, prior, np.zeros(len(prior)), np.zeros(len(values), bool)).estimated(np.ones(units + 1))
+        found.append((solution.t - [0.25, 1.0, 1.0, 4.0, 4.0]) / solution.sigma())
+        assert np.isfinite(solution.value)
+    z = np.array(found)
+    assert np.abs(z.mean(axis=0)).max() < 0.6
+    assert 0.55 < np.mean(np.abs(z) < 1) < 0.8
+
+
+def test_the_command_prints_saves_and_keeps_to_the_page(made, tmp_path, capsys):
+    _, folder, fit = made()
+    out, table = tmp_path / "out", tmp_path / "x.json"
+    assert calibrate.main(["fit", str(folder), "--out", str(out), "--json", str(table), "--bias", "ends"]) == 0
+    said = capsys.readouterr().out
+    assert "clock" in said
+    assert "mounting" in said
+    assert "unit minus mean" in said
+    written = json.loads(table.read_text(encoding="utf-8"))
+    assert written == json.loads((out / "array.json").read_text(encoding="utf-8"))
+    assert written["schema"] == "tinygc-array-fit/1"
+    assert not strangers(written)
+    assert written == json.loads(json.dumps(array_to_json(fit)))
+    fused = load_array_model(out / "model_array.json")
+    assert fused.numbers == (0, 1, 2)
+    assert np.allclose(fused.joint_covariance[:12, :12], fit.units[0].covariance[:12, :12])
+    for unit in written["units"]:
+        model = json.loads((out / unit["model"]).read_text(encoding="utf-8"))
+        assert model["kind"] == "linear"
+        assert not strangers(model)
+
+
+@pytest.mark.parametrize("words", [("--physics", "auto"), ("--folds", "3"), ("--bias", "start"), ("--exclude", "1")])
+def test_what_makes_no_sense_of_an_array_is_refused_in_a_line(made, words, capsys):
+    _, folder, _ = made()
+    assert calibrate.main(["fit", str(folder), *words, "--quiet"]) == 2
+    said = capsys.readouterr().err.strip()
+    assert "array" in said
+    assert words[0] in said
+    assert "\n" not in said
+
+
+def test_a_unit_that_cannot_be_used_is_left_out_and_said(made, tmp_path, capsys):
+    _, folder, _ = made()
+    array = read_array(folder)
+    log = array.units[2].logs[0]
+    shaken = np.asarray(log.samples.gyro) + np.random.default_rng(1).normal(size=(len(log.samples), 3)) * 1e-3
+    shaken[:, 0] += 2 * DEG * np.sin(20 * np.pi * log.samples.t_s)
+    noisy = dataclasses.replace(log, samples=dataclasses.replace(log.samples, gyro=shaken, accel=np.asarray(log.samples.accel) * 1.5))
+    spoilt = dataclasses.replace(array, units=(*array.units[:2], dataclasses.replace(array.units[2], logs=(noisy,))))
+    fit = fit_array(spoilt, bias="ends")
+    assert [unit.number for unit in fit.units] == [0, 1]
+    assert [unit.number for unit in fit.left_out] == [2]
+    assert fit.left_out[0].why
+    assert "\n" not in fit.left_out[0].why
+
+
+def test_a_turn_that_is_left_out_in_one_unit_counts_in_none(made):
+    simulation, folder, fit = made(seed=4, clock_rate=0.01, clock_offset_ms=900.0)
+    array, truth = read_array(folder), simulation.truths[1]
+    start, stop = simulation.plan.turns[5]
+    own_s = ((start + stop) / 2 - truth.offset_s) / (1 + truth.rate)
+    unit = array.units[1]
+    config = dataclasses.replace(unit.config, exclude=(LeftOut(unit.logs[0].path.name, own_s),))
+    less = dataclasses.replace(array, units=(array.units[0], dataclasses.replace(unit, config=config), array.units[2]))
+    found = fit_array(less, bias="ends")
+    assert [len(rows) for rows in fit.same.turns] == [12, 12, 12]
+    assert [len(rows) for rows in found.same.turns] == [11, 11, 11]
+    assert (5, 6) not in set(map(tuple, found.same.spans.tolist()))
+
+
+def test_three_sensors_on_one_body(shared, tmp_path):
+    """mikov: the Xsens beside two MEMS units; unit 2's clock is slow by what a separate analysis has, 0.220 %."""
+    (folder,) = mikov.write_array(shared / "mikov", tmp_path / "mikov")
+    fit = fit_array(read_array(folder), bias="ends")
+    assert fit.numbers == (0, 2, 4)
+    assert fit.units[1].place.clock.rate == pytest.approx(0.00220, abs=5e-5)
+    assert fit.split.minus_mean_rad < 0.05 * DEG
+    assert all(np.sqrt(np.trace(unit.covariance[MOUNTING, MOUNTING])) < 0.03 * DEG for unit in fit.units[1:])
+
+
+@pytest.mark.slow
+def test_eight_units_on_one_board(shared, tmp_path):
+    """mimu: what turns miss by is common, motion beyond the data rate; a unit less the mean is below 0.10 deg; places repeat."""
+    fits = [fit_array(read_array(folder)) for _, folder in zip(range(2), mimu.write_array(shared / "mimu", tmp_path), strict=False)]
+    for fit in fits:
+        assert len(fit.units) == 8
+        assert fit.split.minus_mean_rad < 0.10 * DEG
+        assert fit.split.is_fast_motion
+        assert fit.split.fast[0] == pytest.approx(fit.split.predicted, rel=0.4)
+    for one, other in zip(fits[0].units[1:], fits[1].units[1:], strict=True):
+        apart = Rotation.from_matrix(one.place.mounting @ other.place.mounting.T).magnitude()
+        assert apart < 0.15 * DEG
+        assert np.linalg.norm(one.place.position_m - other.place.position_m) < 2e-3
+
+
+def test_the_same_array_twice_is_the_same(made):
+    _, folder, fit = made()
+    again = fit_array(read_array(Path(folder)), bias="ends")
+    assert array_to_json(again) == array_to_json(fit)

@@ -1,0 +1,111 @@
+"""An array's fit as a person reads it in the terminal."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from scipy.spatial.transform import Rotation
+
+from session.common.console import one_line
+from session.common.texts import printable
+from session.common.units import DEG, G
+from tinygc.array.events import COMMON_STILL, COMMON_TURN, OWN_TURN, ArrayEvent
+from tinygc.array.fit import ArrayFit, UnitFit
+from tinygc.array.fit_json import begins_s
+from tinygc.fitting.figures import run_figures
+
+
+def array_page(fit: ArrayFit) -> Group:
+    """Places, closure, what is common, what stands out, what was left out."""
+    parts: list[RenderableType] = [_places(fit), "", _closure(fit), ""]
+    parts.append(one_line(f"Common: {fit.split.words}."))
+    parts.append(one_line(_bias_words(fit)))
+    for unit in fit.units:
+        runs = ", ".join(f"{run.file} {run_figures(error)['rmse_deg']:.4f}°" for run, error in unit.runs)
+        parts += [one_line(f"Closure runs of unit {unit.number}, rms error at the return: {runs}.")] if runs else []
+        parts += [one_line(f"Unit {unit.number}: not observed: {', '.join(unit.unobserved)}.", "yellow")] if unit.unobserved else []
+    if fit.ages:
+        ages = ", ".join(f"unit {each.number} ({each.beat_hz:.3g} Hz)" for each in fit.ages)
+        parts.append(one_line(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected."))
+    parts += [one_line(f"{event_words(event, fit)}.", "yellow") for event in fit.joint.events]
+    parts += [one_line(f"Left out: unit {unit.number}: {unit.why}", "bold red") for unit in fit.left_out]
+    return Group(*parts)
+
+
+def _places(fit: ArrayFit) -> Table:
+    table = Table(title="Units against the first: clock, mounting, position", title_justify="left", box=None, padding=(0, 1))
+    for column in ("unit", "serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm"):
+        table.add_column(column, justify="left" if column == "serial" else "right", overflow="fold")
+    for unit in fit.units:
+        table.add_row(*_place(unit, unit is fit.units[0]))
+    return table
+
+
+def _place(unit: UnitFit, first: bool) -> list[str]:
+    place, clock = unit.place, unit.place.clock
+    name = [str(unit.number), printable(unit.session.config.sensor.serial)]
+    if first:
+        return [*name, "0", "0", "0, 0, 0", "–", "0, 0, 0", "–"]
+    turn = Rotation.from_matrix(place.mounting).as_rotvec() / DEG
+    sigma = float(np.sqrt(np.trace(place.mounting_covariance) / 3)) / DEG
+    where, known = "not told by the motion", "–"
+    if place.position_m is not None and place.position_covariance is not None:
+        where = ", ".join(f"{x * 1e3:.1f}" for x in place.position_m)
+        known = f"{float(np.sqrt(np.trace(place.position_covariance) / 3)) * 1e3:.1f}"
+    return [
+        *name,
+        f"{clock.offset_s * 1e3:.3f} ± {clock.offset_sigma_s * 1e3:.3f}",
+        f"{clock.rate * 1e6:.1f} ± {clock.rate_sigma * 1e6:.1f}",
+        ", ".join(f"{x:.3f}" for x in turn),
+        f"{sigma:.3f}",
+        where,
+        known,
+    ]
+
+
+def _closure(fit: ArrayFit) -> Table:
+    title = "What turns miss by, degrees of tilt, rms a turn, and how much better the array knows each unit than it knows itself"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
+    for column in ("unit", "closure alone", "white floor", "own excess", "unit minus mean", "scale, ppm: alone", "array"):
+        table.add_column(column, justify="right", overflow="fold")
+    for unit in fit.units:
+        own, sigma = (part / DEG for part in unit.own_rad)
+        diagonal = [0, 4, 8]
+        alone, array = (float(np.sqrt(np.mean(s[diagonal] ** 2))) * 1e6 for s in (unit.sigma_alone, unit.sigma))
+        table.add_row(
+            str(unit.number),
+            f"{unit.closure_rad / DEG:.4f}",
+            f"{unit.floor_rad / DEG:.4f}",
+            f"{own:.4f} ± {sigma:.4f}",
+            f"{unit.minus_mean_rad / DEG:.4f}",
+            f"± {alone:.0f}",
+            f"± {array:.0f}",
+        )
+    split = fit.split
+    table.add_row("all", "", "", f"common {split.common / DEG:.4f}", f"{split.minus_mean_rad / DEG:.4f}", "", "", style="bold")
+    return table
+
+
+def _bias_words(fit: ArrayFit) -> str:
+    where = {"ends": "from the ends of the turns", "stills": "of each turn from the stills around it"}[fit.bias]
+    why = "as asked" if fit.bias_p is None else f"the stills are better by chance with p = {fit.bias_p:.2g}"
+    turns = sum(len(rows) for rows in fit.same.turns)
+    return f"Biases {where} ({why}). {turns} turns of {len(fit.units)} units, {len(fit.same.spans)} of the body."
+
+
+def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
+    """What stands out, whose it is, and what was done about it."""
+    at = fit.same.time_s[event.first, 1 if "turn" in event.what else 0] - begins_s(fit)
+    if event.what == COMMON_TURN:
+        return f"{at:.1f} s: all units miss this turn by {event.size / DEG:.2g}°: a knock or the motion, no unit's reading"
+    if event.what == COMMON_STILL:
+        return f"{at:.1f} s: all units feel {1e3 * event.size / G:.2g} mg in this still: the body was not at rest"
+    assert event.unit is not None
+    number = fit.units[event.unit].number
+    spoilt = [e for e in fit.joint.events if (e.what, e.first, e.last) == (event.what, event.first, event.last)]
+    others = len(fit.units) - len(spoilt)
+    whom = f"the other {others} do not" if others > 1 else "the other does not"
+    if event.what == OWN_TURN:
+        return f"{at:.1f} s: unit {number} misses this turn by {event.size / DEG:.2g}°, {whom}: its own readings; its turn does not count"
+    return f"{at:.1f} s: unit {number} feels {1e3 * event.size / G:.2g} mg too much in this still, {whom}; its gravity there does not count"

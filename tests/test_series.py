@@ -4,7 +4,6 @@ import json
 import os
 import re
 import signal
-import time
 
 import pytest
 from processes import CALIBRATE, DEVNULL, PIPE, calibrate, heard, started, until
@@ -115,35 +114,48 @@ def test_the_same_board_is_the_next_only_after_it_was_away(tmp_path):
     import threading
     import tty
 
-    info = b"# gyro_fs_dps=500 accel_fs_g=4 odr_hz=104.0000 serial=%s\nt_us,gx,gy,gz,ax,ay,az,temp\n"
+    info = b"# gyro_fs_dps=500 accel_fs_g=4 odr_hz=104.0000 serial=A\nt_us,gx,gy,gz,ax,ay,az,temp\n"
     plugs: list[str] = []
-    stop, heard_one = threading.Event(), []
+    looks, absences, heard_one, stop = [], [], [], threading.Event()
 
-    def listen():
-        heard_one.append(Listener(lambda: plugs[0] if plugs else None, 115200, None).next_board("A", stop.is_set))
+    def port():
+        if not plugs:
+            absences.append(True)
+        return plugs[0] if plugs else None
 
-    def speak(serial, until_done):
+    def wanted():
+        looks.append(True)
+        return stop.is_set()
+
+    def plug_in():
         master, slave = pty.openpty()
         tty.setraw(slave)
         plugs[:] = [os.ttyname(slave)]
-        for _ in range(until_done):
-            os.write(master, info % serial)
-            time.sleep(0.05)
-        plugs.clear()
-        os.close(slave)
-        os.close(master)
+        return master, slave
 
-    still_there = threading.Thread(target=speak, args=(b"A", 20), daemon=True)
-    still_there.start()
-    until(lambda: plugs)
-    threading.Thread(target=listen, daemon=True).start()
-    still_there.join()
-    assert not heard_one
-    time.sleep(0.5)  # away
-    threading.Thread(target=speak, args=(b"A", 400), daemon=True).start()
-    until(lambda: heard_one, what="the board that came back")
+    def speak(times, looked=6):
+        """The board says who it is; the listener looks several times for each."""
+        for _ in range(times):
+            os.write(master, info)
+            before = len(looks)
+            until(lambda before=before: heard_one or len(looks) >= before + looked, what="the listener's next looks")
+
+    master, slave = plug_in()
+    listening = threading.Thread(target=lambda: heard_one.append(Listener(port, 115200, None).next_board("A", wanted)), daemon=True)
+    listening.start()
+    speak(5)
+    assert not heard_one  # it is the last one still
+    plugs.clear()
+    os.close(slave)
+    os.close(master)
+    until(lambda: absences, what="a look at a port that is gone")
+    master, slave = plug_in()
+    until(lambda: heard_one or speak(1), what="the board that came back")
     assert heard_one == ["A"]
     stop.set()
+    listening.join()
+    os.close(slave)
+    os.close(master)
 
 
 def test_what_a_row_cannot_be_is_refused(tmp_path):

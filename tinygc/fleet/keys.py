@@ -14,7 +14,8 @@ from tinygc.fleet.options import FleetOptions
 
 #: names of files that a session is read from; truth.json, raw.bin and what commands derived are not among them
 INPUTS = re.compile(r"session\.toml|raw\.times|attitudes\.csv|turns\.csv|(log|closure|rest|truth).*\.csv(\.gz)?")
-KEY = "tinygc-fleet-key/1"
+#: how a key is made
+KEY = "fleet key 1"
 
 
 def key_of(folder: Path, options: FleetOptions) -> str:

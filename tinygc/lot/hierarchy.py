@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize, stats
 
+from session.common.robust import MEDIAN_SIGMAS
 from tinygc.lot.one_pass import Belief, Sums, add, log_density
 from tinygc.lot.sessions import COUNT, LotSessions
 
@@ -100,7 +101,7 @@ def _begin(lot: LotSessions) -> Belief:
         middle = np.add.reduceat(np.where(lot.told, y, 0.0), lot.first) / np.maximum(np.add.reduceat(lot.told.astype(int), lot.first), 1)
         off = np.where(lot.told[several], y[several] - middle[lot.unit[several]], np.nan)
         told = np.isfinite(off).any(axis=0)
-        apart[told] = np.maximum((1.4826 * np.nanmedian(np.abs(off[:, told]), axis=0)) ** 2 * 2, 1e-4)
+        apart[told] = np.maximum((np.nanmedian(np.abs(off[:, told]), axis=0) / MEDIAN_SIGMAS) ** 2 * 2, 1e-4)
     spread = np.maximum(1 - noise - np.where(lot.twice, apart, 0), 0.1)
     return Belief(np.zeros((2, COUNT)), np.zeros((2 * COUNT,) * 2), np.diag(spread), np.diag(np.where(lot.twice, apart, 0.0)))
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from session.common.robust import sigma_of
 from tinygc.lot.hierarchy import Hierarchy
 from tinygc.lot.one_pass import combined
 from tinygc.lot.quantities import OWN, SEEN, jacobian
@@ -22,8 +23,6 @@ FAMILY_P = 0.01
 UNITS_PER_NUMBER = 3
 #: sessions that a spread of closures is taken from
 FEWEST_CLOSURES = 8
-#: of a robust sigma
-_MAD = 1.4826
 UNIT, SESSION, UNKNOWN = "unit", "session", "unit or session"
 
 
@@ -66,7 +65,7 @@ def _closures(lot: LotSessions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if fine.sum() >= FEWEST_CLOSURES:
         middle = np.median(logs[fine])
         # A closure of some dozen segments is never known better than to some percent.
-        spread = max(_MAD * float(np.median(np.abs(logs[fine] - middle))), 0.05)
+        spread = max(float(sigma_of(logs[fine] - middle)), 0.05)
         sigmas[fine] = (logs[fine] - middle) / spread
         p[fine] = stats.t.sf(sigmas[fine], fine.sum() - 1)
         p[ratio <= 1] = 1.0  # at its floor, however low the others are

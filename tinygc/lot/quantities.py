@@ -55,7 +55,16 @@ SEEN = (
 #: their units in SI (21,)
 UNITS = np.array([each.si for each in SEEN])
 #: which number of a lot's vector each of them is, to first order
-OWN = np.array([0, 4, 8, *(3 * i + j for i, j in _LEANS), 9, 10, 11, 12, 15, 17, 13, 14, 16, 18, 19, 20])
+OWN = np.array(
+    [
+        *(NAMES.index(f"E_{axis}{axis}") for axis in "xyz"),
+        *(NAMES.index(f"E_{'xyz'[i]}{'xyz'[j]}") for i, j in _LEANS),
+        *(NAMES.index(f"B_{axis}") for axis in "xyz"),
+        *(NAMES.index(f"accel_scale_{axis}") for axis in "xyz"),
+        *(NAMES.index(f"accel_nonorthogonality_{pair}") for pair in ("xy", "xz", "yz")),
+        *(NAMES.index(f"accel_bias_{axis}") for axis in "xyz"),
+    ]
+)
 #: of a sensor without an error
 NO_ERROR = np.isin(NAMES, ("E_xx", "E_yy", "E_zz")).astype(float)
 

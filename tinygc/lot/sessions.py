@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common.errors import CalibrationError
+from session.common.robust import sigma_of
 from tinygc.lot.unit_result import NAMES, UnitResult
 
 COUNT = len(NAMES)
@@ -16,8 +17,6 @@ TRIANGLE = np.triu_indices(COUNT)
 UNTOLD = 1e8
 #: units that are worked on at once: some 20 MB
 CHUNK = 1024
-#: of a normal distribution, its median absolute deviation
-_MAD = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +171,7 @@ def _scaled(values: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np
             mine = values[told[:, n], n]
             centre[n] = np.median(mine)
             noise = np.sqrt(np.median(variance[told[:, n], n]))
-            scale[n] = max(_MAD * np.median(np.abs(mine - centre[n])), noise)
+            scale[n] = max(float(sigma_of(mine - centre[n])), noise)
     for k in range(len(i)):
         both = told[:, i[k]] & told[:, j[k]]
         covariances[:, k] = np.where(both, covariances[:, k] / (scale[i[k]] * scale[j[k]]), UNTOLD if i[k] == j[k] else 0.0)

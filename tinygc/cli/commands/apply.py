@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     if is_array_model(args.model):
         return fuse(args, out)
     if args.log.is_dir():
-        raise CalibrationError(f"{args.log}: a folder, expected a log; an array's folder goes with an array's model")
+        raise CalibrationError(f"{args.log}: cannot be read (it is a folder, expected a log); an array's folder goes with an array's model")
     if args.which:
         raise CalibrationError("--which goes with an array's model and the array's folder")
     with progress_bar(args.quiet) as progress:

@@ -21,11 +21,11 @@ from session.common.units import DEG
 from session.log.array_reading import read_array
 from session.log.array_session import ArraySession
 from session.public import mikov, mimu
-from tinygc.array.ages import SampleAges, ages_of
-from tinygc.array.clocks import nearest_clock
-from tinygc.array.places import clock_fits, places_of
-from tinygc.array.rates import session_rates
-from tinygc.array.turn_differences import TurnDifferences, turn_differences
+from tinygc.array.ages.ages import SampleAges, ages_of
+from tinygc.array.ages.turn_differences import TurnDifferences, turn_differences
+from tinygc.array.places.clocks import nearest_clock
+from tinygc.array.places.places import clock_fits, places_of
+from tinygc.array.places.rates import session_rates
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"

@@ -19,7 +19,7 @@ from common import markdown
 from scipy.signal import csd, welch
 
 from session.common.units import DEG
-from tinygc.array.model import ArrayModel
+from tinygc.array.fused.model import ArrayModel
 from tinygc.closure.allan import allan_curve
 from tinygc.deploy.array.live import LiveArray
 

@@ -19,7 +19,7 @@ import numpy as np
 from common import markdown
 
 from session.common.units import DEG
-from tinygc.array.model import ArrayModel
+from tinygc.array.fused.model import ArrayModel
 from tinygc.deploy.array import one_vote
 from tinygc.deploy.array.live import LiveArray
 

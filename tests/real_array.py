@@ -10,11 +10,11 @@ import numpy as np
 from session.common.units import DEG
 from session.log.config import Sensor
 from session.public.mimu import experiments
-from tinygc.array.agreement import END
-from tinygc.array.build_model import build_array_model
-from tinygc.array.model import ArrayModel, FusedUnit
-from tinygc.array.mountings import nearest_rotation
-from tinygc.array.place import UnitPlace
+from tinygc.array.fused.agreement import END
+from tinygc.array.fused.build_model import build_array_model
+from tinygc.array.fused.model import ArrayModel, FusedUnit
+from tinygc.array.places.mountings import nearest_rotation
+from tinygc.array.places.place import UnitPlace
 from tinygc.models.linear import LinearModel
 
 RATE_HZ, FULL_SCALE_DPS, LSB_PER_DPS = 62.5, 2000.0, 16.4

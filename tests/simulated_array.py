@@ -7,9 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from session.common.units import DEG
 from session.log.config import Sensor
-from tinygc.array.build_model import build_array_model
-from tinygc.array.model import ArrayModel, FusedUnit
-from tinygc.array.place import UnitPlace
+from tinygc.array.fused.build_model import build_array_model
+from tinygc.array.fused.model import ArrayModel, FusedUnit
+from tinygc.array.places.place import UnitPlace
 from tinygc.models.linear import LinearModel
 
 RATE_HZ = 100.0

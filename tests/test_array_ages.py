@@ -11,10 +11,10 @@ from session.log.array_reading import read_array
 from session.log.array_session import ArraySession
 from session.public import mimu
 from session.public.__main__ import main as public
-from tinygc.array.ages import SampleAges, ages_of, corrected
-from tinygc.array.phase_track import sawtooth
-from tinygc.array.places import clock_fits
-from tinygc.array.turn_differences import turn_differences
+from tinygc.array.ages.ages import SampleAges, ages_of, corrected
+from tinygc.array.ages.phase_track import sawtooth
+from tinygc.array.ages.turn_differences import turn_differences
+from tinygc.array.places.places import clock_fits
 
 READER_HZ = 62.5
 

@@ -16,11 +16,11 @@ from session.log.array_reading import read_array
 from session.log.config import Accelerometer
 from session.log.hashes import sha256_of
 from session.log.logfile import read_log
-from tinygc.array.build_model import save_array_model
-from tinygc.array.from_fit import array_model_of, together
-from tinygc.array.model import ArrayModel
-from tinygc.array.place import UnitClock
-from tinygc.array.resample import Resampler
+from tinygc.array.fused.build_model import save_array_model
+from tinygc.array.fused.from_fit import array_model_of, together
+from tinygc.array.fused.model import ArrayModel
+from tinygc.array.fused.resample import Resampler
+from tinygc.array.places.place import UnitClock
 from tinygc.closure.bias_wander import BiasInstability
 from tinygc.deploy.array.force import fused_force
 

@@ -9,7 +9,7 @@ import pytest
 from simulated_array import DEG, DENSITY, measured, model_of, motion, units
 
 import calibrate
-from tinygc.array.build_model import save_array_model
+from tinygc.array.fused.build_model import save_array_model
 from tinygc.deploy.array.c_source import array_source
 from tinygc.deploy.array.live import LiveArray
 from tinygc.deploy.array.voting import REASONS

@@ -12,11 +12,11 @@ from session.common.errors import CalibrationError
 from session.log.array_reading import read_array
 from session.log.array_session import ArraySession
 from session.public.__main__ import main as public
-from tinygc.array.clocks import fit_clock, interpolated_variance
-from tinygc.array.correlation import rough_clock
-from tinygc.array.mountings import TRIADS_RAD, fit_mounting
-from tinygc.array.places import clock_fits, places_of
-from tinygc.array.rates import Rates, rates_of
+from tinygc.array.places.clocks import fit_clock, interpolated_variance
+from tinygc.array.places.correlation import rough_clock
+from tinygc.array.places.mountings import TRIADS_RAD, fit_mounting
+from tinygc.array.places.places import clock_fits, places_of
+from tinygc.array.places.rates import Rates, rates_of
 
 ABOUT_S = 14.5  #: half of the body's time
 

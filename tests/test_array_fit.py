@@ -16,9 +16,9 @@ from session.log.config import LeftOut
 from session.public import mikov, mimu
 from tinygc.array.fit import fit_array
 from tinygc.array.fit_json import array_to_json, unit_model
-from tinygc.array.model_files import load_array_model
-from tinygc.array.state import MOUNTING
-from tinygc.array.system import System
+from tinygc.array.fused.model_files import load_array_model
+from tinygc.array.joint.state import MOUNTING
+from tinygc.array.joint.system import System
 from tinygc.simulation.array.options import ArrayOptions
 from tinygc.simulation.array.simulate import simulate_array
 from tinygc.simulation.array.write import write_array

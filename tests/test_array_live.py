@@ -7,7 +7,7 @@ from real_array import aligned, at_rest, recordings
 from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
 
 from session.common.errors import CalibrationError
-from tinygc.array.weights import best_weights
+from tinygc.array.fused.weights import best_weights
 from tinygc.deploy.array.live import LiveArray
 
 BEGIN, END, COUNT = 1500, 3000, 4200

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from simulated_array import DEG, DENSITY, RATE_HZ, measured, model_of, motion, units
 
 from session.common.errors import CalibrationError, FormatError
-from tinygc.array.build_model import build_array_model, save_array_model
-from tinygc.array.medians import weighted_median
-from tinygc.array.model_files import from_table, load_array_model, to_table
-from tinygc.array.weights import best_weights, blocks, combined, divisible
+from tinygc.array.fused.build_model import build_array_model, save_array_model
+from tinygc.array.fused.medians import weighted_median
+from tinygc.array.fused.model_files import from_table, load_array_model, to_table
+from tinygc.array.fused.weights import best_weights, blocks, combined, divisible
 
 RNG = np.random.default_rng(16)
 

@@ -12,8 +12,8 @@ from session.common.errors import CalibrationError
 from session.detect.session_stills import SessionStills
 from session.log.array_session import ArraySession
 from session.log.folder import Session
-from tinygc.array.clocks import ClockFit
-from tinygc.array.places import clock_fits
+from tinygc.array.places.clocks import ClockFit
+from tinygc.array.places.places import clock_fits
 
 WHAT = "one body"
 PPM = 1e6

@@ -15,17 +15,17 @@ from session.detect.stills import Noise
 from session.log.array_session import ArraySession
 from session.log.config import Accelerometer
 from session.log.folder import Session
-from tinygc.array.ages import SampleAges, ages_of, corrected
-from tinygc.array.joint import Joint, estimate
-from tinygc.array.parameters import unit_block, units_covariance
-from tinygc.array.place import UnitPlace
-from tinygc.array.places import clock_fits, places_of
-from tinygc.array.position import positions
-from tinygc.array.same_stills import SameStills, same_stills
-from tinygc.array.split import Split, split_of
-from tinygc.array.state import MOUNTING
-from tinygc.array.unit_rows import accelerometer_after
-from tinygc.array.units import ArrayUnit, LeftOutUnit, prepare_units
+from tinygc.array.ages.ages import SampleAges, ages_of, corrected
+from tinygc.array.joint.joint import Joint, estimate
+from tinygc.array.joint.parameters import unit_block, units_covariance
+from tinygc.array.joint.position import positions
+from tinygc.array.joint.same_stills import SameStills, same_stills
+from tinygc.array.joint.split import Split, split_of
+from tinygc.array.joint.state import MOUNTING
+from tinygc.array.joint.unit_rows import accelerometer_after
+from tinygc.array.joint.units import ArrayUnit, LeftOutUnit, prepare_units
+from tinygc.array.places.place import UnitPlace
+from tinygc.array.places.places import clock_fits, places_of
 from tinygc.closure.bias_wander import BiasInstability
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.residual import closure_angles

@@ -14,12 +14,12 @@ from session.files.results import write_whole
 from session.files.writing import result_folder
 from session.log.hashes import input_hashes
 from tinygc import models
-from tinygc.array.build_model import save_array_model
-from tinygc.array.events import ArrayEvent
 from tinygc.array.fit import ArrayFit, UnitFit
-from tinygc.array.from_fit import array_model_of
-from tinygc.array.place import UnitPlace
-from tinygc.array.split import Split
+from tinygc.array.fused.build_model import save_array_model
+from tinygc.array.fused.from_fit import array_model_of
+from tinygc.array.joint.events import ArrayEvent
+from tinygc.array.joint.split import Split
+from tinygc.array.places.place import UnitPlace
 from tinygc.fitting.figures import run_figures
 from tinygc.models.accelerometer import accelerometer_table, sensor_table
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from session.common.console import one_line
 from session.common.texts import printable
 from session.common.units import DEG, G
-from tinygc.array.events import COMMON_STILL, COMMON_TURN, OWN_TURN, ArrayEvent
 from tinygc.array.fit import ArrayFit, UnitFit
 from tinygc.array.fit_json import begins_s
+from tinygc.array.joint.events import COMMON_STILL, COMMON_TURN, OWN_TURN, ArrayEvent
 from tinygc.fitting.figures import run_figures
 
 

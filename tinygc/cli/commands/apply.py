@@ -39,7 +39,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """A log with calibrated rates and specific force."""
     from session.common.errors import CalibrationError
-    from tinygc.array.model_files import is_array_model
+    from tinygc.array.fused.model_files import is_array_model
     from tinygc.cli.console import progress_bar
     from tinygc.deploy.apply import apply_model
 

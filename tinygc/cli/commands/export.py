@@ -25,7 +25,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """A calibration in another program's words."""
-    from tinygc.array.model_files import is_array_model
+    from tinygc.array.fused.model_files import is_array_model
     from tinygc.deploy.exports import exporter
     from tinygc.deploy.exports._context import read_context
 

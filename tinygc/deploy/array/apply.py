@@ -16,10 +16,10 @@ from session.files.fixed_point import rows
 from session.log.array_logs import array_log_paths
 from session.log.array_reading import read_array
 from session.log.hashes import sha256_of
-from tinygc.array.model import ArrayModel
-from tinygc.array.model_files import load_array_model
-from tinygc.array.place import UnitClock
-from tinygc.array.places import clock_fits
+from tinygc.array.fused.model import ArrayModel
+from tinygc.array.fused.model_files import load_array_model
+from tinygc.array.places.place import UnitClock
+from tinygc.array.places.places import clock_fits
 from tinygc.deploy.apply import DECIMALS, opened
 from tinygc.deploy.array.force import force_weights, fused_force
 from tinygc.deploy.array.live import LiveArray

@@ -8,8 +8,8 @@ import numpy as np
 
 from session.common.errors import FormatError
 from session.common.version import VERSION
-from tinygc.array.medians import ALONE
-from tinygc.array.model import ArrayModel
+from tinygc.array.fused.medians import ALONE
+from tinygc.array.fused.model import ArrayModel
 from tinygc.deploy.array.c_header import HEADER_TEXT
 from tinygc.deploy.array.c_text import REGISTERS_PROTOTYPE, REGISTERS_TEXT, SOURCE_TEXT
 from tinygc.deploy.array.live import LiveArray

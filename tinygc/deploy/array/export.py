@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from session.files.results import json_text
-from tinygc.array.model_files import load_array_model, to_table
+from tinygc.array.fused.model_files import load_array_model, to_table
 from tinygc.deploy.array.c_source import array_source
 from tinygc.deploy.errors import ExportError
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.array.model import ArrayModel
+from tinygc.array.fused.model import ArrayModel
 
 
 def fused_force(model: ArrayModel, force: np.ndarray, rate: np.ndarray, change: np.ndarray, used: np.ndarray) -> np.ndarray:

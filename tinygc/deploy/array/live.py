@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.common.errors import CalibrationError
-from tinygc.array.model import ArrayModel
+from tinygc.array.fused.model import ArrayModel
 from tinygc.deploy.array.one_vote import Change, Means, Seen, State, look, means, settle
 from tinygc.deploy.array.voting import BETWEEN_TWO, DIFFERS, IN, REASONS, STUCK, Event, Tables
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from tinygc.array.medians import weighted_median
+from tinygc.array.fused.medians import weighted_median
 from tinygc.deploy.array.voting import ASIDE, BACK, DEAD, DIFFERS, FAST, FEWEST, IN, SLOW, SOON_STUCK, STUCK, Tables
 
 

@@ -13,9 +13,9 @@ from session.common.units import NS
 from session.dialects.layout import Answers
 from session.dialects.reader import Reader
 from session.log.logfile import already_calibrated
-from tinygc.array.model import ArrayModel, FusedUnit
-from tinygc.array.place import UnitClock
-from tinygc.array.resample import Resampler
+from tinygc.array.fused.model import ArrayModel, FusedUnit
+from tinygc.array.fused.resample import Resampler
+from tinygc.array.places.place import UnitClock
 from tinygc.deploy.apply import Applicable, Source
 from tinygc.deploy.surroundings import Surroundings
 from tinygc.models.accelerometer import KnownSensor

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tinygc.array.agreement import ends, fixed_variance, sample_variance, vote_weights
-from tinygc.array.model import ArrayModel
-from tinygc.array.weights import combined
+from tinygc.array.fused.agreement import ends, fixed_variance, sample_variance, vote_weights
+from tinygc.array.fused.model import ArrayModel
+from tinygc.array.fused.weights import combined
 
 #: s that a unit's past counts; a lie of 5 bars is found in about a tenth of it
 MEMORY_S = 0.5

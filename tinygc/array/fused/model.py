@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from session.log.config import Accelerometer, Sensor
-from tinygc.array.place import UnitPlace
-from tinygc.array.weights import blocks, combined
+from tinygc.array.fused.weights import blocks, combined
+from tinygc.array.places.place import UnitPlace
 from tinygc.models.linear import LinearModel
 
 EQUATION = "omega = sum_i weights_i @ mounting_i @ (E_i @ m_i + B_i), m_i the measured rate of unit i in rad/s"

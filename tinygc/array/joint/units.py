@@ -12,7 +12,7 @@ from session.common.units import NS
 from session.log.array_session import ArraySession
 from session.log.folder import Session
 from session.log.samples import Samples
-from tinygc.array.place import UnitClock, UnitPlace
+from tinygc.array.places.place import UnitClock, UnitPlace
 from tinygc.models.linear import LinearModel
 from tinygc.problem.prepared import AUTO, Prepared, prepare
 from tinygc.problem.problem import Problem

@@ -18,9 +18,9 @@ from scipy.interpolate import CubicSpline
 
 from session.common.errors import CalibrationError
 from session.common.robust import sigma_of
-from tinygc.array.correlation import RoughClock, rough_clock
-from tinygc.array.place import UnitClock
-from tinygc.array.rates import Rates
+from tinygc.array.places.correlation import RoughClock, rough_clock
+from tinygc.array.places.place import UnitClock
+from tinygc.array.places.rates import Rates
 
 #: s; readings of one block share their errors, as those of one hand's movement do
 BLOCK_S = 2.0

@@ -13,10 +13,10 @@ from session.log.array_session import ArraySession
 from session.log.config import Accelerometer
 from session.log.folder import Session
 from session.log.hashes import hash_of_log
-from tinygc.array.build_model import build_array_model
-from tinygc.array.model import ArrayModel, FusedUnit
-from tinygc.array.place import UnitPlace
-from tinygc.array.resample import Resampler
+from tinygc.array.fused.build_model import build_array_model
+from tinygc.array.fused.model import ArrayModel, FusedUnit
+from tinygc.array.fused.resample import Resampler
+from tinygc.array.places.place import UnitPlace
 from tinygc.closure.bias_wander import BiasInstability
 from tinygc.models.linear import PARAMETERS, LinearModel
 

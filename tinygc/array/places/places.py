@@ -12,10 +12,10 @@ from session.common.units import NS
 from session.detect.session_stills import SessionStills
 from session.log.array_session import ArraySession
 from session.log.folder import Session
-from tinygc.array.clocks import ClockFit, fit_clock
-from tinygc.array.mountings import fit_mounting
-from tinygc.array.place import UnitClock, UnitPlace
-from tinygc.array.rates import Rates, session_rates
+from tinygc.array.places.clocks import ClockFit, fit_clock
+from tinygc.array.places.mountings import fit_mounting
+from tinygc.array.places.place import UnitClock, UnitPlace
+from tinygc.array.places.rates import Rates, session_rates
 
 #: of the shorter of two stills, that they have to have in common
 LEAST_COMMON = 0.5

@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 from session.common.units import NS
 from session.detect.session_stills import SessionStills
 from session.log.array_session import ArraySession
-from tinygc.array.ages import SampleAges
-from tinygc.array.clocks import ClockFit
-from tinygc.array.rates import Rates, session_rates
-from tinygc.array.shared_motion import SharedMotion
+from tinygc.array.ages.ages import SampleAges
+from tinygc.array.ages.shared_motion import SharedMotion
+from tinygc.array.places.clocks import ClockFit
+from tinygc.array.places.rates import Rates, session_rates
 from tinygc.attitude.integrate import steps
 from tinygc.attitude.rotation import compose, conjugate, log, mapped, multiply
 

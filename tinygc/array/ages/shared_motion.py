@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tinygc.array.clocks import ClockFit
-from tinygc.array.rates import Rates
+from tinygc.array.places.clocks import ClockFit
+from tinygc.array.places.rates import Rates
 
 
 @dataclass(frozen=True, eq=False)

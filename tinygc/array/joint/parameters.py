@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from session.common.units import NS
-from tinygc.array.joint import Joint
-from tinygc.array.state import GYROSCOPE, PER_UNIT
-from tinygc.array.units import ArrayUnit
+from tinygc.array.joint.joint import Joint
+from tinygc.array.joint.state import GYROSCOPE, PER_UNIT
+from tinygc.array.joint.units import ArrayUnit
 from tinygc.closure.bias_wander import wander_covariance
 from tinygc.models.linear import BIAS, MATRIX
 

@@ -14,11 +14,11 @@ from session.accelerometer.parameters import corrected
 from session.common.robust import sigma_of
 from session.common.units import NS
 from session.detect.clipping import register_end_dps
-from tinygc.array.joint import Joint
-from tinygc.array.rates import rates_of
-from tinygc.array.rows import cross
-from tinygc.array.unit_rows import force_problem
-from tinygc.array.units import ArrayUnit
+from tinygc.array.joint.joint import Joint
+from tinygc.array.joint.rows import cross
+from tinygc.array.joint.unit_rows import force_problem
+from tinygc.array.joint.units import ArrayUnit
+from tinygc.array.places.rates import rates_of
 
 #: m: a position known worse than this is not known
 KNOWN_M = 0.05

@@ -10,10 +10,10 @@ from session.accelerometer.parameters import IDENTITY, PARAMETERS, after
 from session.common.units import MG
 from session.log.config import Accelerometer
 from tinygc import closure
-from tinygc.array.rows import HELD, UnitRows, accelerometer_prior, rotation_of
-from tinygc.array.same_stills import SameStills
-from tinygc.array.state import State
-from tinygc.array.units import ArrayUnit
+from tinygc.array.joint.rows import HELD, UnitRows, accelerometer_prior, rotation_of
+from tinygc.array.joint.same_stills import SameStills
+from tinygc.array.joint.state import State
+from tinygc.array.joint.units import ArrayUnit
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, estimate_heading, with_heading
 from tinygc.closure.floor import gyro_variance

@@ -10,7 +10,7 @@ from session.common.errors import FitError
 from session.common.units import NS
 from session.detect.excluded import moments_of
 from session.detect.stills import Still
-from tinygc.array.units import ArrayUnit
+from tinygc.array.joint.units import ArrayUnit
 from tinygc.problem.problem import Problem
 
 #: of the shorter of two stills: those that share less are not the same

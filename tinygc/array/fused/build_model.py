@@ -11,10 +11,10 @@ import numpy as np
 from session.common.errors import CalibrationError
 from session.common.units import DEG
 from session.files.results import write_whole
-from tinygc.array.agreement import disagreement
-from tinygc.array.model import INSTABILITY, WHITE, ArrayModel, Disagreement, FusedUnit, instability_covariance, white_covariance
-from tinygc.array.model_files import to_table
-from tinygc.array.weights import best_weights, combined, divisible
+from tinygc.array.fused.agreement import disagreement
+from tinygc.array.fused.model import INSTABILITY, WHITE, ArrayModel, Disagreement, FusedUnit, instability_covariance, white_covariance
+from tinygc.array.fused.model_files import to_table
+from tinygc.array.fused.weights import best_weights, combined, divisible
 from tinygc.closure.allan import FLICKER_FLOOR
 
 #: the weights are best at this averaging time: a turn takes seconds, and what a rate is integrated over is its attitude's error

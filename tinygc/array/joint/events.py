@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tinygc.array.rows import RowMap, UnitRows
-from tinygc.array.same_stills import SameStills
-from tinygc.array.system import Solution
+from tinygc.array.joint.rows import RowMap, UnitRows
+from tinygc.array.joint.same_stills import SameStills
+from tinygc.array.joint.system import Solution
 
 #: family-wise, of all blocks of rows of an array
 RARE_P = 0.01

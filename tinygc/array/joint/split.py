@@ -12,8 +12,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from session.common.units import DEG
-from tinygc.array.events import COMMON_TURN, OWN_TURN, ArrayEvent
-from tinygc.array.joint import Joint
+from tinygc.array.joint.events import COMMON_TURN, OWN_TURN, ArrayEvent
+from tinygc.array.joint.joint import Joint
 
 #: -2 log likelihood by which the name "motion beyond the data rate" must better a part of no name, and no part at all
 BORNE_OUT = 2.0

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import ndtr
 
-from tinygc.array.beats import AgeReadings
+from tinygc.array.ages.beats import AgeReadings
 
 PHASES = 64
 #: Hz; how far around where the beat stands out, and how finely

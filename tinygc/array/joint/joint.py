@@ -13,13 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from session.common.robust import sigma_of
-from tinygc.array.events import ArrayEvent, blocks_of, candidates, worst_of_each_turn
-from tinygc.array.rows import RowMap, UnitRows, array_system
-from tinygc.array.same_stills import SameStills
-from tinygc.array.state import Layout, State
-from tinygc.array.system import Solution, System
-from tinygc.array.unit_rows import common_earth, start_state, unit_rows, with_earth
-from tinygc.array.units import ArrayUnit
+from tinygc.array.joint.events import ArrayEvent, blocks_of, candidates, worst_of_each_turn
+from tinygc.array.joint.rows import RowMap, UnitRows, array_system
+from tinygc.array.joint.same_stills import SameStills
+from tinygc.array.joint.state import Layout, State
+from tinygc.array.joint.system import Solution, System
+from tinygc.array.joint.unit_rows import common_earth, start_state, unit_rows, with_earth
+from tinygc.array.joint.units import ArrayUnit
 from tinygc.attitude.earth import EarthRate
 from tinygc.models.linear import LinearModel
 from tinygc.problem.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2

@@ -12,9 +12,9 @@ from session.common.version import VERSION
 from session.files.results import read_json
 from session.files.shapes import Array, Keys, ListOf, Maybe, Number, Text, require, shown
 from session.log.config import Sensor
-from tinygc.array.model import EQUATION, INSTABILITY, WHITE, ArrayModel, Disagreement, FusedUnit
-from tinygc.array.place import UnitClock, UnitPlace
-from tinygc.array.weights import divisible
+from tinygc.array.fused.model import EQUATION, INSTABILITY, WHITE, ArrayModel, Disagreement, FusedUnit
+from tinygc.array.fused.weights import divisible
+from tinygc.array.places.place import UnitClock, UnitPlace
 from tinygc.models.accelerometer import accelerometer_of, accelerometer_table, sensor_table
 from tinygc.models.linear import LinearModel
 from tinygc.models.shapes import COVARIANCE, FACTOR, MATRIX, RATE, SECONDS, certain, covariance

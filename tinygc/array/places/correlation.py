@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-from tinygc.array.rates import Rates
+from tinygc.array.places.rates import Rates
 
 #: how far a clock's rate may be from the first unit's: an RC oscillator's trimming, and half as much again
 MOST_RATE = 0.015

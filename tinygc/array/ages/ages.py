@@ -19,12 +19,12 @@ from session.common.units import NS
 from session.log.array_session import ArraySession
 from session.log.folder import Session
 from session.log.logfile import Log
-from tinygc.array.beats import FALSE_ALARM, STRETCH_S, AgeReadings, age_readings, find_beat
-from tinygc.array.clocks import ClockFit, noise_of
-from tinygc.array.phase_track import PhaseTrack, sawtooth, track
-from tinygc.array.place import UnitClock
-from tinygc.array.rates import session_rates
-from tinygc.array.shared_motion import Difference, SharedMotion
+from tinygc.array.ages.beats import FALSE_ALARM, STRETCH_S, AgeReadings, age_readings, find_beat
+from tinygc.array.ages.phase_track import PhaseTrack, sawtooth, track
+from tinygc.array.ages.shared_motion import Difference, SharedMotion
+from tinygc.array.places.clocks import ClockFit, noise_of
+from tinygc.array.places.place import UnitClock
+from tinygc.array.places.rates import session_rates
 
 #: with fewer nobody knows whose the difference is
 LEAST_UNITS = 3

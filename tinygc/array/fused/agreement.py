@@ -7,8 +7,8 @@ from scipy.optimize import nnls
 
 from session.common.units import DEG
 from session.detect.clipping import FULL_SCALE_ROUNDING
-from tinygc.array.medians import weighted_median
-from tinygc.array.model import ArrayModel, Disagreement
+from tinygc.array.fused.medians import weighted_median
+from tinygc.array.fused.model import ArrayModel, Disagreement
 
 #: of one unit's disagreement to the units' median: no unit that lies in the calibration widens its own bar without end
 MOST_OWN = 3.0

@@ -19,9 +19,9 @@ import numpy as np
 from session.accelerometer.parameters import IDENTITY, corrected, force_columns, units
 from session.common.units import G
 from tinygc import closure
-from tinygc.array.same_stills import SameStills
-from tinygc.array.state import ACCELEROMETER, GYROSCOPE, MOUNTING, PER_UNIT, Layout, State
-from tinygc.array.system import System
+from tinygc.array.joint.same_stills import SameStills
+from tinygc.array.joint.state import ACCELEROMETER, GYROSCOPE, MOUNTING, PER_UNIT, Layout, State
+from tinygc.array.joint.system import System
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch
 from tinygc.models import linear

@@ -1,0 +1,1 @@
+"""All units as one gyroscope: the best weights, the model and its file."""

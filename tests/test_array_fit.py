@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from formats_page import strangers
 from scipy.spatial.transform import Rotation
 
 import calibrate
+from session.common.texts import shell_word
 from session.log.array_reading import read_array
 from session.log.config import LeftOut
 from session.public import mikov, mimu
@@ -174,6 +176,10 @@ def test_the_command_prints_saves_and_keeps_to_the_page(made, tmp_path, capsys):
     assert "clock" in said
     assert "mounting" in said
     assert "unit minus mean" in said
+    times, equal = map(float, re.search(r"has [\d.]+: ([\d.]+) times less; 3 equal ones would have ([\d.]+) times less", said).groups())
+    assert equal == pytest.approx(np.sqrt(3), abs=0.01)
+    assert times == pytest.approx(equal, rel=0.1)  # three of one kind
+    assert f"next: calibrate.py explain {shell_word(folder)}" in said
     written = json.loads(table.read_text(encoding="utf-8"))
     assert written == json.loads((out / "array.json").read_text(encoding="utf-8"))
     assert written["schema"] == "tinygc-array-fit/1"

@@ -16,6 +16,8 @@ from session.log.array_session import ArraySession
 from session.log.config import Accelerometer
 from session.log.folder import Session
 from tinygc.array.ages.ages import SampleAges, ages_of, corrected
+from tinygc.array.fused.from_fit import array_model_of
+from tinygc.array.fused.model import ArrayModel
 from tinygc.array.joint.joint import Joint, estimate
 from tinygc.array.joint.parameters import unit_block, units_covariance
 from tinygc.array.joint.position import positions
@@ -122,6 +124,11 @@ class ArrayFit:
     def numbers(self) -> tuple[int, ...]:
         """Of the units that were used."""
         return tuple(unit.number for unit in self.units)
+
+    @cached_property
+    def fused(self) -> ArrayModel:
+        """All units as one gyroscope."""
+        return array_model_of(self.array, self.units, self.covariance)
 
 
 def fit_array(

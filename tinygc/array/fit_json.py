@@ -16,7 +16,6 @@ from session.log.hashes import input_hashes
 from tinygc import models
 from tinygc.array.fit import ArrayFit, UnitFit
 from tinygc.array.fused.build_model import save_array_model
-from tinygc.array.fused.from_fit import array_model_of
 from tinygc.array.joint.events import ArrayEvent
 from tinygc.array.joint.split import Split
 from tinygc.array.places.place import UnitPlace
@@ -185,6 +184,6 @@ def save_array(fit: ArrayFit, folder: Path | None = None) -> Path:
         for unit in fit.units:
             with result_folder(folder / f"unit{unit.number}"):
                 write_whole(folder / f"unit{unit.number}" / MODEL, unit_table(fit, unit))
-        save_array_model(array_model_of(fit.array, fit.units, fit.covariance), folder / FUSED)
+        save_array_model(fit.fused, folder / FUSED)
         write_whole(folder / NAME, array_to_json(fit))
     return folder

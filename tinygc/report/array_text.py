@@ -12,6 +12,7 @@ from session.common.texts import printable
 from session.common.units import DEG, G
 from tinygc.array.fit import ArrayFit, UnitFit
 from tinygc.array.fit_json import begins_s
+from tinygc.array.fused.model import ArrayModel
 from tinygc.array.joint.events import COMMON_STILL, COMMON_TURN, OWN_TURN, ArrayEvent
 from tinygc.fitting.figures import run_figures
 
@@ -20,7 +21,7 @@ def array_page(fit: ArrayFit) -> Group:
     """Places, closure, what is common, what stands out, what was left out."""
     parts: list[RenderableType] = [_places(fit), "", _closure(fit), ""]
     parts.append(one_line(f"Common: {fit.split.words}."))
-    parts.append(one_line(_bias_words(fit)))
+    parts += [one_line(_bias_words(fit)), one_line(_fused_words(fit.fused))]
     for unit in fit.units:
         runs = ", ".join(f"{run.file} {run_figures(error)['rmse_deg']:.4f}°" for run, error in unit.runs)
         parts += [one_line(f"Closure runs of unit {unit.number}, rms error at the return: {runs}.")] if runs else []
@@ -92,6 +93,17 @@ def _bias_words(fit: ArrayFit) -> str:
     why = "as asked" if fit.bias_p is None else f"the stills are better by chance with p = {fit.bias_p:.2g}"
     turns = sum(len(rows) for rows in fit.same.turns)
     return f"Biases {where} ({why}). {turns} turns of {len(fit.units)} units, {len(fit.same.spans)} of the body."
+
+
+def _fused_words(model: ArrayModel) -> str:
+    """Its noise beside the units' own, and what as many equal units would gain."""
+    single = np.sqrt(np.mean([np.diag(unit.in_array(unit.noise_density)) for unit in model.units], axis=0))
+    alone, fused = (1e3 * float(np.sqrt(np.mean(density**2))) / DEG for density in (single, model.noise_density))
+    count = len(model)
+    return (
+        f"All units as one gyroscope: {fused:.3g} mdps/rtHz of white noise, where one has {alone:.3g}: {alone / fused:.2f} times less; "
+        f"{count} equal ones would have {np.sqrt(count):.2f} times less."
+    )
 
 
 def event_words(event: ArrayEvent, fit: ArrayFit) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from session.common.errors import CalibrationError
+from session.common.texts import shell_word
 from tinygc.cli.commands._fitting import given
 from tinygc.cli.commands._results import complain, output, try_destinations, verdict, write_json
 from tinygc.cli.commands._several import Done
@@ -34,6 +35,7 @@ def fit_array_folder(args: argparse.Namespace) -> Done:
     folder = found.save(args.out)
     output(args).print(found.page)
     output(args).print(f"models: {folder}", soft_wrap=True)
+    output(args).print(f"next: calibrate.py explain {shell_word(args.folder)}", soft_wrap=True, markup=False)
     closure = {unit["number"]: unit["closure"]["alone_rms_deg"] for unit in table["units"]}
     above = [] if args.limit is None else [number for number, rms in closure.items() if not rms <= args.limit]
     for number in above:

@@ -3,17 +3,15 @@
 import json
 import os
 import shutil
-from itertools import islice
 
 import numpy as np
 import pytest
 from fleets import FIT, QUICK, Here, asked, content, made, ran
 from scipy import stats
 
-from session.common.errors import CalibrationError
 from tinygc.explanation.verdict.explain import explain_session
 from tinygc.fleet import compute, keys
-from tinygc.fleet.folders import listed_folders, session_folders
+from tinygc.fleet.folders import listed_folders
 from tinygc.fleet.keys import key_of
 from tinygc.fleet.options import FleetOptions
 from tinygc.fleet.results import unit_results, weighed_of
@@ -268,34 +266,3 @@ def test_an_array_is_a_row_that_says_what_it_is(copied, tmp_path):
     ((error,),) = asked(tmp_path / "out", "SELECT error FROM results WHERE status = 'failed'")
     assert "array" in error
     assert str(tmp_path) not in error
-
-
-# Which folders
-
-
-def test_sessions_are_found_at_any_depth_and_as_they_are_asked_for(fleet, tmp_path, monkeypatch):
-    for name in ("b/deep/down/one", "a", ".hidden/three", "c/logs"):
-        (tmp_path / name).mkdir(parents=True)
-    for name in ("b/deep/down/one/session.toml", "a/session.toml", ".hidden/three/session.toml", "c/logs/log0001.csv", "b/notes.txt"):
-        (tmp_path / name).touch()
-    (tmp_path / "a" / "inside").mkdir()
-    (tmp_path / "a" / "inside" / "session.toml").touch()
-    assert [str(each.relative_to(tmp_path)) for each in session_folders([tmp_path])] == ["a", "b/deep/down/one", "c/logs"]
-    looked = []
-    scandir = os.scandir
-    monkeypatch.setattr(os, "scandir", lambda folder: looked.append(folder) or scandir(folder))
-    assert len(list(islice(session_folders([tmp_path]), 1))) == 1
-    assert len(looked) == 2
-
-
-def test_links_lead_to_sessions_and_never_round_and_round(fleet, tmp_path):
-    (tmp_path / "round").symlink_to(tmp_path, target_is_directory=True)
-    (tmp_path / "one").symlink_to(fleet / "unit0", target_is_directory=True)
-    assert [each.name for each in session_folders([tmp_path])] == ["one"]
-
-
-def test_a_place_that_is_not_there_is_said(tmp_path):
-    with pytest.raises(CalibrationError, match="not found; give a folder"):
-        list(session_folders([tmp_path / "nowhere"]))
-    with pytest.raises(CalibrationError, match="nothing"):
-        FleetOptions(steps=("fit", "nothing"))

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from session.checks.findings import Finding, worst
@@ -29,7 +30,7 @@ from tinygc.fitting.listing import date_of
 from tinygc.fitting.session import fit_session
 from tinygc.fleet.figures import fitted
 from tinygc.fleet.keys import key_of
-from tinygc.fleet.options import FleetOptions
+from tinygc.fleet.options import FleetOptions, effects_hash
 from tinygc.fleet.row import DONE, FAILED, Row, empty, number
 from tinygc.problem.gravity_sign import first_look_at_gravity_sign
 from tinygc.problem.prepared import Prepared, prepare
@@ -63,12 +64,15 @@ class Outcome:
 
 def compute(job: Job) -> Outcome:
     """The outcome of a job; what is wrong with a session is in its row.  CalibrationError for what is wrong with the process: another
-    version than the job's, effects that it does not find."""
+    version than the job's, effects that it does not find, or of other files than the job's."""
     with _ONE_AT_A_TIME, using(job.options.effects):
         if job.version != VERSION:
             raise CalibrationError(f"a worker runs TinyGC {VERSION}, this is {job.version}; install the same version everywhere")
         began, cpu = time.perf_counter(), time.process_time()
         row, trouble = _row(job)
+        if job.options.effects and effects_hash(job.options.effects) != job.options.effects_sha256:
+            where = ", ".join(job.options.effects)
+            raise CalibrationError(f"{where}: effects have changed, or are others where a worker runs; let them be, and run again")
         return Outcome(job.key, row, trouble, time.process_time() - cpu, time.perf_counter() - began)
 
 
@@ -130,9 +134,20 @@ def _without_folder(said: str, folder: Path) -> str:
 def _kept_config(row: Row, folder: Path, config: Config) -> None:
     """What a session says of itself, also where its logs cannot be read."""
     notes, sensor = config.notes, config.sensor
-    recorded, _ = date_of(folder, config)
+    recorded = _moment(date_of(folder, config)[0])
     row |= {"model": printable(sensor.model), "serial": printable(sensor.serial), "recorded": recorded}
     row |= {name: printable(str(notes[name])) if name in notes else None for name in ("operator", "station")}
+
+
+def _moment(text: str | None) -> str | None:
+    """As ISO 8601, in UTC where the zone is known, so that rows sort by time; None for words of a person that are no date."""
+    try:
+        found = datetime.fromisoformat(text or "")
+    except ValueError:
+        return None
+    if found.tzinfo is not None:
+        return found.astimezone(UTC).isoformat(timespec="seconds")
+    return text if len(text or "") == len("2026-01-05") else found.isoformat(timespec="seconds")
 
 
 def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:

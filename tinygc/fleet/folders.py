@@ -10,15 +10,16 @@ from pathlib import Path
 from session.common.errors import CalibrationError
 
 CONFIG = "session.toml"
-LOG = re.compile(r"log.*\.csv(\.gz)?")
+#: some systems name files in capitals, and may put a line end into a name
+LOG = re.compile(r"log.*\.csv(\.gz)?", re.IGNORECASE | re.DOTALL)
 
 
 def session_folders(places: Iterable[Path]) -> Iterator[Path]:
     """Every session folder in these, by name, at any depth; a session's own folders are not looked into.
 
-    A folder that holds a log and no session.toml is one, too: it fails with its line instead of being passed over.  Folders whose names
-    begin with a dot are passed over, and so is what lies behind a link, unless that is a session itself.  CalibrationError for a
-    place that is not there.
+    A folder that holds a log and no session.toml is one, too: it fails with its line instead of being passed over, and what is in it is
+    found besides, since the log may be somebody's notes.  Folders whose names begin with a dot are passed over, and so is what lies behind
+    a link, unless that is a session itself.  CalibrationError for a place that is not there.
     """
     for place in places:
         if not place.is_dir():
@@ -30,11 +31,13 @@ def session_folders(places: Iterable[Path]) -> Iterator[Path]:
 def _inside(folder: str) -> Iterator[Path]:
     try:
         with os.scandir(folder) as found:
-            entries = [(entry.name, entry.is_dir(), entry.is_symlink()) for entry in found]
+            entries = [(entry.name, _is_folder(entry), entry.is_symlink()) for entry in found]
     except OSError:  # what nobody may look into is no session that anybody could read; those beside it are found
         return
-    if _is_session([name for name, is_folder, _ in entries if not is_folder]):
+    names = [name for name, is_folder, _ in entries if not is_folder]
+    if CONFIG in names or any(map(LOG.fullmatch, names)):
         yield Path(folder)
+    if CONFIG in names:
         return
     for name, is_folder, is_link in sorted(entries):
         inside = os.path.join(folder, name)
@@ -46,8 +49,12 @@ def _inside(folder: str) -> Iterator[Path]:
             yield Path(inside)
 
 
-def _is_session(names: list[str]) -> bool:
-    return CONFIG in names or any(LOG.fullmatch(name) for name in names)
+def _is_folder(entry: os.DirEntry) -> bool:
+    """A link that leads to itself, or where nobody may look, is none, and no reason to pass over what lies beside it."""
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
 
 
 def listed_folders(lines: Iterable[str]) -> Iterator[Path]:

@@ -12,8 +12,8 @@ from session.common.version import VERSION
 from session.log.hashes import file_key, sha256_of
 from tinygc.fleet.options import FleetOptions
 
-#: names of files that a session is read from; truth.json, raw.bin and what commands derived are not among them
-INPUTS = re.compile(r"session\.toml|raw\.times|attitudes\.csv|turns\.csv|(log|closure|rest|truth).*\.csv(\.gz)?")
+#: names of files that a session is read from, on any system; truth.json, raw.bin and what commands derived are not among them
+INPUTS = re.compile(r"session\.toml|raw\.times|attitudes\.csv|turns\.csv|(log|closure|rest|truth).*\.csv(\.gz)?", re.IGNORECASE | re.DOTALL)
 #: how a key is made
 KEY = "fleet key 1"
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.common.errors import CalibrationError
-from session.log.hashes import file_key, sha256_of
+from session.common.texts import unicode_text
+from session.log.hashes import sha256_of
 from tinygc.methods.options import FitOptions
 from tinygc.problem.prepared import ACCELEROMETERS, AUTO
 
@@ -58,9 +59,10 @@ class FleetOptions:
 
 
 def effects_hash(folders: tuple[str, ...]) -> str:
-    """SHA-256 over the Python files of folders with effects, by name and content."""
+    """SHA-256 over the Python files of folders with effects, those in folders of their own as well, by name and content."""
     digest = hashlib.sha256()
     for folder in folders:
-        for path in sorted(Path(folder).glob("*.py")):
-            digest.update(f"{file_key(path)}\0{sha256_of(path)}\n".encode())
+        for path in sorted(Path(folder).rglob("*.py")):
+            name = unicode_text(path.relative_to(folder).as_posix())
+            digest.update(f"{name}\0{sha256_of(path)}\n".encode())
     return digest.hexdigest()

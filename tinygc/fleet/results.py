@@ -11,11 +11,11 @@ from typing import TextIO
 import numpy as np
 
 from tinygc.fleet.row import COLUMNS, VALUES, unpacked
-from tinygc.fleet.table import EACH, Table, read_table
+from tinygc.fleet.table import COUNTED, EACH, Table, read_table
 from tinygc.lot.unit_result import UnitResult, Weighed
 
-#: in the order of production: by time where that is known, then by name
-IN_ORDER = "ORDER BY ifnull(recorded, '') = '', recorded, folder"
+#: in the order of production: by time where that is known, then by name, in which s2 is before s10
+IN_ORDER = f"ORDER BY ifnull(recorded, '') = '', recorded, {COUNTED}(folder), folder"
 #: as bytes they are for programs, and weighed is as long as all the rest
 NOT_IN_CSV = ("covariance", "weighed")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import sqlite3
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -31,6 +32,8 @@ CREATE TABLE durations (key TEXT PRIMARY KEY, cpu_s REAL, wall_s REAL) WITHOUT R
 """
 #: results of sessions that a folder still has, one for each key, with the first of its folders
 EACH = "results JOIN (SELECT key, min(folder) AS folder, count(*) AS folders FROM folders GROUP BY key) USING (key)"
+#: SQL function of a text: by it, names sort as their numbers count
+COUNTED = "counted"
 FULL, LOCKED, READ_ONLY = "SQLITE_FULL", "SQLITE_BUSY", "SQLITE_READONLY"
 
 
@@ -39,6 +42,7 @@ class Table:
 
     def __init__(self, path: Path, connection: sqlite3.Connection):
         self.path, self._connection = path, connection
+        connection.create_function(COUNTED, 1, _counted, deterministic=True)
 
     def has(self, key: str) -> bool:
         """Whether its result is there."""
@@ -130,6 +134,11 @@ def read_table(out: Path) -> Iterator[Table]:
         yield Table(path, connection)
     finally:
         connection.close()
+
+
+def _counted(name: str) -> str:
+    """Each number in it with its length before it: s2, s10 become s0001:2, s0002:10."""
+    return re.sub(r"0*([0-9]+)", lambda found: f"{len(found[1]):04d}:{found[1]}", name)
 
 
 def _require_ours(path: Path, connection: sqlite3.Connection) -> None:

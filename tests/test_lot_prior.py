@@ -12,7 +12,7 @@ import tinygc
 from session.common.errors import CalibrationError
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.lot.files import write_lot
-from tinygc.lot.prior import Prior, belonging, prior_of, require_usable
+from tinygc.lot.prior import Prior, belonging, farthest, prior_of, require_usable
 from tinygc.models.linear import PARAMETERS, LinearModel
 from tinygc.problem.prepared import prepare
 
@@ -176,6 +176,13 @@ def test_the_distance_has_the_distribution_that_it_is_said_to_have(tails, law):
 def test_a_lot_that_tells_nothing_of_this_sensor_is_refused(changes, says):
     with pytest.raises(CalibrationError, match=says):
         require_usable(lot(**changes), "ASM330LHH", "lot.json")
+
+
+def test_a_lot_without_any_spread_is_left_in_finite_sigmas():
+    same = lot(sigma=np.zeros(PARAMETERS))
+    name, sigmas = farthest(same, MEAN + 1e-3 * np.eye(PARAMETERS)[4], 1e-6 * np.eye(PARAMETERS), np.ones(PARAMETERS, dtype=bool))
+    assert name == "E_yy"
+    assert np.isfinite(sigmas)
 
 
 def test_a_broken_file_and_options_without_a_prior_are_refused_in_one_line(eight, file, tmp_path):

@@ -14,6 +14,7 @@ from simulated_lots import simulated_lot
 
 import calibrate
 from tinygc.lot.files import read_lot
+from tinygc.lot.lot import PooledEffect
 from tinygc.lot.lot_json import save, to_json
 from tinygc.lot.quantities import OWN, SEEN, jacobian, seen, seen_covariance
 from tinygc.lot.report import lot_of
@@ -128,6 +129,36 @@ def test_a_lot_of_two_units_says_what_it_cannot():
     assert "two units have no drift" in text
     assert "accel" not in text
     assert "nan" not in text
+
+
+def test_noise_far_below_the_spread_is_still_a_number():
+    text = printed(lot_of(simulated_lot(30, 4, noise=1e-4)))
+    rows = [line.split() for line in text.splitlines() if line.strip().startswith(("gyro", "accel"))]
+    assert len(rows) == 21
+    assert all(any(digit in row[-4] for digit in "123456789") for row in rows)
+
+
+def test_a_doubtful_unit_is_not_said_to_belong(report):
+    found = dataclasses.replace(report.hierarchy, belongs=np.r_[0.4, np.ones(59)])
+    doubtful = dataclasses.replace(report, outliers=(), hierarchy=found)
+    assert "none is odd beyond chance, 1 may not belong" in printed(doubtful)
+    assert "all belong" in printed(dataclasses.replace(doubtful, hierarchy=dataclasses.replace(found, belongs=np.ones(60))))
+    assert "Every unit" not in page(doubtful)
+
+
+def test_an_effect_of_the_lot_is_on_the_page(report):
+    effects = {"gyro.<b>": PooledEffect(0.5, {"x": 1e-4}, {"x": 0.0}, 1e-4, 40, ("gyro.bias_step",))}
+    text = page(dataclasses.replace(report, lot=dataclasses.replace(report.lot, effects=effects)))
+    assert ">Effects of the lot</h2>" in text
+    assert "gyro.&lt;b&gt;, in 50% of 40 units that tell" in text
+    assert "Effects of the lot" not in page(report)
+
+
+def test_an_appraiser_and_nobody_are_no_two():
+    someone = lot_of(simulated_lot(20, 6, 2, people=(("Mara", 0.0), ("", 0.0))))
+    assert someone.appraisers == ""
+    assert np.isnan(someone.gauges["gyro_bias_x_mdps"].av)
+    assert lot_of(simulated_lot(20, 6, 2, people=PEOPLE)).appraisers == "operator"
 
 
 def test_the_same_input_gives_the_same_answer():

@@ -169,4 +169,4 @@ def farthest(lot: Lot, vector: np.ndarray, covariance: np.ndarray, seen: np.ndar
     both = np.abs(off) / np.sqrt(sigma**2 + np.diag(covariance))
     both[~(seen & np.isfinite(both))] = -1.0
     worst = int(np.argmax(both))
-    return None if both[worst] < 0 else (NAMES[worst], float(off[worst] / sigma[worst]))
+    return None if both[worst] < 0 else (NAMES[worst], float(off[worst] / max(sigma[worst], LEAST * PRIOR_SIGMA[worst])))

@@ -171,10 +171,11 @@ def _points(read: Readings, n: int) -> np.ndarray:
 
 
 def _appraisers(lot: LotSessions) -> tuple[str, np.ndarray | None]:
-    """Who turned: operators, or stations where only these differ; numbers of them, or None.  Sessions that name none are one of them."""
+    """Who turned: operators, or stations where only these differ; numbers of them, or None.  Two have to be named; sessions that
+    name none are one more beside them."""
     for what, names in (("operator", lot.operators), ("station", lot.stations)):
         kinds, numbers = np.unique(np.array(names, dtype=object).astype(str), return_inverse=True)
-        if len(kinds) > 1:
+        if len(kinds[kinds != ""]) > 1:
             return what, numbers
     return "", None
 
@@ -199,7 +200,9 @@ def _notes(lot: LotSessions, found: Hierarchy, what: str) -> tuple[str, ...]:
             f"{lot.units} units are few for {int(lot.known.sum())} numbers: correlations are drawn towards none, tails are not looked for"
         )
     if (off := int(np.sum(found.belongs <= 0.5))) > 0:
-        told.append(f"{off} of {lot.units} units do not belong to the lot; its numbers and its gauge study are those of the others")
+        told.append(
+            f"{off} of {lot.units} units are likelier none of the lot than of it; its numbers and its gauge study are those of the others"
+        )
     if lot.units <= 2:
         told.append("two units have no drift")
     return tuple(told)

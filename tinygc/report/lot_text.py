@@ -31,14 +31,14 @@ def lot_page(report: LotReport) -> Group:
     if report.capabilities:
         parts.append(_capabilities(report))
     parts += [*_charts(report), *_outliers(report)]
-    parts += [one_line(_effect(name, found), "bold yellow") for name, found in report.lot.effects.items()]
+    parts += [one_line(f"Effect of the lot: {effect_words(name, found)}.", "bold yellow") for name, found in report.lot.effects.items()]
     return Group(*parts, *(one_line(f"Note: {note}.", "yellow") for note in report.notes))
 
 
-def _effect(name: str, found: PooledEffect) -> str:
-    """An effect that the units have together."""
+def effect_words(name: str, found: PooledEffect) -> str:
+    """Of an effect that the units have together: which, in how many, how surely."""
     as_well = f"; could as well be {', '.join(found.equivalent)}" if found.equivalent else ""
-    return f"Effect of the lot: {name}, in {found.share:.0%} of {found.units} units that tell, p = {found.p_value:.2g}{as_well}."
+    return f"{name}, in {found.share:.0%} of {found.units} units that tell, p = {found.p_value:.2g}{as_well}"
 
 
 def headline(report: LotReport) -> Text:
@@ -47,7 +47,10 @@ def headline(report: LotReport) -> Text:
     drift = f"it drifts (p = {found.drift_p:.2g})" if found.drifts else f"no drift is seen (p = {found.drift_p:.2g})"
     tails = "" if np.isinf(lot.tails) else f"; tails of {lot.tails:.3g} degrees of freedom"
     odd = len(report.outliers)
+    open_ = int(np.sum(found.belongs <= 0.5))
     which = f"{odd} unit{'s' * (odd != 1)} or sessions do not belong" if odd else "all belong"
+    if not odd and open_:
+        which = f"none is odd beyond chance, {open_} may not belong"
     name = f"{lot.sensor}: " if lot.sensor else ""
     return one_line(
         f"{name}{lot.units} units, {lot.sessions} sessions; {drift}; {which}{tails}.", "bold yellow" if odd or found.drifts else "bold"
@@ -62,13 +65,14 @@ def _numbers(report: LotReport) -> Table:
         if not each.units:
             continue
         digits = decimals(each.mean_sigma)
+        fine = max(digits, decimals(each.noise))  # noise is often far below what units differ by
         drift = drift_words(report, each, fixed)
         table.add_row(
             f"{each.seen.name}, {each.seen.unit}",
             f"{fixed(each.mean, digits)} ± {fixed(each.mean_sigma, digits)}",
             fixed(each.spread, digits),
-            fixed(each.noise, digits),
-            fixed(each.repeatability, digits),
+            fixed(each.noise, fine),
+            fixed(each.repeatability, fine),
             Text(drift, "bold red" if _drifts(report, each) else ""),
             Text(fixed(each.ratio, 2), "bold red" if each.ratio_p < MARKED_P / len(SEEN) else ""),
         )

@@ -10,7 +10,7 @@ from tinygc.lot.report import LotReport
 from tinygc.report.html.markup import Section, escape, paragraph, table
 from tinygc.report.html.numbers import NONE, fixed, probability, significant
 from tinygc.report.lot.charts import control_figure
-from tinygc.report.lot_text import MARKED_P, decimals, drift_words
+from tinygc.report.lot_text import MARKED_P, decimals, drift_words, effect_words
 
 #: charts on a page: those that ring first
 MOST_CHARTS, MOST_OUTLIERS = 6, 50
@@ -19,7 +19,7 @@ BY_KEY = {each.key: each for each in SEEN}
 
 def lot_sections(report: LotReport) -> list[Section]:
     """Sections of a page, those that have something to say."""
-    made = [_numbers(report), _outliers(report), _charts(report), _gauges(report), _capabilities(report)]
+    made = [_numbers(report), _outliers(report), _effects(report), _charts(report), _gauges(report), _capabilities(report)]
     return [section for section in made if section is not None]
 
 
@@ -30,6 +30,7 @@ def _numbers(report: LotReport) -> Section:
         if not each.units:
             continue
         digits = decimals(each.mean_sigma)
+        fine = max(digits, decimals(each.noise))  # noise is often far below what units differ by
         if report.hierarchy.drifts and each.drift_p < MARKED_P:
             marked.append(len(rows))
         lo, hi = each.spread_interval
@@ -38,8 +39,8 @@ def _numbers(report: LotReport) -> Section:
                 f"{each.seen.name}, {each.seen.unit}",
                 f"{fixed(each.mean, digits)} ± {fixed(each.mean_sigma, digits)}",
                 f"{fixed(each.spread, digits)} ({fixed(lo, digits)} to {fixed(hi, digits)})",
-                fixed(each.noise, digits),
-                fixed(each.repeatability, digits),
+                fixed(each.noise, fine),
+                fixed(each.repeatability, fine),
                 drift_words(report, each, fixed),
             ]
         )
@@ -60,7 +61,7 @@ def _numbers(report: LotReport) -> Section:
 
 def _outliers(report: LotReport) -> Section | None:
     if not report.outliers:
-        return Section("lot-outliers", "What does not belong", paragraph("Every unit and every session belongs to the lot."))
+        return Section("lot-outliers", "What does not belong", paragraph("No unit and no session is farther off than chance explains."))
     told = [
         f'<div class="found">{paragraph(f"{escape(each.says)}. By chance, in such a lot: {probability(each.p_value)}.")}</div>'
         for each in report.outliers[:MOST_OUTLIERS]
@@ -68,6 +69,14 @@ def _outliers(report: LotReport) -> Section | None:
     more = len(report.outliers) - len(told)
     tail = paragraph(f"And {more} more, in the lot's file.", "soft") if more > 0 else ""
     return Section("lot-outliers", "What does not belong", "".join(told) + tail)
+
+
+def _effects(report: LotReport) -> Section | None:
+    if not report.lot.effects:
+        return None
+    told = [f'<div class="found">{paragraph(f"{escape(effect_words(name, found))}.")}</div>' for name, found in report.lot.effects.items()]
+    words = "Found by pooling what every session says of every effect of the catalogue. How large they are is in the lot's file."
+    return Section("lot-effects", "Effects of the lot", "".join(told) + paragraph(words, "soft"))
 
 
 def _charts(report: LotReport) -> Section | None:

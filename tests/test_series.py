@@ -108,6 +108,16 @@ def test_a_serial_number_is_a_harmless_folder(serial, name):
     assert folder_name(serial) == name
 
 
+def test_two_numbers_never_share_a_folder(tmp_path):
+    (tmp_path / "row").mkdir()
+    row = Series(tmp_path / "row")
+    row.add(Entry("A/1", "A_1", False, 3, "2026-01-01T00:00:00+00:00"))
+    assert row.place("A/1")[0].name == "A_1"
+    assert row.place("A_1")[0].name == "A_1_2"
+    assert row.place("a_1")[0].name == "a_1_2"
+    assert row.place("series.json")[0].name == "series.json_2"
+
+
 def test_the_same_board_is_the_next_only_after_it_was_away(tmp_path):
     """A pseudo-terminal that says the last one's number, is away, and says it again."""
     pty = pytest.importorskip("pty")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import re
 import time
 from collections.abc import Callable
@@ -56,10 +57,14 @@ class Series:
     def place(self, serial: str) -> tuple[Path, bool]:
         """The folder of a board, and whether a recording was begun there that can go on."""
         if serial:
-            folder = self.folder / folder_name(serial)
+            # Two numbers may be one folder's name, and some systems take capitals for small letters.
+            taken = {NAME, *(each.session.lower() for each in self.entries if each.serial != serial)}
+            plain = folder_name(serial)
+            names = itertools.chain([plain], (f"{plain}_{number}" for number in itertools.count(2)))
+            folder = self.folder / next(name for name in names if name.lower() not in taken)
             return folder, (folder / RAW).exists()
-        taken = (self.folder / f"board{number}" for number in range(1, 1_000_000))
-        return next(folder for folder in taken if not folder.exists()), False
+        free = (self.folder / f"board{number}" for number in range(1, 1_000_000))
+        return next(folder for folder in free if not folder.exists()), False
 
     def add(self, entry: Entry) -> None:
         """Keep it, in the place of an earlier one of the same folder."""

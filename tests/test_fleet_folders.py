@@ -6,15 +6,16 @@ from itertools import islice
 from pathlib import Path
 
 import pytest
-from fleets import QUICK, asked, made, ran
+from fleets import QUICK, Here, asked, made, ran
 
 from session.common.errors import CalibrationError
 from tinygc.fleet.compute import Job, Outcome, compute
-from tinygc.fleet.folders import session_folders
+from tinygc.fleet.folders import listed_folders, session_folders
 from tinygc.fleet.keys import key_of
 from tinygc.fleet.options import FleetOptions
 from tinygc.fleet.results import unit_results
 from tinygc.fleet.row import empty
+from tinygc.fleet.run import run_fleet
 from tinygc.fleet.table import open_table
 
 FOREIGN = Path(__file__).parent / "foreign_effects"
@@ -113,6 +114,16 @@ def test_effects_that_change_during_a_run_end_it(fleet, tmp_path):
     assert FleetOptions(steps=("check",), effects=(str(folder),)).text != options.text
     with pytest.raises(CalibrationError, match="effects have changed"):
         compute(Job(str(one), key_of(one, options), options))
+
+
+def test_a_list_of_anything_fails_with_its_lines(tmp_path):
+    lines = listed_folders(["a\0b\n", f"{tmp_path}/none\n"])
+    with open_table(tmp_path / "out") as table:
+        assert run_fleet(lines, table, Here(), QUICK).failed == 2
+    assert [error.split(": ")[-1] for (error,) in asked(tmp_path / "out", "SELECT error FROM folders ORDER BY 1")] == [
+        "is no name of a folder; expected a session folder",
+        "No such file or directory; expected a session folder",
+    ]
 
 
 def test_a_place_that_is_not_there_is_said(tmp_path):

@@ -10,7 +10,7 @@ from fleets import QUICK, Here, asked, content, made, ran
 from session.common.errors import CalibrationError, FormatError, StorageError
 from tinygc.fleet.compute import Outcome
 from tinygc.fleet.folders import session_folders
-from tinygc.fleet.results import write_csv
+from tinygc.fleet.results import unit_results, write_csv
 from tinygc.fleet.row import COLUMNS, empty
 from tinygc.fleet.run import run_fleet
 from tinygc.fleet.table import NAME, open_table, read_table
@@ -129,6 +129,16 @@ def test_times_are_not_among_what_is_compared(fleet, out, tmp_path):
     assert content(again) == content(out)
     assert asked(again, "SELECT key FROM durations ORDER BY 1") == asked(out, "SELECT key FROM results ORDER BY 1")
     assert not {"cpu_s", "wall_s"} & set(COLUMNS)
+
+
+@pytest.mark.parametrize("spoil", ["covariance = x'00'", "weighed = '{'", "weighed = '[]'", "E_xx = 'one'"])
+def test_a_row_of_another_program_is_said(out, spoil):
+    connection = sqlite3.connect(out / NAME)
+    with connection:
+        connection.execute(f"UPDATE results SET held_out_deg = 0.1, {spoil}")
+    connection.close()
+    with pytest.raises(FormatError, match=r"the row of .*unit0 holds what fleet does not write"):
+        list(unit_results(out))
 
 
 def test_csv_has_a_line_for_each_folder(out, fleet):

@@ -35,6 +35,8 @@ def input_paths(folder: Path) -> list[Path]:
         names = sorted(name for name in os.listdir(folder) if INPUTS.fullmatch(name))
     except OSError as error:
         raise FormatError(f"{folder}: {error.strerror}; expected a session folder") from None
+    except ValueError:  # a list may have any bytes in it
+        raise FormatError(f"{folder}: is no name of a folder; expected a session folder") from None
     if not names:
         raise FormatError(f"{folder}: holds neither session.toml nor a log; expected a session folder")
     return [folder / name for name in names]

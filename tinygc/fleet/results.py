@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 from collections.abc import Iterator, Mapping
@@ -10,6 +11,7 @@ from typing import TextIO
 
 import numpy as np
 
+from session.common.errors import FormatError
 from tinygc.fleet.row import COLUMNS, VALUES, unpacked
 from tinygc.fleet.table import COUNTED, EACH, Table, read_table
 from tinygc.lot.unit_result import UnitResult, Weighed
@@ -35,20 +37,33 @@ def results_of(table: Table) -> Iterator[UnitResult]:
     sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL {IN_ORDER}"
     for order, row in enumerate(table.each(sql)):
         told = dict(zip(names, row, strict=False))
-        yield UnitResult(
-            key=told["key"],
-            serial=told["serial"] or "",
-            session=Path(told["folder"]).name,
-            values=np.array(row[len(names) :], dtype=float),
-            covariance=unpacked(told["covariance"]),
-            recorded=told["recorded"] or "",
-            order=float(order),
-            closure_deg=told["held_out_deg"],
-            floor_deg=told["floor_deg"],
-            operator=told["operator"] or "",
-            station=told["station"] or "",
-            effects=weighed_of(told["weighed"]),
-        )
+        with read_as_written(table, told["folder"]):
+            found = UnitResult(
+                key=told["key"],
+                serial=told["serial"] or "",
+                session=Path(told["folder"]).name,
+                values=np.array(row[len(names) :], dtype=float),
+                covariance=unpacked(told["covariance"]),
+                recorded=told["recorded"] or "",
+                order=float(order),
+                closure_deg=told["held_out_deg"],
+                floor_deg=told["floor_deg"],
+                operator=told["operator"] or "",
+                station=told["station"] or "",
+                effects=weighed_of(told["weighed"]),
+            )
+        yield found
+
+
+@contextlib.contextmanager
+def read_as_written(table: Table, folder: str) -> Iterator[None]:
+    """FormatError for what another program has put into a row."""
+    try:
+        yield
+    except (ValueError, TypeError, KeyError, AttributeError):
+        raise FormatError(
+            f"{table.path}: the row of {folder} holds what fleet does not write; delete it from the table results, and run fleet again"
+        ) from None
 
 
 def weighed_of(text: str | None) -> Mapping[str, Weighed]:
@@ -75,8 +90,9 @@ def write_csv(table: Table, file: TextIO) -> int:
         cells = list(row[:-1])
         if row[1] is None:
             cells[status], cells[error] = "failed", row[-1]
-        cells[effects] = " ".join(effect["id"] for effect in json.loads(cells[effects] or "[]"))
-        cells[findings] = "; ".join(f"{each['where']}: {each['what']}: {each['says']}" for each in json.loads(cells[findings] or "[]"))
+        with read_as_written(table, row[0]):
+            cells[effects] = " ".join(effect["id"] for effect in json.loads(cells[effects] or "[]"))
+            cells[findings] = "; ".join(f"{each['where']}: {each['what']}: {each['says']}" for each in json.loads(cells[findings] or "[]"))
         writer.writerow(["" if cell is None else repr(cell) if isinstance(cell, float) else cell for cell in cells])
         count += 1
     return count

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tinygc.fleet.results import read_as_written
 from tinygc.fleet.row import DONE, VALUES
 from tinygc.fleet.table import EACH, Table
 
@@ -140,8 +141,9 @@ def _counted(table: Table, name: str) -> dict[str, int]:
 
 def _effects(table: Table) -> dict[str, int]:
     found: Counter[str] = Counter()
-    for (text,) in table.each(f"SELECT effects FROM {EACH} WHERE effects <> '[]' AND effects IS NOT NULL"):
-        found.update({effect["id"] for effect in json.loads(text)})
+    for folder, text in table.each(f"SELECT folder, effects FROM {EACH} WHERE effects <> '[]' AND effects IS NOT NULL"):
+        with read_as_written(table, folder):
+            found.update({effect["id"] for effect in json.loads(text)})
     return dict(sorted(found.items(), key=lambda each: (-each[1], each[0])))
 
 

@@ -92,7 +92,7 @@ def _computed(args: argparse.Namespace):  # type: ignore[no-untyped-def]  # a Ta
     chosen = tuple(step for step in args.only if step not in args.without)
     if not chosen:
         raise CalibrationError("--only and --without leave no step; leave one of them out")
-    effects = tuple(str(folder) for folder in args.effects or ())
+    effects = tuple(os.path.abspath(folder) for folder in args.effects or ())  # a worker may stand elsewhere
     options = FleetOptions(chosen, args.seed, not args.no_earth, args.accelerometer, effects)
     count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # what a pipe gives is read once
     with open_table(args.out) as table, Meter(args.quiet, count) as meter:

@@ -120,10 +120,10 @@ def test_a_list_of_anything_fails_with_its_lines(tmp_path):
     lines = listed_folders(["a\0b\n", f"{tmp_path}/none\n"])
     with open_table(tmp_path / "out") as table:
         assert run_fleet(lines, table, Here(), QUICK).failed == 2
-    assert [error.split(": ")[-1] for (error,) in asked(tmp_path / "out", "SELECT error FROM folders ORDER BY 1")] == [
+    assert {error.split(": ")[-1] for (error,) in asked(tmp_path / "out", "SELECT error FROM folders")} == {
         "is no name of a folder; expected a session folder",
         "No such file or directory; expected a session folder",
-    ]
+    }
 
 
 def test_a_place_that_is_not_there_is_said(tmp_path):

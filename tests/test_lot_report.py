@@ -146,6 +146,14 @@ def test_a_doubtful_unit_is_not_said_to_belong(report):
     assert "Every unit" not in page(doubtful)
 
 
+def test_a_tail_that_nobody_could_count_is_no_number(report):
+    capable = {key: dataclasses.replace(each, ppm_tails=3e-80, false_accept_ppm=0.0) for key, each in report.capabilities.items()}
+    far = dataclasses.replace(report, capabilities=capable)
+    assert "e-80" not in printed(far) + page(far)
+    assert "< 0.001" in printed(far)
+    assert "&lt; 0.001" in page(far)
+
+
 def test_an_effect_of_the_lot_is_on_the_page(report):
     effects = {"gyro.<b>": PooledEffect(0.5, {"x": 1e-4}, {"x": 0.0}, 1e-4, 40, ("gyro.bias_step",))}
     text = page(dataclasses.replace(report, lot=dataclasses.replace(report.lot, effects=effects)))
@@ -188,13 +196,18 @@ def fleet(tmp_path_factory):
     return written_fleet(tmp_path_factory.mktemp("lot") / "fleet", "MPU-9150")
 
 
-def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path):
+def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path, capsys):
     alone = written_fleet(tmp_path / "alone", "ASM330LHH")
     for folder in (alone, fleet):
         assert calibrate.main(["fleet", "--out", str(folder), "--quiet"]) == 0
     assert read_lot(alone / "lot.json").units == 20
     assert ">Control charts</h2>" in (alone / "fleet.html").read_text(encoding="utf-8")
     assert not (fleet / "lot.json").exists()
+    assert capsys.readouterr().err == ""
+    (fleet / "lot.json").write_text("{}")
+    assert calibrate.main(["fleet", "--out", str(fleet), "--quiet"]) == 0
+    (fleet / "lot.json").unlink()
+    assert "left as it was, and not of this table" in capsys.readouterr().err
 
 
 def test_the_command(fleet, tmp_path, capsys):

@@ -20,6 +20,8 @@ MOST_OUTLIERS = 10
 MARKED_P = 0.01
 #: units from which on a drift per 1000 is said
 FEWEST_DRIFT = 30
+#: ppm below which a tail is a formula's, and no sensor's
+LEAST_PPM = 0.001
 UNIT_OF = {each.key: each for each in SEEN}
 
 
@@ -145,12 +147,17 @@ def _capabilities(report: LotReport) -> Table:
             Text(fixed(each.overall.centred, 2), "bold red" if each.overall.centred < 1 else ""),
             f"{fixed(lo, 2)} to {fixed(hi, 2)}",
             fixed(each.seen.centred, 2),
-            f"{each.ppm_tails:.3g}",
+            ppm(each.ppm_tails),
             f"{each.found_outside} of {each.units}",
-            f"{each.false_accept_ppm:.3g}",
+            ppm(each.false_accept_ppm),
             fixed(each.guard_band, decimals(each.guard_band)),
         )
     return table
+
+
+def ppm(value: float) -> str:
+    """Parts per million, to what anybody could count."""
+    return f"{value:.3g}" if value >= LEAST_PPM or value == 0 else f"< {LEAST_PPM:g}"
 
 
 def _limit(value: float) -> str:

@@ -67,6 +67,8 @@ def run(args: argparse.Namespace) -> int:
     page = save(summary, args.out / PAGE, lot_sections(lot) if lot else ())
     if lot:
         save_lot(lot, args.out / LOT)
+    elif (args.out / LOT).exists():
+        complain(f"{args.out / LOT}: left as it was, and not of this table, whose sensors are of several models or too few for a lot")
     output(args).print(fleet_page(summary, tally))
     files = [args.out / "fleet.sqlite", page, *([args.out / LOT] if lot else [])]
     output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)

@@ -10,7 +10,7 @@ from tinygc.lot.report import LotReport
 from tinygc.report.html.markup import Section, escape, paragraph, table
 from tinygc.report.html.numbers import NONE, fixed, probability, significant
 from tinygc.report.lot.charts import control_figure
-from tinygc.report.lot_text import MARKED_P, decimals, drift_words, effect_words
+from tinygc.report.lot_text import LEAST_PPM, MARKED_P, decimals, drift_words, effect_words, ppm
 
 #: charts on a page: those that ring first
 MOST_CHARTS, MOST_OUTLIERS = 6, 50
@@ -52,7 +52,7 @@ def _numbers(report: LotReport) -> Section:
         "Spread is between units, one sigma, with measurement noise taken out. Noise is what a session states; "
         "“repeats within” is what sessions of one unit differ by beyond that."
     )
-    notes = "".join(paragraph(f"{escape(note)}.", "soft") for note in report.notes)
+    notes = "".join(paragraph(f"{escape(note[:1].upper() + note[1:])}.", "soft") for note in report.notes)
     html = paragraph(f"{report.lot.units} units, {report.lot.sessions} sessions. {said}{tails}") + table(
         header, rows, words, marked=marked, minor=(3,)
     )
@@ -125,6 +125,10 @@ def _gauges(report: LotReport) -> Section | None:
     return Section("lot-gauge", "Measurement system", table(header, rows, words, marked=marked, minor=(1, 2, 3, 4)))
 
 
+def _ppm(value: float) -> str:
+    return escape(ppm(value)) if 0 < value < LEAST_PPM else significant(value)
+
+
 def _capabilities(report: LotReport) -> Section | None:
     if not report.capabilities:
         return None
@@ -142,10 +146,10 @@ def _capabilities(report: LotReport) -> Section | None:
                 f"{fixed(each.within.index, 2)}, {fixed(each.within.centred, 2)}",
                 f"{fixed(each.overall.index, 2)}, {fixed(each.overall.centred, 2)} ({fixed(lo, 2)} to {fixed(hi, 2)})",
                 fixed(each.seen.centred, 2),
-                f"{significant(each.ppm_normal)}, {significant(each.ppm_tails)}",
+                f"{_ppm(each.ppm_normal)}, {_ppm(each.ppm_tails)}",
                 f"{each.found_outside} of {each.units}",
-                f"{significant(each.false_accept_ppm)}, {significant(each.false_reject_ppm)}",
-                f"{significant(each.guard_band)}: {significant(each.guarded_accept_ppm)}, {significant(each.guarded_reject_ppm)}",
+                f"{_ppm(each.false_accept_ppm)}, {_ppm(each.false_reject_ppm)}",
+                f"{significant(each.guard_band)}: {_ppm(each.guarded_accept_ppm)}, {_ppm(each.guarded_reject_ppm)}",
             ]
         )
     header = (

@@ -57,13 +57,18 @@ class Browser:
 
     def open(self, path: Path | str, width: int, height: int = 900, dark: bool = False, still: bool = False) -> None:
         """Show a file, or an address; ``events`` then has all that happened since.  still: as for a person who wants no motion."""
+        self._load("about:blank")  # so that what the last page still asks for is none of this one's
         self.events = []
         self.ask("Emulation.setDeviceMetricsOverride", {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600})
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         motion = {"name": "prefers-reduced-motion", "value": "reduce" if still else "no-preference"}
         self.ask("Emulation.setEmulatedMedia", {"features": [scheme, motion]})
-        self.ask("Page.navigate", {"url": path if isinstance(path, str) else path.resolve().as_uri()})
-        while not any(event["method"] == "Page.loadEventFired" for event in self.events):
+        self._load(path if isinstance(path, str) else path.resolve().as_uri())
+
+    def _load(self, url: str) -> None:
+        before = len(self.events)
+        self.ask("Page.navigate", {"url": url})
+        while not any(event["method"] == "Page.loadEventFired" for event in self.events[before:]):
             self._receive()
 
     def evaluate(self, expression: str):

@@ -11,6 +11,7 @@ from scipy import stats
 
 from tinygc.explanation.verdict.explain import explain_session
 from tinygc.fleet import compute, keys
+from tinygc.fleet.cells import cell_of
 from tinygc.fleet.folders import listed_folders
 from tinygc.fleet.keys import key_of
 from tinygc.fleet.options import FleetOptions
@@ -107,7 +108,7 @@ def test_a_covariance_comes_back_as_it_was():
 
 def test_what_an_effect_does_not_tell_stays_untold():
     told = Weighed({"x": 1.5, "y": np.nan}, {"x": 0.25, "y": np.nan}, 36.0, True, 0.75)
-    assert repr(weighed_of(compute._compact({"gyro.bias_step": vars(told)}))["gyro.bias_step"]) == repr(told)
+    assert repr(weighed_of(cell_of({"gyro.bias_step": vars(told)}))["gyro.bias_step"]) == repr(told)
 
 
 def test_a_given_accelerometer_is_not_told(fleet, tmp_path):

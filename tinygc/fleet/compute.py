@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import threading
 import time
 from collections.abc import Iterator
@@ -17,7 +16,6 @@ from session.checks.rests import check_rests
 from session.common.errors import CalibrationError
 from session.common.texts import printable
 from session.common.version import VERSION
-from session.files.results import json_text
 from session.log.config import Config, read_config
 from session.log.folder import Session, read_session
 from tinygc.effects import using
@@ -28,6 +26,7 @@ from tinygc.explanation.verdict.linear_estimates import effects_of
 from tinygc.explanation.verdict.result import to_json as explanation_json
 from tinygc.fitting.listing import date_of
 from tinygc.fitting.session import fit_session
+from tinygc.fleet.cells import cell_of, told_by
 from tinygc.fleet.figures import fitted
 from tinygc.fleet.keys import key_of
 from tinygc.fleet.options import FleetOptions, effects_hash
@@ -94,7 +93,7 @@ def _fill(row: Row, folder: Path, options: FleetOptions) -> None:
     _kept_config(row, folder, read_config(folder / "session.toml"))
     if options.steps == ("check",):
         _kept_findings(row, folder, check_folder(folder, first_look_at_gravity_sign))
-        errors = [finding for finding in json.loads(row["findings"]) if finding["level"] == "error"]
+        errors = [finding for finding in told_by(row["findings"]) if finding["level"] == "error"]
         if errors:
             raise CalibrationError(": ".join(errors[0][key] for key in ("where", "what", "says")))
         return
@@ -159,19 +158,14 @@ def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
         | {"says": _without_folder(each.says, folder), "do": _without_folder(each.do, folder)}
         for each in worth[:MOST_FINDINGS]
     ]
-    row |= {"first_look": worst(findings), "findings": _compact(told)}
+    row |= {"first_look": worst(findings), "findings": cell_of(told)}
 
 
 def _explained(session: Session, prepared: Prepared, options: FleetOptions) -> Row:
     if session.config.protocol.reference == "truth":
         truth = explain_truth(session, seed=options.seed, use_earth=options.earth)
-        return {"verdict": truth.verdict, "p_value": number(truth.p_value), "effects": _compact(truth_to_json(truth)["effects"])}
+        return {"verdict": truth.verdict, "p_value": number(truth.p_value), "effects": cell_of(truth_to_json(truth)["effects"])}
     found = explain_session(session, seed=options.seed, use_earth=options.earth, prepared=prepared)
     weighed = {name: vars(each) for name, each in effects_of(found).items()}
-    effects = _compact(explanation_json(found)["effects"])
-    return {"verdict": found.verdict, "p_value": number(found.p_value), "effects": effects, "weighed": _compact(weighed)}
-
-
-def _compact(table: list | dict) -> str:
-    """JSON as ``session.files.results`` writes it, on one line."""
-    return json.dumps(json.loads(json_text(table)), separators=(",", ":"), ensure_ascii=False, sort_keys=True)
+    effects = cell_of(explanation_json(found)["effects"])
+    return {"verdict": found.verdict, "p_value": number(found.p_value), "effects": effects, "weighed": cell_of(weighed)}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TextIO
@@ -12,6 +11,7 @@ from typing import TextIO
 import numpy as np
 
 from session.common.errors import FormatError
+from tinygc.fleet.cells import told_by
 from tinygc.fleet.row import COLUMNS, VALUES, unpacked
 from tinygc.fleet.table import COUNTED, EACH, Table, read_table
 from tinygc.lot.unit_result import UnitResult, Weighed
@@ -69,7 +69,7 @@ def read_as_written(table: Table, folder: str) -> Iterator[None]:
 def weighed_of(text: str | None) -> Mapping[str, Weighed]:
     """What ``compute`` kept of each effect, by id; NaN for what JSON has no number for: it was not told."""
     found = {}
-    for name, each in json.loads(text or "{}").items():
+    for name, each in told_by(text or "{}").items():
         for key in ("estimates", "sigmas"):
             each[key] = {component: np.nan if value is None else value for component, value in each[key].items()}
         found[name] = Weighed(**each)
@@ -91,8 +91,8 @@ def write_csv(table: Table, file: TextIO) -> int:
         if row[1] is None:
             cells[status], cells[error] = "failed", row[-1]
         with read_as_written(table, row[0]):
-            cells[effects] = " ".join(effect["id"] for effect in json.loads(cells[effects] or "[]"))
-            cells[findings] = "; ".join(f"{each['where']}: {each['what']}: {each['says']}" for each in json.loads(cells[findings] or "[]"))
+            cells[effects] = " ".join(effect["id"] for effect in told_by(cells[effects] or "[]"))
+            cells[findings] = "; ".join(f"{each['where']}: {each['what']}: {each['says']}" for each in told_by(cells[findings] or "[]"))
         writer.writerow(["" if cell is None else repr(cell) if isinstance(cell, float) else cell for cell in cells])
         count += 1
     return count

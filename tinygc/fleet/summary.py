@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from tinygc.fleet.cells import told_by
 from tinygc.fleet.results import read_as_written
 from tinygc.fleet.row import DONE, VALUES
 from tinygc.fleet.table import EACH, Table
@@ -143,7 +143,7 @@ def _effects(table: Table) -> dict[str, int]:
     found: Counter[str] = Counter()
     for folder, text in table.each(f"SELECT folder, effects FROM {EACH} WHERE effects <> '[]' AND effects IS NOT NULL"):
         with read_as_written(table, folder):
-            found.update({effect["id"] for effect in json.loads(text)})
+            found.update({effect["id"] for effect in told_by(text)})
     return dict(sorted(found.items(), key=lambda each: (-each[1], each[0])))
 
 

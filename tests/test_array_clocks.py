@@ -133,6 +133,73 @@ def test_a_dead_unit_and_a_mirrored_one_are_named(body):
         clock_fits(array_of(body, [Unit(), Unit(gyro=np.diag([1.0, 1.0, -1.0]))]))
 
 
+def test_the_first_unit_is_named_where_it_is_the_mirrored_one(body):
+    array = array_of(body, [Unit(gyro=np.diag([1.0, -1.0, 1.0])), any_unit(2), any_unit(3)])
+    with pytest.raises(CalibrationError, match=r"unit 0 has mirrored axes"):
+        clock_fits(array)
+
+
+def altered(array: ArraySession, number: int, change) -> ArraySession:
+    """With other rates of one unit: change of (N, 3)."""
+    unit = array.units[number]
+    samples = unit.logs[0].samples
+    log = replace(unit.logs[0], samples=replace(samples, gyro=change(np.array(samples.gyro))))
+    return replace(array, units=tuple(replace(unit, logs=(log,)) if i == number else each for i, each in enumerate(array.units)))
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_dead_axis_is_refused_in_a_line(body, number):
+    def without_y(rate):
+        rate[:, 1] = 0.0
+        return rate
+
+    array = array_of(body, [any_unit(1), any_unit(2), any_unit(3)])
+    with pytest.raises(CalibrationError, match=rf"unit {number} reads one and the same rate about y throughout"):
+        clock_fits(altered(array, number, without_y))
+
+
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("share", [0.4, 0.5, 0.6])
+def test_a_unit_that_dies_has_the_clock_that_it_had(body, number, share):
+    def dies(rate):
+        last = int(share * len(rate))
+        rate[last:] = rate[last]
+        return rate
+
+    units = [any_unit(1), any_unit(2, offset_s=0.5, rate=0.003), any_unit(3)]
+    clock = clock_fits(altered(array_of(body, units), number, dies))[1].clock
+    offset_s, rate = injected(units[1], units[0], clock.about_s)
+    assert abs(clock.offset_s - offset_s) < 5 * clock.offset_sigma_s
+    assert abs(clock.rate - rate) < 5 * clock.rate_sigma
+
+
+def test_a_register_that_sticks_is_no_measurement(body):
+    samples = samples_of(body, Unit(), 100.0, 1)
+    rate = np.array(samples.gyro)
+    rate[1000:1049], rate[2000:2050] = rate[1000], rate[2000]
+    good = rates_of(replace(samples, gyro=rate), 2000.0).good
+    assert good[1000:1049].all()
+    assert not good[2000:2050].any()
+    assert np.count_nonzero(~good) < 60
+
+
+def test_a_body_that_turns_about_one_axis_tells_clocks_but_no_mounting():
+    """The map between rates about axes that nothing turned about is noise: no mirror is read in it, and no mounting."""
+    clocks = []
+    for seed in range(6):
+        one = Body(turns=9, seed=1)
+        times = one.rate.x
+        one.rate = CubicSpline(times, np.linalg.norm(one.rate(times), axis=1)[:, None] * [0.0, 0.0, 1.0])
+        one.force = CubicSpline(times[[0, -1]], np.tile([0.0, 0.0, -9.80665], (2, 1)))
+        array = array_of(one, [any_unit(1), any_unit(2, offset_s=0.3)], seed=seed)
+        fit = clock_fits(array)[1]
+        assert not fit.map_is_known
+        clocks.append(fit.clock.offset_s - injected(any_unit(2, offset_s=0.3), any_unit(1), fit.clock.about_s)[0])
+        with pytest.raises(CalibrationError, match="the body turned about too few axes"):
+            places_of(array)
+    assert np.abs(clocks).max() < 0.01
+
+
 def in_two_logs(array: ArraySession, again_s: float) -> ArraySession:
     """Each unit's log cut in two; the clock of the second unit set by so much between them."""
     units = []

@@ -8,13 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from session.common.errors import CalibrationError
 from session.common.texts import printable
 from session.log.array_session import ArraySession
 from tinygc.array.fit import ArrayFit, fit_array
 from tinygc.array.moments import Moment, moments_of
+from tinygc.array.split import OWN_P
 from tinygc.explanation.verdict.explain import Explanation, explain_session
 
 OWN, SOME, COMMON, ALIKE = "own", "some", "common", "alike"
@@ -61,7 +60,7 @@ class ArrayExplanation:
         """``no_mismatch``, or what the array is: ``common``, ``own``, or ``common_and_own``."""
         common = self.fit.split.p_value < 0.01 or any(trait.whose in (COMMON, ALIKE) for trait in self.traits)
         own = any(trait.whose in (OWN, SOME) for trait in self.traits) or any(event.unit is not None for event in self.fit.joint.events)
-        own = own or any(unit.own_rad[0] > 2 * unit.own_rad[1] and np.isfinite(unit.own_rad[1]) for unit in self.fit.units)
+        own = own or bool((self.fit.split.own_p < OWN_P).any())
         if common and own:
             return "common_and_own"
         return "common" if common else "own" if own else "no_mismatch"

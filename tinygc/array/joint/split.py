@@ -17,6 +17,8 @@ from tinygc.array.joint.joint import Joint
 
 #: -2 log likelihood by which the name "motion beyond the data rate" must better a part of no name, and no part at all
 BORNE_OUT = 2.0
+#: family-wise, of all units: an own excess less probable by chance is that unit's
+OWN_P = 0.01
 #: of what is predicted: less is what a filter lets through (``explanation/noise/components.py``: predicted within a factor of 1.5)
 FILTERED = 1 / 3
 
@@ -38,12 +40,13 @@ class TurnSplit:
 class Split:
     """Tilt, both angles together, rms over the turns, rad.
 
-    own (N, 2): each unit's own excess and its sigma; turn (2,): of what is common, equal in all turns; fast (2,): what of it goes as motion
-    beyond the data rate is predicted to, and its sigma; predicted: that prediction; level_mps2 (2,); gains: by how much -2 log likelihood
+    own (N, 2): each unit's own excess and its sigma, and own_p (N,) of one as large by chance, of all units together; turn (2,): of what
+    is common, equal in all turns; fast (2,): what of it goes as motion beyond the data rate is predicted to, and its sigma; predicted: that prediction; level_mps2 (2,); gains: by how much -2 log likelihood
     falls with a common part that is equal in all turns, and with one that goes as predicted; minus_mean_rad: unit minus mean; turns.
     """
 
     own: np.ndarray
+    own_p: np.ndarray
     turn: tuple[float, float]
     fast: tuple[float, float]
     predicted: float
@@ -94,6 +97,7 @@ def split_of(joint: Joint) -> Split:
     minus, of_unit = _minus_mean(joint)
     return Split(
         own,
+        _own_p(joint),
         _times(turn, both),
         _times(fast, predicted),
         predicted,
@@ -103,6 +107,23 @@ def split_of(joint: Joint) -> Split:
         of_unit,
         _turns(joint),
     )
+
+
+def _own_p(joint: Joint) -> np.ndarray:
+    """(N,) of each unit's own excess being chance, over all units: likelihood ratio, whose part is zero half the time (Self & Liang 1987).
+
+    A component's size over its sigma tells nothing near zero, where half of all sizes are zero and the others small.
+    """
+    solution, count = joint.solution, len(joint.rows)
+    p = np.ones(count)
+    for i in range(count):
+        if not solution.t[i] > 0:
+            continue
+        begin, held = solution.t.copy(), np.zeros(len(solution.t), dtype=bool)
+        begin[i], held[i] = 0.0, True
+        gain = solution.system.estimated(begin, held).value - solution.value
+        p[i] = min(1.0, count * float(chi2.sf(max(gain, 0.0), 1)) / 2)
+    return p
 
 
 def _times(size: tuple[float, float], factor: float) -> tuple[float, float]:

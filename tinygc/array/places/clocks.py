@@ -34,6 +34,8 @@ SAME_BODY = 0.9
 SET_ANEW_S = 0.5
 #: units of sigma of the unit's noise; a reading that turns by less tells no time
 MOVING_SIGMAS = 20.0
+#: of the map between two units' rates, one sigma: known worse, the body has not turned about all three axes
+KNOWN_MAP = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +51,17 @@ class ClockFit:
     covariance: np.ndarray
     rms_rps: float
 
+    @property
+    def map_is_known(self) -> bool:
+        """Whether the body has turned about all three axes, so that the map between the units' rates is one."""
+        return bool(self.matrix_sigma.max() < KNOWN_MAP)
+
 
 def fit_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "the unit") -> ClockFit:
     """first, unit: logs of the same times.  Raises CalibrationError where the two did not feel the same motion."""
     fit, likeness = nearest_clock(first, unit, name)
     if fit is None or fit.agreement < SAME_BODY:
-        found = "no turn" if fit is None else f"its rates follow the first unit's by {max(fit.agreement, 0.0):.2f} of 1"
+        found = "no turn that both felt" if fit is None else f"its rates follow the first unit's by {max(fit.agreement, 0.0):.2f} of 1"
         raise CalibrationError(
             f"{name} did not feel the motion of the array's first unit: {found}, the correlation of their speeds is {likeness:.2f}; "
             "an array's units are fixed to one rigid body and recorded together: take that unit out"
@@ -78,7 +85,10 @@ def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "th
         rows = _Rows(first, unit, moving, splines, slopes, x, about_s)
         if not rows.enough:
             break
-        solved = rows.solve(noise, None if solved is None else solved.matrix)
+        try:
+            solved = rows.solve(noise, None if solved is None else solved.matrix)
+        except np.linalg.LinAlgError:  # no column of the first unit's rates tells of this one's: there is no clock
+            return None, rough.likeness
         x = x + solved.step
         if abs(solved.step[0]) < ENOUGH_S and abs(solved.step[1]) < ENOUGH_RATE:
             break

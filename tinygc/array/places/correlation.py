@@ -37,6 +37,7 @@ class RoughClock:
 
 def rough_clock(first: Rates, unit: Rates) -> RoughClock:
     """The clock of one log of a unit against the first unit's log of the same time."""
+    first, unit = first.between_good(), unit.between_good()
     length_s = max(float(rates.t_s[-1] - rates.t_s[0]) for rates in (first, unit))
     fine_s = max(STEP_S, first.period_s, unit.period_s, length_s / MOST_POINTS)
     best, around, reach = None, 0.0, MOST_RATE

@@ -30,6 +30,12 @@ def places_of(array: ArraySession) -> tuple[UnitPlace, ...]:
     """
     rates = [session_rates(unit) for unit in array.units]
     fits = clock_fits(array, rates)
+    for number, fit in zip(array.numbers, fits, strict=True):
+        if not fit.map_is_known:
+            raise CalibrationError(
+                f"{array.name}: the motion does not tell how unit {number} is mounted: the body turned about too few axes; turn it about "
+                "all three"
+            )
     forces = [_forces(unit) for unit in array.units]
     places = [UnitPlace(array.numbers[0])]
     for number, fit, mine in zip(array.numbers[1:], fits[1:], forces[1:], strict=True):
@@ -51,12 +57,21 @@ def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None
         except CalibrationError:
             _blame_first(rates, names, mine)
             raise
-        if np.linalg.det(fit.matrix) <= 0:
-            raise CalibrationError(
-                f"{name} has mirrored axes (its rates follow the first unit's as in a mirror); correct the signs in its log"
-            )
         fits.append(fit)
+    _refuse_mirrored(fits, names)
     return fits
+
+
+def _refuse_mirrored(fits: list[ClockFit], names: list[str]) -> None:
+    """CalibrationError of the first one that is; of the array's first unit, where most of the others are mirrored against it."""
+    known = [i for i, fit in enumerate(fits) if i and fit.map_is_known]
+    mirrored = [i for i in known if np.linalg.det(fits[i].matrix) <= 0]
+    if not mirrored:
+        return
+    name, whose = names[mirrored[0]], "the first unit's"
+    if len(mirrored) > 1 and 2 * len(mirrored) > len(known):
+        name, whose = names[0], "most of the others'"
+    raise CalibrationError(f"{name} has mirrored axes (its rates follow {whose} as in a mirror); correct the signs in its log")
 
 
 def _as_stamped(fit: ClockFit, first: tuple[Rates, ...], mine: tuple[Rates, ...]) -> ClockFit:
@@ -75,8 +90,14 @@ def _own_fit(rates: tuple[Rates, ...]) -> ClockFit:
 
 def _turned(rates: list[tuple[Rates, ...]], names: list[str]) -> None:
     for mine, name in zip(rates, names, strict=True):
-        if not any(np.ptp(each.rate, axis=0).max() > 0 for each in mine):
+        still = np.all([np.ptp(each.rate, axis=0) == 0 for each in mine], axis=0)
+        if still.all():
             raise CalibrationError(f"{name} reads one and the same rate throughout: it is dead; take that unit out")
+        if still.any():
+            axes = ", ".join(axis for axis, is_dead in zip("xyz", still, strict=True) if is_dead)
+            raise CalibrationError(
+                f"{name} reads one and the same rate about {axes} throughout: take that unit out, or look at its columns"
+            )
 
 
 def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[Rates, ...]) -> None:

@@ -17,12 +17,14 @@ from session.log.samples import Samples
 BESIDE = 3
 #: of the usual period: a longer step is a gap, over which nothing is interpolated
 GAP_PERIODS = 1.6
+#: s of one and the same reading on all axes, from which on it is no measurement: a sensor has noise (as in the vote of the fused output)
+STUCK_S = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Rates:
     """One log of one unit: t_s (N,) s of its own clock, rate (N, 3) rad/s in its gyroscope's axes, good (N,) bool: neither clipped nor
-    beside a clipped one or a gap; period_s of its stamps."""
+    stuck, nor beside such a one or a gap; period_s of its stamps."""
 
     t_s: np.ndarray
     rate: np.ndarray
@@ -35,6 +37,14 @@ class Rates:
     def shifted(self, t_s: np.ndarray) -> Rates:
         """The same readings at other moments (N,) s."""
         return replace(self, t_s=t_s)
+
+    def between_good(self) -> Rates:
+        """From the first good reading to the last: without the end of a log whose sensor had died."""
+        good = np.flatnonzero(self.good)
+        if len(good) < 2:
+            return self
+        part = slice(good[0], good[-1] + 1)
+        return replace(self, t_s=self.t_s[part], rate=self.rate[part], good=self.good[part])
 
     def spline(self) -> CubicSpline:
         """The rate as a smooth function of the unit's time."""
@@ -53,11 +63,19 @@ def rates_of(samples: Samples, end_dps: float) -> Rates:
     t_s, rate = samples.t_ns * NS, np.asarray(samples.gyro)
     bad = (np.abs(rate) >= end_dps * DEG).any(axis=1)
     step, period_s = np.diff(t_s), samples.period_s
+    bad |= _stuck(rate, max(round(STUCK_S / period_s), 4))
     gaps = step > GAP_PERIODS * period_s
     bad[:-1] |= gaps
     bad[1:] |= gaps
     near = np.convolve(bad, np.ones(2 * BESIDE + 1), mode="same") > 0.5 if len(bad) > 2 * BESIDE else np.full(len(bad), bad.any())
     return Rates(t_s, rate, ~near, period_s)
+
+
+def _stuck(rate: np.ndarray, length: int) -> np.ndarray:
+    """(N,) bool: readings in runs of one and the same value on all axes, as long as that or longer."""
+    begins = np.flatnonzero(np.append(True, (rate[1:] != rate[:-1]).any(axis=1)))
+    count = np.diff(np.append(begins, len(rate)))
+    return np.repeat(count >= length, count)
 
 
 def session_rates(session: Session) -> tuple[Rates, ...]:

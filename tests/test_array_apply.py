@@ -180,6 +180,38 @@ def test_force_of_units_off_the_axis_is_moved_to_the_first_one():
     np.testing.assert_allclose(found, np.tile(common, (50, 1)), atol=1e-12)
 
 
+def test_a_unit_that_is_dead_in_another_recording_stops_nothing(tmp_path):
+    """Clocks are found anew there; the dead unit has none, so it gives no samples, and the others are fused as ever."""
+    clocks = [UnitClock(), UnitClock(0.007, 2e-3, 1.0), UnitClock(-0.013, -1e-3), UnitClock(0.004, 5e-4)]
+    model = model_of(with_places(units(4), clocks))
+    save_array_model(model, tmp_path / "array.json")
+    omega = motion(3000)
+    raw = measured(model, omega)
+    raw[:, 2] = 0.01
+    t_s = np.arange(3000) / RATE_HZ
+    write_array(tmp_path / "array", model, np.tile(t_s, (4, 1)), raw, np.ones_like(raw))
+    samples, table = said(tmp_path / "array", tmp_path / "array.json")
+    assert table["clocks"] == "found"
+    assert [unit["used_share"] for unit in table["units"]][2] == 0.0
+    assert any("unit 2 reads one and the same rate throughout" in note for note in table["notes"])
+    assert [(event["unit"], event["what"], event["reason"]) for event in table["events"]] == [(2, "out", "gives no samples")]
+    moments = np.rint((samples.t_ns - samples.t_ns[0]) * NS * RATE_HZ).astype(int)
+    sigma = model.noise_density * np.sqrt(RATE_HZ / 2) * np.sqrt(4 / 3)  # of three; a little less, since they are interpolated
+    assert np.sqrt(np.mean((samples.gyro - omega[moments]) ** 2, axis=0)) == pytest.approx(sigma, rel=0.15)
+
+
+def test_logs_of_units_that_the_model_has_not_are_left_out_and_said(tmp_path):
+    """A fit leaves a unit out that cannot be used; its model still goes with the array's folder."""
+    whole = model_of(with_places(units(4)))
+    raw = measured(whole, motion(1000))
+    write_array(tmp_path / "array", whole, np.tile(np.arange(1000) / RATE_HZ, (4, 1)), raw, np.ones_like(raw))
+    three = model_of([whole.units[i] for i in (0, 1, 3)])
+    save_array_model(three, tmp_path / "array.json")
+    samples, table = said(tmp_path / "array", tmp_path / "array.json")
+    np.testing.assert_allclose(samples.gyro, three(raw[:, [0, 1, 3]]), atol=1e-8)
+    assert any("the model has no unit 2" in note for note in table["notes"])
+
+
 def test_what_does_not_go_together_is_refused_in_one_line(tmp_path, capsys):
     model = model_of(units(3))
     path = tmp_path / "array.json"

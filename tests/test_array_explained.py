@@ -1,6 +1,7 @@
 """What is whose in an array: a false reading is in one unit, a knock in all; an effect in one unit is that unit's own physics."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +10,10 @@ from formats_page import strangers
 
 import calibrate
 from session.log.array_reading import read_array
-from tinygc.array.explain import ALIKE, COMMON, OWN, SOME, ArrayExplanation, Trait, explain_array
+from tinygc.array.explain import ALIKE, COMMON, OWN, SOME, ArrayExplanation, Trait, _traits, explain_array
 from tinygc.array.fit import fit_array
+from tinygc.array.joint.split import OWN_P
 from tinygc.array.moments import FALSE_READING, KNOCK
-from tinygc.array.split import OWN_P
 from tinygc.simulation.array.options import ArrayOptions
 from tinygc.simulation.array.simulate import simulate_array
 from tinygc.simulation.array.write import write_array
@@ -85,6 +86,25 @@ def test_own_excess_is_claimed_as_seldom_as_its_probability_says(tmp_path):
         p.append(fit_array(read_array(write_array(made, tmp_path / f"{seed}")), bias="ends").split.own_p.min())
     assert np.count_nonzero(np.array(p) < OWN_P) <= 1  # more than one of 12 has a chance of 0.6 %
     assert np.median(p) > 0.1
+
+
+def test_nothing_is_in_all_units_where_one_could_not_be_explained():
+    claim = SimpleNamespace(effect=SimpleNamespace(id="gyro.thermal_bias", kind="gyro"), says="a")
+    explained = {number: SimpleNamespace(claimed=[claim]) for number in (0, 1)}
+    (whole,), (part,) = _traits(explained, ()), _traits(explained, (3,))
+    assert whole.whose == ALIKE
+    assert part.whose == SOME
+    assert part.words.endswith("; unit 3 could not be explained, and may have it too")
+
+
+def test_options_of_one_session_are_refused_in_a_line(hit, capsys):
+    _, folder = hit
+    assert calibrate.main(["explain", str(folder), "--lot", "lot.json", "--quiet"]) == 2
+    assert "--lot: of no use with" in capsys.readouterr().err
+    assert calibrate.main(["compare", str(folder), str(folder), "--quiet"]) == 2
+    assert "an array of 3 units" in capsys.readouterr().err
+    assert calibrate.main(["export", str(folder), "--to", "json", "--quiet"]) == 2
+    assert "model_array.json" in capsys.readouterr().err
 
 
 def test_words_say_whose():

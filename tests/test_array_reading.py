@@ -10,6 +10,7 @@ import pytest
 
 import calibrate
 from session.common.errors import CalibrationError, DataError, FormatError
+from session.log.array_logs import array_log_paths
 from session.log.array_reading import is_array, read_array
 from session.log.folder import read_session
 from session.public.__main__ import main as public
@@ -242,6 +243,21 @@ def test_units_of_other_times_are_refused(listed):
     log(listed / "imu3" / "log0001.csv", 5.0)
     with pytest.raises(DataError, match="units 0 and 3 have no time in common"):
         read_array(listed)
+
+
+def test_one_sensor_twice_is_no_array_of_two(named):
+    for unit in (0, 3):
+        rows = [f"{k / 100:.2f},{k % 7}.5,0,0,0,0,-1" for k in range(101)]
+        (named / f"log0001.unit{unit}.csv").write_text("\n".join([HEADER, *rows, ""]), encoding="utf-8")
+    with pytest.raises(DataError, match=r"units 0 and 3 have the very same rates .* one sensor twice"):
+        read_array(named)
+
+
+def test_folders_of_unequal_logs_are_no_array_to_apply_a_model_to(listed):
+    first = next(iter(array_log_paths(listed)["log0001"].values()))
+    log(first.parent / "log0002.csv")
+    with pytest.raises(FormatError, match="log0002 lacks unit"):
+        array_log_paths(listed)
 
 
 def test_mikov_as_an_array(shared, tmp_path, capsys):

@@ -27,6 +27,11 @@ def array_log_paths(folder: Path) -> dict[str, dict[int, Path]]:
             for stem in ("log", "closure"):
                 for i, path in enumerate(log_paths(place, stem), 1):
                     found.setdefault(f"{stem}{i:04d}", {})[number] = path
+        for which, paths in sorted(found.items()):
+            if missing := [str(number) for number in sorted(numbers) if number not in paths]:
+                raise FormatError(
+                    f"{folder}: {which} lacks unit {', '.join(missing)}; every unit needs as many logs, and as many closure runs"
+                )
     else:
         for path in [*log_paths(folder, "log"), *log_paths(folder, "closure")]:
             if (unit := unit_of(path)) is not None:

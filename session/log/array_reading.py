@@ -11,6 +11,8 @@ from functools import partial
 from itertools import combinations
 from pathlib import Path
 
+import numpy as np
+
 from session.common.errors import DataError, FormatError
 from session.common.units import NS
 from session.files.reading import require_file
@@ -29,6 +31,8 @@ __all__ = ["is_array", "read_array"]
 OWN_SECTIONS = ("sensor", "accelerometer")
 UNIT_KEYS = ("number", *OWN_SECTIONS)
 LEAST_UNITS = 2
+#: readings that are compared first, which differ between any two sensors
+BEGINS = 1000
 
 
 def read_array(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> ArraySession:
@@ -53,6 +57,7 @@ def read_array(folder: Path | str, progress: Callable[[str], None] = lambda what
         raise FormatError(f"{folder}: an array of one unit ({_named(units)}); expected two or more, or a session folder without [array]")
     _same_logs(folder, units)
     _same_time(folder, units)
+    _not_twice(folder, units)
     return ArraySession(folder, tuple(units), tuple(units.values()))
 
 
@@ -264,6 +269,20 @@ def _same_time(folder: Path, units: Mapping[int, Session]) -> None:
                     raise DataError(
                         f"{folder}: units {one} and {other} have no time in common: {first.path.name} is {begin:.3f} to {end:.3f} s, "
                         f"{second.path.name} {since:.3f} to {until:.3f} s; expected one recording, on clocks that agree to some seconds"
+                    )
+
+
+def _not_twice(folder: Path, units: Mapping[int, Session]) -> None:
+    """DataError where two units have the very same readings, whose noise would count as two sensors'."""
+    for what in ("logs", "closures"):
+        for logs in zip(*(getattr(unit, what) for unit in units.values()), strict=True):
+            for (one, first), (other, second) in combinations(zip(units, logs, strict=True), 2):
+                ours, theirs = np.asarray(first.samples.gyro), np.asarray(second.samples.gyro)
+                begin = ours[:BEGINS]
+                if np.ptp(begin, axis=0).any() and np.array_equal(begin, theirs[:BEGINS]) and np.array_equal(ours, theirs):
+                    raise DataError(
+                        f"{folder}: units {one} and {other} have the very same rates ({first.path.name}, {second.path.name}): one sensor "
+                        "twice; take one of them out"
                     )
 
 

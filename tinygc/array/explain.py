@@ -12,8 +12,8 @@ from session.common.errors import CalibrationError
 from session.common.texts import printable
 from session.log.array_session import ArraySession
 from tinygc.array.fit import ArrayFit, fit_array
+from tinygc.array.joint.split import OWN_P
 from tinygc.array.moments import Moment, moments_of
-from tinygc.array.split import OWN_P
 from tinygc.explanation.verdict.explain import Explanation, explain_session
 
 OWN, SOME, COMMON, ALIKE = "own", "some", "common", "alike"
@@ -24,16 +24,24 @@ OF_THE_BODY = ("motion", "still", "reference", "earth")
 @dataclass(frozen=True)
 class Trait:
     """An effect that is named: in which units; whose: ``own`` of one unit, ``some``, ``common`` to all through the body, or ``alike`` in
-    all; says: of each unit, in its order."""
+    all; says: of each unit, in its order; unknown: units that could not be explained, of which nobody knows."""
 
     id: str
     units: tuple[int, ...]
     whose: str
     says: tuple[str, ...]
+    unknown: tuple[int, ...] = ()
 
     @property
     def words(self) -> str:
         """Whose it is, in a sentence."""
+        if self.unknown:
+            plural = "s" * (len(self.unknown) != 1)
+            return f"{self._whose}; unit{plural} {', '.join(map(str, self.unknown))} could not be explained, and may have it too"
+        return self._whose
+
+    @property
+    def _whose(self) -> str:
         named = ", ".join(map(str, self.units))
         if self.whose == OWN:
             whose = "readings" if self.id.startswith(("data.", "timing.")) else "physics"
@@ -86,10 +94,11 @@ def explain_array(
             explanations[unit.number] = explain_session(unit.session, seed=seed, use_earth=use_earth)
         except CalibrationError as error:
             failed[unit.number] = printable(str(error))
-    return ArrayExplanation(fit, explanations, failed, _traits(explanations), tuple(moments_of(fit)))
+    return ArrayExplanation(fit, explanations, failed, _traits(explanations, tuple(failed)), tuple(moments_of(fit)))
 
 
-def _traits(explanations: dict[int, Explanation]) -> tuple[Trait, ...]:
+def _traits(explanations: dict[int, Explanation], unknown: tuple[int, ...]) -> tuple[Trait, ...]:
+    """unknown: numbers of the units that could not be explained, so that nothing is said to be in all."""
     named: dict[str, dict[int, str]] = {}
     kinds: dict[str, str] = {}
     for number, e in explanations.items():
@@ -98,9 +107,9 @@ def _traits(explanations: dict[int, Explanation]) -> tuple[Trait, ...]:
             kinds[claim.effect.id] = claim.effect.kind
     found = []
     for name, by_unit in named.items():
-        if len(by_unit) == len(explanations) and len(by_unit) > 1:
+        if len(by_unit) == len(explanations) and len(by_unit) > 1 and not unknown:
             whose = COMMON if kinds[name] in OF_THE_BODY or name.split(".")[0] in OF_THE_BODY else ALIKE
         else:
             whose = OWN if len(by_unit) == 1 else SOME
-        found.append(Trait(name, tuple(by_unit), whose, tuple(by_unit.values())))
+        found.append(Trait(name, tuple(by_unit), whose, tuple(by_unit.values()), unknown))
     return tuple(found)

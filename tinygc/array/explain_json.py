@@ -35,9 +35,10 @@ def explained_to_json(found: ArrayExplanation) -> dict:
                 "error": found.not_explained.get(unit.number),
                 "own_rms_deg": unit.own_rad[0] / DEG,
                 "own_sigma_deg": unit.own_rad[1] / DEG if np.isfinite(unit.own_rad[1]) else None,
+                "own_p_value": float(p),
                 "explained": f"unit{unit.number}/explain.json" if unit.number in found.explanations else None,
             }
-            for unit in fit.units
+            for unit, p in zip(fit.units, fit.split.own_p, strict=True)
         ],
         "traits": [
             {"id": trait.id, "units": list(trait.units), "whose": trait.whose, "says": trait.words, "of_units": list(trait.says)}

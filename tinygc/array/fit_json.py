@@ -36,7 +36,7 @@ def array_to_json(fit: ArrayFit) -> dict:
     return {
         "schema": SCHEMA,
         "array": fit.array.name,
-        "units": [_unit(unit) for unit in fit.units],
+        "units": [_unit(unit, float(p)) for unit, p in zip(fit.units, fit.split.own_p, strict=True)],
         "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
         "turns_used": [len(rows) for rows in fit.same.turns],
         "bias_from": {"used": fit.bias, "p_value": fit.bias_p},
@@ -84,7 +84,7 @@ def place_to_json(place: UnitPlace) -> dict:
     }
 
 
-def _unit(unit: UnitFit) -> dict:
+def _unit(unit: UnitFit, own_p: float) -> dict:
     return {
         "number": unit.number,
         "serial": unit.session.config.sensor.serial,
@@ -93,7 +93,8 @@ def _unit(unit: UnitFit) -> dict:
             "alone_rms_deg": unit.closure_rad / DEG,
             "floor_rms_deg": unit.floor_rad / DEG,
             "own_rms_deg": unit.own_rad[0] / DEG,
-            "own_sigma_deg": unit.own_rad[1] / DEG,
+            "own_sigma_deg": _or_none(unit.own_rad[1] / DEG),
+            "own_p_value": own_p,
             "minus_mean_rms_deg": _or_none(unit.minus_mean_rad / DEG),
         },
         "noise": {

@@ -26,6 +26,7 @@ from scipy import stats
 
 from session.common.errors import DataError, FormatError
 from session.common.texts import printable, shell_word
+from session.log.array_names import refuse_array
 from session.log.config import Config, read_config
 from session.log.folder import log_paths
 from session.log.hashes import sha256_of
@@ -117,6 +118,7 @@ def read_calibrated(folder: Path) -> Calibrated:
     """A session's least-squares calibration.  Raises FormatError where it has not been fitted."""
     config, path = read_config(folder / "session.toml"), folder / "fit" / "model_least_squares.json"
     if not path.exists():
+        refuse_array(folder)
         raise FormatError(f"{path}: not found; run `calibrate.py fit {shell_word(folder)}` first")
     model, table = models.load_with_table(path)
     covariance = _matrix(table.get("covariance"))

@@ -41,8 +41,9 @@ class Split:
     """Tilt, both angles together, rms over the turns, rad.
 
     own (N, 2): each unit's own excess and its sigma, and own_p (N,) of one as large by chance, of all units together; turn (2,): of what
-    is common, equal in all turns; fast (2,): what of it goes as motion beyond the data rate is predicted to, and its sigma; predicted: that prediction; level_mps2 (2,); gains: by how much -2 log likelihood
-    falls with a common part that is equal in all turns, and with one that goes as predicted; minus_mean_rad: unit minus mean; turns.
+    is common, equal in all turns; fast (2,): what of it goes as motion beyond the data rate is predicted to, and its sigma;
+    predicted: that prediction; level_mps2 (2,); gains: by how much -2 log likelihood falls with a common part that is equal in all
+    turns, and with one that goes as predicted; minus_mean_rad: unit minus mean; turns.
     """
 
     own: np.ndarray

@@ -62,6 +62,24 @@ def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None
     return fits
 
 
+def clocks_found(array: ArraySession) -> tuple[dict[int, UnitClock], dict[int, str]]:
+    """Of a recording in which a unit may have failed: clocks by number, and why a unit has none, in one line.
+
+    Raises CalibrationError where no unit follows the first one.
+    """
+    rates = [session_rates(unit) for unit in array.units]
+    clocks, why = {array.numbers[0]: UnitClock()}, {}
+    for i, number in list(enumerate(array.numbers))[1:]:
+        pair = replace(array, numbers=(array.numbers[0], number), units=(array.units[0], array.units[i]))
+        try:
+            clocks[number] = clock_fits(pair, [rates[0], rates[i]])[1].clock
+        except CalibrationError as error:
+            why[number] = str(error)
+    if len(clocks) == 1:
+        raise CalibrationError(next(iter(why.values())))
+    return clocks, why
+
+
 def _refuse_mirrored(fits: list[ClockFit], names: list[str]) -> None:
     """CalibrationError of the first one that is; of the array's first unit, where most of the others are mirrored against it."""
     known = [i for i, fit in enumerate(fits) if i and fit.map_is_known]

@@ -25,12 +25,16 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """A calibration in another program's words."""
+    from session.common.errors import CalibrationError
+    from session.log.array_names import is_array
     from tinygc.array.fused.model_files import is_array_model
     from tinygc.deploy.exports import exporter
     from tinygc.deploy.exports._context import read_context
 
     if is_array_model(args.folder):
         return export_an_array(args)
+    if args.model is None and is_array(args.folder):
+        raise CalibrationError(f"{args.folder}: an array; give its model, {args.folder / 'fit' / 'model_array.json'}, which its fit writes")
     said = []
 
     def say(line: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from session.log.hashes import sha256_of
 from tinygc.array.fused.model import ArrayModel
 from tinygc.array.fused.model_files import load_array_model
 from tinygc.array.places.place import UnitClock
-from tinygc.array.places.places import clock_fits
+from tinygc.array.places.places import clocks_found
 from tinygc.deploy.apply import DECIMALS, opened
 from tinygc.deploy.array.force import force_weights, fused_force
 from tinygc.deploy.array.live import LiveArray
@@ -67,14 +67,16 @@ def apply_array(
     model = load_array_model(model_path)
     logs = array_log_paths(folder)
     which = _chosen(folder, logs, which)
-    clocks, source = _clocks(model, folder, logs[which])
+    clocks, source, notes = _clocks(model, folder, logs[which])
+    if strangers := sorted(set(logs[which]) - set(model.numbers)):
+        notes.append(f"the model has no unit {', '.join(map(str, strangers))}: left out")
     reading = ArrayLogs(model, clocks, logs[which], answers)
     force = any(each.has_force for each in reading.units)
     live = LiveArray(model, vote=vote)
     counts: Counter[str] = Counter()
     used = np.zeros(len(model))
     events: list[tuple[float, Event]] = []
-    notes = _force_notes(model, reading, force)
+    notes += _force_notes(model, reading, force)
 
     def fused() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         begins, before = None, 0
@@ -134,15 +136,18 @@ def _chosen(folder: Path, logs: dict[str, dict[int, Path]], which: str | None) -
     return which
 
 
-def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path]) -> tuple[tuple[UnitClock, ...], str]:
-    """Of this recording: the model's where it was made of it, or where it needs none; else found anew."""
-    own = tuple(unit.place.clock for unit in model.units)
-    if all(clock.offset_s == 0 and clock.rate == 0 for clock in own):
-        return own, "same"
+def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path]) -> tuple[dict[int, UnitClock], str, list[str]]:
+    """Of this recording, by number: the model's where it was made of it, or where it needs none; else found anew; and notes."""
+    own = {unit.number: unit.place.clock for unit in model.units}
+    if all(clock.offset_s == 0 and clock.rate == 0 for clock in own.values()):
+        return own, "same", []
     if all(unit.number in paths and sha256_of(paths[unit.number]) in unit.sha256 for unit in model.units):
-        return own, "model"
-    found = dict(zip((array := read_array(folder)).numbers, clock_fits(array), strict=True))
-    return tuple(found[number].clock for number in model.numbers if number in found), "found"
+        return own, "model", []
+    array = read_array(folder)
+    order = [array.numbers.index(number) for number in model.numbers if number in array.numbers]
+    ours = replace(array, numbers=tuple(array.numbers[i] for i in order), units=tuple(array.units[i] for i in order))
+    clocks, why = clocks_found(ours)
+    return clocks, "found", [f"no clock, so no samples: {said}" for said in why.values()]
 
 
 def _force_notes(model: ArrayModel, reading: ArrayLogs, force: bool) -> list[str]:

@@ -34,14 +34,17 @@ class Moments:
 class UnitLog:
     """A unit's log as pieces in SI, and its samples at any moments."""
 
-    def __init__(self, unit: FusedUnit, clock: UnitClock, path: Path, answers: Answers):
-        """answers: what a person says of all logs.  Raises FormatError for what is no log of a gyroscope, or is calibrated already."""
+    def __init__(self, unit: FusedUnit, clock: UnitClock | None, path: Path, answers: Answers):
+        """clock: None of a unit whose clock nobody knows, and which so gives nothing; answers: what a person says of all logs.
+
+        Raises FormatError for what is no log of a gyroscope, or is calibrated already.
+        """
         self.unit, self.clock, self.reader = unit, clock, Reader(path, answers)
         if self.reader.layout.gyro is None:
             raise FormatError(f"{path.name} holds no gyroscope")
         if already_calibrated(self.reader.comments) is not None:
             raise FormatError(f"{path.name} is calibrated already: give the array's folder with the logs as they were recorded")
-        self.has_force = self.reader.layout.accel is not None and unit.accelerometer is not None
+        self.has_force = clock is not None and self.reader.layout.accel is not None and unit.accelerometer is not None
         sensor = unit.sensor
         known = KnownSensor() if sensor is None else KnownSensor(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.model, sensor.own_units)
         answers = replace(
@@ -60,19 +63,23 @@ class UnitLog:
 
     def at(self, t_s: np.ndarray, begins_ns: int) -> np.ndarray:
         """(T, 6) rate and force at moments (T,) s of the array's clock after begins_ns; each call goes on where the last one ended."""
+        if self.clock is None:
+            return np.full((len(t_s), 6), np.nan)
         while not self._ended and self._resampler.ends < t_s[-1]:
             piece = next(self._pieces, None)
             if piece is None:
                 self._ended = True
             else:
-                self._resampler.push(self._moments(piece.t_ns, begins_ns), as_six(piece, self.has_force))
+                self._resampler.push(_moments(self.clock, piece.t_ns, begins_ns), as_six(piece, self.has_force))
         found = self._resampler.at(t_s)
         self._resampler.forget(float(t_s[-1]))
         return found
 
-    def _moments(self, t_ns: np.ndarray, begins_ns: int) -> np.ndarray:
-        since, clock = (t_ns - begins_ns) * NS, self.clock
-        return since + clock.offset_s + clock.rate * (since + (begins_ns * NS - clock.about_s))
+
+def _moments(clock: UnitClock, t_ns: np.ndarray, begins_ns: int) -> np.ndarray:
+    """(K,) s of the array's clock after begins_ns."""
+    since = (t_ns - begins_ns) * NS
+    return since + clock.offset_s + clock.rate * (since + (begins_ns * NS - clock.about_s))
 
 
 def as_six(piece: Applicable, with_force: bool) -> np.ndarray:
@@ -84,12 +91,12 @@ def as_six(piece: Applicable, with_force: bool) -> np.ndarray:
 class ArrayLogs:
     """All units of one log; ``moments()`` goes through it once, in bounded memory: a piece of each unit's file."""
 
-    def __init__(self, model: ArrayModel, clocks: tuple[UnitClock, ...], paths: dict[int, Path], answers: Answers):
-        """FormatError where a unit of the model has no log, or a log no unit."""
-        if set(paths) != set(model.numbers):
+    def __init__(self, model: ArrayModel, clocks: dict[int, UnitClock], paths: dict[int, Path], answers: Answers):
+        """clocks by number; a unit without one gives nothing.  FormatError where a unit of the model has no log."""
+        if not set(paths) >= set(model.numbers):
             there, wanted = (", ".join(map(str, sorted(numbers))) for numbers in (paths, model.numbers))
             raise FormatError(f"{next(iter(paths.values())).parent}: logs of units {there}, the model has units {wanted}; give its array")
-        self.units = [UnitLog(unit, clock, paths[unit.number], answers) for unit, clock in zip(model.units, clocks, strict=True)]
+        self.units = [UnitLog(unit, clocks.get(unit.number), paths[unit.number], answers) for unit in model.units]
 
     @property
     def progress(self) -> tuple[int, int]:

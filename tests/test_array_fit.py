@@ -21,6 +21,7 @@ from tinygc.array.fit_json import array_to_json, unit_model
 from tinygc.array.fused.model_files import load_array_model
 from tinygc.array.joint.state import MOUNTING
 from tinygc.array.joint.system import System
+from tinygc.report.array_text import event_words
 from tinygc.simulation.array.options import ArrayOptions
 from tinygc.simulation.array.simulate import simulate_array
 from tinygc.simulation.array.write import write_array
@@ -118,6 +119,27 @@ def test_a_false_reading_is_one_units_and_spoils_no_number(made):
     assert event.size == pytest.approx(80 * 3 / simulation.units[2].unit.odr_hz * DEG, rel=0.25)
     for unit, true in zip(fit.units, simulation.units, strict=True):
         assert np.abs((unit.model.vector - twelve(true)) / unit.sigma).max() < 4.5
+
+
+@pytest.mark.parametrize("liar", [0, 1])
+def test_of_two_units_that_differ_in_yaw_nobody_says_which_one_errs(made, liar):
+    """Readings that turn about the vertical, which gravity does not see: each unit is the only witness against the other."""
+    simulation, folder, _ = made(units=2, seed=2)
+    array = read_array(folder)
+    unit, (start, _) = array.units[liar], simulation.plan.turns[4]
+    log = unit.logs[0]
+    row = int(np.searchsorted(log.samples.t_s, start + 0.15))
+    up = np.asarray(log.samples.accel)[row - 40 : row - 10].mean(axis=0)
+    gyro = np.array(log.samples.gyro)
+    gyro[row : row + 3] += up / np.linalg.norm(up)
+    false = dataclasses.replace(unit, logs=(dataclasses.replace(log, samples=dataclasses.replace(log.samples, gyro=gyro)),))
+    units = tuple(false if i == liar else each for i, each in enumerate(array.units))
+    fit = fit_array(dataclasses.replace(array, units=units), bias="ends")
+    (event,) = (event for event in fit.joint.events if event.what == "turn")
+    assert {event.unit, event.rival} == {0, 1}
+    assert "two do not tell which one errs" in event_words(event, fit)
+    for found, true in zip(fit.units, simulation.units, strict=True):
+        assert np.abs((found.model.vector - twelve(true)) / found.sigma).max() < 4.5
 
 
 def test_what_all_accelerometers_feel_is_the_bodys(made):

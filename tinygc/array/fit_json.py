@@ -140,6 +140,7 @@ def event_to_json(event: ArrayEvent, fit: ArrayFit) -> dict:
     return {
         "what": event.what,
         "unit": None if event.unit is None else fit.units[event.unit].number,
+        "rival": None if event.rival is None else fit.units[event.rival].number,
         "at_s": float(fit.same.time_s[event.first, 1 if turn else 0]) - begins_s(fit),
         "size": event.size / DEG if turn else 1e3 * event.size / G,
         "unit_of_size": "deg" if turn else "mg",

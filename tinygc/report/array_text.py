@@ -115,6 +115,11 @@ def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
         return f"{at:.1f} s: all units feel {1e3 * event.size / G:.2g} mg in this still: the body was not at rest"
     assert event.unit is not None
     number = fit.units[event.unit].number
+    if event.rival is not None:
+        both = f"units {number} and {fit.units[event.rival].number}"
+        size = f"{event.size / DEG:.2g}°" if event.what == OWN_TURN else f"{1e3 * event.size / G:.2g} mg"
+        where = "turn" if event.what == OWN_TURN else "still"
+        return f"{at:.1f} s: {both} differ by {size} in this {where}, and two do not tell which one errs; unit {number}'s does not count"
     spoilt = [e for e in fit.joint.events if (e.what, e.first, e.last) == (event.what, event.first, event.last)]
     others = len(fit.units) - len(spoilt)
     whom = f"the other {others} do not" if others > 1 else "the other does not"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,8 @@ OWN_TURN, OWN_STILL, COMMON_TURN, COMMON_STILL = "turn", "still", "common turn",
 @dataclass(frozen=True, eq=False)
 class ArrayEvent:
     """what: ``turn`` or ``still`` of one unit, ``common turn`` or ``common still`` of all; unit: its place among the units, None of all;
-    first, last: the array's stills around it; size: rad or m/s^2; p_value: of one as large by chance, family-wise; rows of the system."""
+    rival: of two units, the other one where it contradicts as much, so that nobody knows which of them errs; first, last: the array's
+    stills around it; size: rad or m/s^2; p_value: of one as large by chance, family-wise; rows of the system."""
 
     what: str
     unit: int | None
@@ -28,6 +29,7 @@ class ArrayEvent:
     size: float
     p_value: float
     rows: np.ndarray
+    rival: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,4 +89,12 @@ def worst_of_each_turn(found: list[ArrayEvent], out: np.ndarray) -> list[ArrayEv
         key = (event.first == event.last, event.first)
         if key not in best or event.p_value < best[key].p_value or (event.p_value == best[key].p_value and event.size > best[key].size):
             best[key] = event
-    return list(best.values())
+    units = {event.unit for event in found if event.unit is not None}
+    return [_with_rival(event, found) if len(units) == 2 else event for event in best.values()]
+
+
+def _with_rival(event: ArrayEvent, found: list[ArrayEvent]) -> ArrayEvent:
+    """Of an array of two: in yaw each is the only witness against the other."""
+    same = [e for e in found if e.unit not in (None, event.unit) and (e.what, e.first, e.last) == (event.what, event.first, event.last)]
+    rival = next((other.unit for other in same if other.p_value <= RARE_P), None)
+    return replace(event, rival=rival) if event.unit is not None else event

@@ -19,14 +19,16 @@ from session.log.hashes import sha256_of
 from tinygc.array.fused.model import ArrayModel
 from tinygc.array.fused.model_files import load_array_model
 from tinygc.array.places.place import UnitClock
-from tinygc.array.places.places import clocks_found
+from tinygc.array.places.places import ONE_READER, clocks_found
 from tinygc.deploy.apply import DECIMALS, opened
 from tinygc.deploy.array.force import force_weights, fused_force
 from tinygc.deploy.array.live import LiveArray
-from tinygc.deploy.array.sources import ArrayLogs
+from tinygc.deploy.array.sources import ArrayLogs, UnitLog
 from tinygc.deploy.array.voting import Event
 
 Progress = Callable[[str, int, int], None]
+#: of a log, by which it is seen whether one reader gave them
+FIRST_STAMPS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,7 @@ def apply_array(
     model = load_array_model(model_path)
     logs = array_log_paths(folder)
     which = _chosen(folder, logs, which)
-    clocks, source, notes = _clocks(model, folder, logs[which])
+    clocks, source, notes = _clocks(model, folder, logs[which], answers)
     if strangers := sorted(set(logs[which]) - set(model.numbers)):
         notes.append(f"the model has no unit {', '.join(map(str, strangers))}: left out")
     reading = ArrayLogs(model, clocks, logs[which], answers)
@@ -136,10 +138,10 @@ def _chosen(folder: Path, logs: dict[str, dict[int, Path]], which: str | None) -
     return which
 
 
-def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path]) -> tuple[dict[int, UnitClock], str, list[str]]:
+def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path], answers: Answers) -> tuple[dict[int, UnitClock], str, list[str]]:
     """Of this recording, by number: the model's where it was made of it, or where it needs none; else found anew; and notes."""
     own = {unit.number: unit.place.clock for unit in model.units}
-    if all(clock.offset_s == 0 and clock.rate == 0 for clock in own.values()):
+    if all(clock.offset_s == 0 and clock.rate == 0 for clock in own.values()) and _at_the_same_moments(model, paths, answers):
         return own, "same", []
     if all(unit.number in paths and sha256_of(paths[unit.number]) in unit.sha256 for unit in model.units):
         return own, "model", []
@@ -148,6 +150,22 @@ def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path]) -> tuple[di
     ours = replace(array, numbers=tuple(array.numbers[i] for i in order), units=tuple(array.units[i] for i in order))
     clocks, why = clocks_found(ours)
     return clocks, "found", [f"no clock, so no samples: {said}" for said in why.values()]
+
+
+def _at_the_same_moments(model: ArrayModel, paths: dict[int, Path], answers: Answers) -> bool:
+    """Whether a log's first stamps are all units' own, as one reader gives them: to a tenth of a period, by their median."""
+    stamps = []
+    for unit in model.units:
+        if unit.number in paths:
+            piece = next(UnitLog(unit, UnitClock(), paths[unit.number], answers).pieces(), None)
+            stamps.append(np.zeros(0, np.int64) if piece is None else piece.t_ns[:FIRST_STAMPS])
+    ours = stamps[0] if stamps else np.zeros(0, np.int64)
+    if len(ours) < 2:
+        return True
+    limit_ns = ONE_READER * float(np.median(np.diff(ours)))
+    after = [np.clip(np.searchsorted(ours, theirs), 1, len(ours) - 1) for theirs in stamps[1:] if len(theirs)]
+    far = [np.minimum(np.abs(ours[k] - t), np.abs(ours[k - 1] - t)) for k, t in zip(after, (t for t in stamps[1:] if len(t)), strict=True)]
+    return all(float(np.median(each)) <= limit_ns for each in far)
 
 
 def _force_notes(model: ArrayModel, reading: ArrayLogs, force: bool) -> list[str]:

@@ -45,14 +45,14 @@ class Compiled:
 
         self.input, self.output, self.count = Input, Output, count
 
-    def run(self, raw):
-        """rates, variances (T, 3); used, why (T, N); disagree (T,)."""
+    def run(self, raw, said=True):
+        """rates, variances (T, 3); used, why (T, N); disagree (T,); said: ``present`` says which units have none, else NaN alone does."""
         state = ctypes.create_string_buffer(b"\xa5" * 16384, 16384)  # what was in memory before must not matter
         self.library.tinygc_array_start(state)
         given, answer, found = self.input(), self.output(), []
         for sample in raw.astype(np.float32):
             there = np.isfinite(sample).all(axis=1)
-            given.present[:] = there.astype(int).tolist()
+            given.present[:] = there.astype(int).tolist() if said else [1] * self.count
             ctypes.memmove(given.rate, np.ascontiguousarray(sample).ctypes.data, 12 * self.count)
             self.library.tinygc_array_step(state, ctypes.byref(given), ctypes.byref(answer))
             rates = list(answer.rate) if answer.valid else [np.nan] * 3
@@ -85,6 +85,8 @@ def test_c_fuses_and_votes_as_python_does(count, tmp_path):
     raw = raw.astype(np.float32).astype(float)
     compiled = Compiled(tmp_path, array_source(model), count)
     rates, variances, used, why, disagree = compiled.run(raw)
+    for found, again in zip((rates, variances, used, why, disagree), compiled.run(raw, said=False), strict=True):
+        np.testing.assert_array_equal(found, again)
     fused = LiveArray(model)(raw)
     standing, two = np.zeros(why.shape, dtype=int), np.zeros(len(raw), dtype=bool)
     for event in fused.events:

@@ -33,7 +33,7 @@ extern "C" {{
 #define TINYGC_ARRAY_STUCK 3
 
 typedef struct {{
-    float rate[TINYGC_ARRAY_UNITS][3];     /* rad/s, as measured */
+    float rate[TINYGC_ARRAY_UNITS][3];     /* rad/s, as measured; NaN: no sample */
     uint8_t present[TINYGC_ARRAY_UNITS];   /* 0: this unit has no sample now */
 }} tinygc_array_input;
 

@@ -125,25 +125,32 @@ static uint16_t longer(uint16_t count)
 void tinygc_array_step(tinygc_array_state *state, const tinygc_array_input *in, tinygc_array_output *out)
 {{
     float x[N][3], apart[N][3], u[N], values[3][N], shares[3][N], middle[3], step2 = 0.0f, change2, allowed, size2 = 0.0f;
-    uint8_t usable[N], known[N], believed[N];
+    uint8_t here[N], usable[N], known[N], believed[N];
     int candidates = 0, counted = 0, any = 0, there = 0, worst = -1, disagree = 0, agree = 1;
 
     for (int i = 0; i < N; i++) {{
-        int same = in->present[i] && state->before[i], end = 0;
+        float rate[3];
+        int same, end = 0;
+        here[i] = in->present[i] != 0;
+        for (int k = 0; k < 3; k++)
+            here[i] = here[i] && in->rate[i][k] == in->rate[i][k]; /* not a number: no sample */
+        for (int k = 0; k < 3; k++)
+            rate[k] = here[i] ? in->rate[i][k] : 0.0f;
+        same = here[i] && state->before[i];
         believed[i] = state->why[i] == 0;
         for (int k = 0; k < 3; k++) {{
-            const float m = in->rate[i][k];
+            const float m = rate[k];
             same = same && m == state->last[i][k];
             end = end || m >= END_OF_RANGE[i] || m <= -END_OF_RANGE[i];
             x[i][k] = OFFSET[i][k];
             for (int c = 0; c < 3; c++)
-                x[i][k] += MATRIX[i][k][c] * in->rate[i][c];
+                x[i][k] += MATRIX[i][k][c] * rate[c];
             state->last[i][k] = m;
         }}
-        state->before[i] = in->present[i] != 0;
+        state->before[i] = here[i];
         state->same[i] = same && !end ? longer(state->same[i]) : 0;
-        state->missing[i] = in->present[i] ? 0 : longer(state->missing[i]);
-        usable[i] = in->present[i] && !end;
+        state->missing[i] = here[i] ? 0 : longer(state->missing[i]);
+        usable[i] = here[i] && !end;
         if (usable[i] && believed[i]) {{
             for (int k = 0; k < 3; k++) {{
                 values[k][candidates] = x[i][k];
@@ -181,12 +188,12 @@ void tinygc_array_step(tinygc_array_state *state, const tinygc_array_input *in, 
     for (int i = 0; !any && i < N; i++)
         out->used[i] = usable[i] && believed[i];
     for (int i = 0; i < N; i++) {{
-        there += in->present[i] && believed[i];
+        there += here[i] && believed[i];
         any += out->used[i];
     }}
     out->at_end = !any && there;
     for (int i = 0; out->at_end && i < N; i++)
-        out->used[i] = in->present[i] && believed[i];
+        out->used[i] = here[i] && believed[i];
     fuse(x, out);
     for (int k = 0; k < 3; k++) {{
         float most = 0.0f;

@@ -89,11 +89,12 @@ def test_own_excess_is_claimed_as_seldom_as_its_probability_says(tmp_path):
 
 
 def test_nothing_is_in_all_units_where_one_could_not_be_explained():
-    claim = SimpleNamespace(effect=SimpleNamespace(id="gyro.thermal_bias", kind="gyro"), says="a")
+    claim = SimpleNamespace(effect=SimpleNamespace(id="gyro.thermal_bias", kind="gyro"), says="a", equivalent=("unknown.warm_up",))
     explained = {number: SimpleNamespace(claimed=[claim]) for number in (0, 1)}
     (whole,), (part,) = _traits(explained, ()), _traits(explained, (3,))
     assert whole.whose == ALIKE
     assert part.whose == SOME
+    assert part.words.startswith("gyro.thermal_bias or unknown.warm_up in units 0, 1")
     assert part.words.endswith("; unit 3 could not be explained, and may have it too")
 
 

@@ -16,12 +16,14 @@ from session.common.texts import shell_word
 from session.log.array_reading import read_array
 from session.log.config import LeftOut
 from session.public import mikov, mimu
+from tinygc.array.explain import ArrayExplanation
 from tinygc.array.fit import fit_array
 from tinygc.array.fit_json import array_to_json, unit_model
 from tinygc.array.fused.model_files import load_array_model
+from tinygc.array.joint.events import ArrayEvent
 from tinygc.array.joint.state import MOUNTING
 from tinygc.array.joint.system import System
-from tinygc.report.array_text import event_words
+from tinygc.report.array_text import event_lines, event_words
 from tinygc.simulation.array.options import ArrayOptions
 from tinygc.simulation.array.simulate import simulate_array
 from tinygc.simulation.array.write import write_array
@@ -198,7 +200,12 @@ def test_the_command_prints_saves_and_keeps_to_the_page(made, tmp_path, capsys):
     assert "clock" in said
     assert "mounting" in said
     assert "unit minus mean" in said
-    times, equal = map(float, re.search(r"has [\d.]+: ([\d.]+) times less; 3 equal ones would have ([\d.]+) times less", said).groups())
+    times, equal = map(
+        float,
+        re.search(
+            r"rms [\d.]+: ([\d.]+) times less than rms; 3 equal ones would have ([\d.]+) times less", " ".join(said.split())
+        ).groups(),
+    )
     assert equal == pytest.approx(np.sqrt(3), abs=0.01)
     assert times == pytest.approx(equal, rel=0.1)  # three of one kind
     assert f"next: calibrate.py explain {shell_word(folder)}" in said
@@ -284,3 +291,19 @@ def test_the_same_array_twice_is_the_same(made):
     _, folder, fit = made()
     again = fit_array(read_array(Path(folder)), bias="ends")
     assert array_to_json(again) == array_to_json(fit)
+
+
+def test_units_that_stand_out_together_are_not_blamed(made):
+    """A blow is felt by all and sampled by each otherwise: of more than one unit at once none is said to read falsely."""
+    _, _, fit = made()
+    one, other = (ArrayEvent("turn", unit, 3, 4, size * DEG, 1e-9, np.zeros(0, dtype=int)) for unit, size in ((2, 0.5), (0, 2.0)))
+
+    def with_events(*events):
+        return dataclasses.replace(fit, joint=dataclasses.replace(fit.joint, events=events))
+
+    (alone,), (both,) = event_lines(with_events(one)), event_lines(with_events(one, other))
+    assert "unit 2 misses this turn by 0.5°, the other 2 do not: its own readings" in alone
+    assert "2 of 3 units stand out in this turn, each in its own way (unit 0 by 2°, unit 2 by 0.5°)" in both
+    assert "its own readings" not in both
+    verdicts = [ArrayExplanation(with_events(*events), {}, {}, (), ()).verdict for events in ((one,), (one, other))]
+    assert verdicts == ["own", "common"]

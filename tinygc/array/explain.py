@@ -31,6 +31,7 @@ class Trait:
     whose: str
     says: tuple[str, ...]
     unknown: tuple[int, ...] = ()
+    instead: tuple[str, ...] = ()  #: effects that a unit's own explanation could not tell from it
 
     @property
     def words(self) -> str:
@@ -43,6 +44,10 @@ class Trait:
     @property
     def _whose(self) -> str:
         named = ", ".join(map(str, self.units))
+        if self.instead and self.whose in (OWN, SOME):
+            where = f"unit {named} alone" if self.whose == OWN else f"units {named}, not in the others"
+            either = " or ".join((self.id, *self.instead))
+            return f"{either} in {where}: something of their own, and which of these the recording does not tell"
         if self.whose == OWN:
             whose = "readings" if self.id.startswith(("data.", "timing.")) else "physics"
             return f"{self.id} in unit {named} alone: that unit's own {whose} ({self.says[0]})"
@@ -66,8 +71,10 @@ class ArrayExplanation:
     @property
     def verdict(self) -> str:
         """``no_mismatch``, or what the array is: ``common``, ``own``, or ``common_and_own``."""
-        common = self.fit.split.p_value < 0.01 or any(trait.whose in (COMMON, ALIKE) for trait in self.traits)
-        own = any(trait.whose in (OWN, SOME) for trait in self.traits) or any(event.unit is not None for event in self.fit.joint.events)
+        events = self.fit.joint.events
+        at_once = {len(event.together(events)) for event in events}  # 1: a unit alone; 0, all of them, and several: no unit's own
+        common = self.fit.split.p_value < 0.01 or any(trait.whose in (COMMON, ALIKE) for trait in self.traits) or bool(at_once - {1})
+        own = any(trait.whose in (OWN, SOME) for trait in self.traits) or 1 in at_once
         own = own or bool((self.fit.split.own_p < OWN_P).any())
         if common and own:
             return "common_and_own"
@@ -101,15 +108,17 @@ def _traits(explanations: dict[int, Explanation], unknown: tuple[int, ...]) -> t
     """unknown: numbers of the units that could not be explained, so that nothing is said to be in all."""
     named: dict[str, dict[int, str]] = {}
     kinds: dict[str, str] = {}
+    instead: dict[str, dict[str, None]] = {}
     for number, e in explanations.items():
         for claim in e.claimed:
             named.setdefault(claim.effect.id, {})[number] = claim.says
             kinds[claim.effect.id] = claim.effect.kind
+            instead.setdefault(claim.effect.id, {}).update(dict.fromkeys(claim.equivalent))
     found = []
     for name, by_unit in named.items():
         if len(by_unit) == len(explanations) and len(by_unit) > 1 and not unknown:
             whose = COMMON if kinds[name] in OF_THE_BODY or name.split(".")[0] in OF_THE_BODY else ALIKE
         else:
             whose = OWN if len(by_unit) == 1 else SOME
-        found.append(Trait(name, tuple(by_unit), whose, tuple(by_unit.values()), unknown))
+        found.append(Trait(name, tuple(by_unit), whose, tuple(by_unit.values()), unknown, tuple(instead[name])))
     return tuple(found)

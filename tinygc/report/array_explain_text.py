@@ -10,7 +10,7 @@ from session.common.console import one_line
 from session.common.units import DEG
 from tinygc.array.explain import ArrayExplanation
 from tinygc.array.fit_json import begins_s
-from tinygc.report.array_text import event_words
+from tinygc.report.array_text import event_lines
 
 VERDICTS = {
     "no_mismatch": "no mismatch: every unit turns as its calibration says",
@@ -36,7 +36,7 @@ def array_explain_page(found: ArrayExplanation) -> Group:
     parts += [one_line(f"{moment.at_s - begins:.2f} s: {moment.words}.", "yellow") for moment in found.moments[:MOST_MOMENTS]]
     if len(found.moments) > MOST_MOMENTS:
         parts.append(one_line(f"… and {len(found.moments) - MOST_MOMENTS} moments more, in array.json."))
-    parts += [one_line(f"{event_words(event, fit)}.", "yellow") for event in fit.joint.events]
+    parts += [one_line(f"{line}.", "yellow") for line in event_lines(fit)]
     table = Table(title="Each unit by itself", title_justify="left", box=None, padding=(0, 1))
     for column in ("unit", "own excess, deg", "verdict alone", "named"):
         table.add_column(column, justify="left" if column in ("verdict alone", "named") else "right", overflow="fold")

@@ -29,7 +29,7 @@ def array_page(fit: ArrayFit) -> Group:
     if fit.ages:
         ages = ", ".join(f"unit {each.number} ({each.beat_hz:.3g} Hz)" for each in fit.ages)
         parts.append(one_line(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected."))
-    parts += [one_line(f"{event_words(event, fit)}.", "yellow") for event in fit.joint.events]
+    parts += [one_line(f"{line}.", "yellow") for line in event_lines(fit)]
     parts += [one_line(f"Left out: unit {unit.number}: {unit.why}", "bold red") for unit in fit.left_out]
     return Group(*parts)
 
@@ -97,12 +97,13 @@ def _bias_words(fit: ArrayFit) -> str:
 
 def _fused_words(model: ArrayModel) -> str:
     """Its noise beside the units' own, and what as many equal units would gain."""
-    single = np.sqrt(np.mean([np.diag(unit.in_array(unit.noise_density)) for unit in model.units], axis=0))
-    alone, fused = (1e3 * float(np.sqrt(np.mean(density**2))) / DEG for density in (single, model.noise_density))
+    own = [1e3 * float(np.sqrt(np.mean(np.diag(unit.in_array(unit.noise_density))))) / DEG for unit in model.units]
+    fused, alone = 1e3 * float(np.sqrt(np.mean(model.noise_density**2))) / DEG, float(np.sqrt(np.mean(np.square(own))))
     count = len(model)
     return (
-        f"All units as one gyroscope: {fused:.3g} mdps/rtHz of white noise, where one has {alone:.3g}: {alone / fused:.2f} times less; "
-        f"{count} equal ones would have {np.sqrt(count):.2f} times less."
+        f"All units as one gyroscope: {fused:.3g} mdps/rtHz of white noise, as far as they do not share it, where one has "
+        f"{min(own):.3g} to {max(own):.3g}, rms {alone:.3g}: {alone / fused:.2f} times less than rms; {count} equal ones would have "
+        f"{np.sqrt(count):.2f} times less."
     )
 
 
@@ -120,9 +121,28 @@ def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
         size = f"{event.size / DEG:.2g}°" if event.what == OWN_TURN else f"{1e3 * event.size / G:.2g} mg"
         where = "turn" if event.what == OWN_TURN else "still"
         return f"{at:.1f} s: {both} differ by {size} in this {where}, and two do not tell which one errs; unit {number}'s does not count"
-    spoilt = [e for e in fit.joint.events if (e.what, e.first, e.last) == (event.what, event.first, event.last)]
+    spoilt = event.together(fit.joint.events)
     others = len(fit.units) - len(spoilt)
+    if len(spoilt) > 1:
+        return f"{at:.1f} s: {_several_words(spoilt, fit)}"
     whom = f"the other {others} do not" if others > 1 else "the other does not"
     if event.what == OWN_TURN:
         return f"{at:.1f} s: unit {number} misses this turn by {event.size / DEG:.2g}°, {whom}: its own readings; its turn does not count"
     return f"{at:.1f} s: unit {number} feels {1e3 * event.size / G:.2g} mg too much in this still, {whom}; its gravity there does not count"
+
+
+def event_lines(fit: ArrayFit) -> list[str]:
+    """Of each event its words; of units that stand out in one turn or still, one line together."""
+    return list(dict.fromkeys(event_words(event, fit) for event in fit.joint.events))
+
+
+def _several_words(events: tuple[ArrayEvent, ...], fit: ArrayFit) -> str:
+    turn = events[0].what == OWN_TURN
+    in_order = sorted(events, key=lambda event: fit.units[event.unit or 0].number)
+    sizes = (f"{e.size / DEG:.2g}°" if turn else f"{1e3 * e.size / G:.2g} mg" for e in in_order)
+    who = ", ".join(f"unit {fit.units[e.unit or 0].number} by {size}" for e, size in zip(in_order, sizes, strict=True))
+    where, lost = ("turn", "their turns do not count") if turn else ("still", "their gravity there does not count")
+    return (
+        f"{len(events)} of {len(fit.units)} units stand out in this {where}, each in its own way ({who}): several at once are hardly "
+        f"their own readings: a blow that each unit feels or samples otherwise is more probable; {lost}"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +31,10 @@ class ArrayEvent:
     p_value: float
     rows: np.ndarray
     rival: int | None = None
+
+    def together(self, events: Sequence[ArrayEvent]) -> tuple[ArrayEvent, ...]:
+        """Of these, those of single units in the same turn or still: of more than one unit at once, none is a sensor's own reading."""
+        return tuple(e for e in events if e.unit is not None and (e.what, e.first, e.last) == (self.what, self.first, self.last))
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,19 +81,25 @@ def write_files(simulation: Simulation, folder: Path, config: str) -> None:
 
 def check_folder(folder: Path, force: bool) -> None:
     """FormatError where a simulation may not be written there: something else lies in it, or a simulation and ``force`` is not set."""
-    if folder.exists() and not folder.is_dir():
-        raise FormatError(f"{folder}: that is a file; give a new folder")
-    present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    present = names_in(folder, force)
     if not present:
         return
-    if not force:
-        raise FormatError(f"{folder}: not empty; give a new folder, or --force to replace an earlier simulation")
     if TRUTH not in present:
         raise FormatError(f"{folder}: holds no simulation ({TRUTH} is missing) and is not replaced; give a new folder")
     strangers = {name for name in present if has_recorded_name(Path(name))} - {LOG, CLOSURE, REST, CONFIG, TRUTH, KNOWN_TURNS}
     strangers |= {name for name in present if not _is_a_simulations(folder / name)}
     if strangers:
         raise FormatError(f"{folder}: holds {min(strangers)} beside a simulation and is not replaced; give a new folder")
+
+
+def names_in(folder: Path, force: bool) -> set[str]:
+    """Of what lies where a simulation is to be written; FormatError for a file in its place, and for anything there without ``force``."""
+    if folder.exists() and not folder.is_dir():
+        raise FormatError(f"{folder}: that is a file; give a new folder")
+    present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if present and not force:
+        raise FormatError(f"{folder}: not empty; give a new folder, or --force to replace an earlier simulation")
+    return present
 
 
 def _is_a_simulations(path: Path) -> bool:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from pathlib import Path
 
-from session.common.texts import printable
 from tinygc.cli.commands._log_options import answers_of
-from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.commands._results import beside_log, write_json
 from tinygc.cli.paths import STANDARD
 
 
@@ -33,11 +31,7 @@ def fuse(args: argparse.Namespace, out: Path) -> int:
         size = "" if math.isnan(event.size_rps) else f": {event.size_rps / DEG:.3g} dps, bar {event.bar_rps / DEG:.3g} dps"
         said.append(f"  {at_s:.3f} s: {who} {event.what}{f' ({event.reason}{size})' if event.reason else ''}")
     said += [f"  {note}" for note in done.notes]
-    for line in said:
-        if str(out) != STANDARD:
-            output(args).print(printable(line), soft_wrap=True, markup=False)
-        elif not args.quiet:
-            print(printable(line), file=sys.stderr)
+    beside_log(args, said, str(out) == STANDARD)
     write_json(
         args.json,
         {

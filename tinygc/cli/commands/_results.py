@@ -31,6 +31,15 @@ def output(args: argparse.Namespace) -> PlainConsole:
     return console.output(args.quiet or is_standard_output(args.json))
 
 
+def beside_log(args: argparse.Namespace, lines: list[str], to_stdout: bool) -> None:
+    """What is said of a log that was written: on standard error where the log itself goes to standard output."""
+    for line in lines:
+        if not to_stdout:
+            output(args).print(line, soft_wrap=True)
+        elif not args.quiet:
+            print(printable(line), file=sys.stderr)
+
+
 def verdict(args: argparse.Namespace, line: RenderableType) -> None:
     """What a command was asked for, in a line: with ``--quiet`` it is all that is printed; without, it is on the page already,
     and of several folders a table says it."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from session.common.texts import printable
 from tinygc.cli.arguments import filled
 from tinygc.cli.commands._array_apply import fuse
 from tinygc.cli.commands._log_options import add_log_options, answers_of
-from tinygc.cli.commands._results import output, write_json
+from tinygc.cli.commands._results import beside_log, write_json
 from tinygc.cli.paths import STANDARD, is_standard_output, log_written, path_read
 
 SUMMARY = "calibrate the rates and the specific force of a log"
@@ -59,11 +57,7 @@ def run(args: argparse.Namespace) -> int:
         done = apply_model(args.model, args.log, out, answers_of(args), args.session, args.unit, progress)
     late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""
     said = [f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late})", *(f"  {note}" for note in done.notes)]
-    for line in said:
-        if not to_stdout:
-            output(args).print(line, soft_wrap=True)
-        elif not args.quiet:
-            print(printable(line), file=sys.stderr)
+    beside_log(args, said, to_stdout)
     write_json(
         args.json,
         {

@@ -20,7 +20,7 @@ from tinygc.simulation.array.simulate import SimulatedArray
 from tinygc.simulation.options import command_line
 from tinygc.simulation.simulate import Recording, Simulation
 from tinygc.simulation.unit import BIAS_DIGITS, MATRIX_DIGITS
-from tinygc.simulation.write import CONFIG, SIMULATED, TRUTH, packed_log, truth_table
+from tinygc.simulation.write import CONFIG, SIMULATED, TRUTH, names_in, packed_log, truth_table
 
 TRUTH_SCHEMA = "tinygc-array-truth/1"
 
@@ -43,13 +43,9 @@ def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Pat
 
 def check_array_folder(folder: Path, force: bool) -> None:
     """FormatError where a simulated array may not be written there."""
-    if folder.exists() and not folder.is_dir():
-        raise FormatError(f"{folder}: that is a file; give a new folder")
-    present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    present = names_in(folder, force)
     if not present:
         return
-    if not force:
-        raise FormatError(f"{folder}: not empty; give a new folder, or --force to replace an earlier simulation")
     mine = {name for name in present if name in (CONFIG, TRUTH, "fit", "explain") or (".unit" in name and name.endswith(".csv.gz"))}
     config = folder / CONFIG
     made = TRUTH in present and CONFIG in present and not config.is_symlink()

@@ -5,9 +5,10 @@ point of the group ``tinygc.effects``), or in a folder that the user names (``lo
 changed: naming, refitting, simulating, drawing, live use, exports and C follow from what the record declares.
 ``docs/writing-an-effect.md`` is the guide; ``tinygc.effects.testing.check`` proves an effect.
 
-May import: session.
+May import: session, attitude.
 """
 
+from tinygc.effects import signals
 from tinygc.effects.applied_effect import AppliedEffect
 from tinygc.effects.columns import axis_of, diagonal, full, largest, nothing, per_axis
 from tinygc.effects.conditions import Conditions, movement_of, without_vibration
@@ -55,6 +56,7 @@ __all__ = [
     "movement_of",
     "nothing",
     "per_axis",
+    "signals",
     "using",
     "without_vibration",
 ]

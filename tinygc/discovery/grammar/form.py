@@ -1,0 +1,124 @@
+"""A form: which quantities, through which functions, multiply, and which axes they add to.  Everything but the coefficients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tinygc.discovery.grammar.functions import FUNCTIONS, Function
+from tinygc.discovery.grammar.quantities import QUANTITIES, Quantity
+from tinygc.effects import Movement, signals
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A function of a quantity, constant: of the function, in the quantity's unit; lag_s: of a first-order lag behind both.
+
+    It has ``len(quantity.components) * function.phases`` components, the phases of one component side by side.
+    """
+
+    quantity: str
+    function: str = "itself"
+    constant: float | None = None
+    lag_s: float | None = None
+
+    @property
+    def of(self) -> Quantity:
+        """Its quantity."""
+        return QUANTITIES[self.quantity]
+
+    @property
+    def through(self) -> Function:
+        """Its function."""
+        return FUNCTIONS[self.function]
+
+    @property
+    def vector(self) -> bool:
+        """Whether it has an axis."""
+        return self.of.vector
+
+    @property
+    def each(self) -> int:
+        """Numbers of each axis, or of a scalar: directions times phases."""
+        return self.of.directions * self.through.phases
+
+    def values(self, movement: Movement) -> np.ndarray:
+        """(N, components)."""
+        found = self.through.of(self.of.of(movement), self.constant or 1.0).reshape(len(movement.t_s), -1)
+        return found if self.lag_s is None else signals.lagged(found, self.lag_s, movement.dt_s)
+
+
+@dataclass(frozen=True)
+class Term:
+    """One coefficient: it adds the product of these components of factors to the rate of an axis, rad/s for each."""
+
+    axis: int
+    parts: tuple[tuple[Factor, int], ...]
+
+
+#: each: axis i follows what axis i has; full: what any axis has, by a matrix; cross: what any other axis has; next, last: the first factor
+#: of the axis behind times the second of the one before, or the other way round; leant: own first factor times any axis' second, by a matrix
+PATTERNS = ("each", "full", "cross", "next", "last", "leant")
+
+
+@dataclass(frozen=True)
+class Form:
+    """One or two factors and a pattern of axes."""
+
+    factors: tuple[Factor, ...]
+    pattern: str = "each"
+
+    def terms(self) -> tuple[Term, ...]:
+        """One for each coefficient, row by row of its matrix where it has one."""
+        found = []
+        for axis in range(3):
+            for axes in self._axes(axis):
+                found += [Term(axis, parts) for parts in _components(self.factors, axes)]
+        return tuple(found)
+
+    def _axes(self, axis: int) -> list[tuple[int, ...]]:
+        """For each product that adds to this axis, the axis of every factor (0 for a scalar, which has none)."""
+        behind, before = (axis + 1) % 3, (axis + 2) % 3
+        if self.pattern == "next":
+            return [(behind, before)]
+        if self.pattern == "last":
+            return [(before, behind)]
+        if self.pattern == "leant":
+            return [(axis, other) for other in range(3)]
+        others = {"each": [axis], "full": [0, 1, 2], "cross": [behind, before]}[self.pattern]
+        return [tuple(other for _ in self.factors) for other in others]
+
+    @property
+    def size(self) -> int:
+        """Coefficients."""
+        return len(self.terms())
+
+    @property
+    def constants(self) -> tuple[float, ...]:
+        """Of its factors: each constant and each lag that there is."""
+        return tuple(value for factor in self.factors for value in (factor.constant, factor.lag_s) if value is not None)
+
+    def with_constants(self, values: tuple[float, ...] | np.ndarray) -> Form:
+        """The same with other constants, in the same order."""
+        left = [float(value) for value in values][::-1]
+        factors = []
+        for factor in self.factors:
+            constant = None if factor.constant is None else left.pop()
+            lag_s = None if factor.lag_s is None else left.pop()
+            factors.append(replace(factor, constant=constant, lag_s=lag_s))
+        return replace(self, factors=tuple(factors))
+
+    @property
+    def shape(self) -> Form:
+        """The same whatever its constants are: what forms that differ by them alone have in common."""
+        return self.with_constants(np.ones(len(self.constants)))
+
+
+def _components(factors: tuple[Factor, ...], axes: tuple[int, ...]) -> list[tuple[tuple[Factor, int], ...]]:
+    """Every combination of directions and phases of the factors at these axes."""
+    found: list[tuple[tuple[Factor, int], ...]] = [()]
+    for factor, axis in zip(factors, axes, strict=True):
+        first = axis * factor.each if factor.vector else 0
+        found = [(*parts, (factor, first + k)) for parts in found for k in range(factor.each)]
+    return found

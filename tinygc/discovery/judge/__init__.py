@@ -1,0 +1,1 @@
+"""The best forms, refitted exactly, against the catalogue, against each other, and on what the search never saw."""

@@ -1,0 +1,1 @@
+"""All forms by their linear columns, and what chance makes of so many."""

@@ -1,0 +1,1 @@
+"""The answer: effect files, JSON, words, pictures."""

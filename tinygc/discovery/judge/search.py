@@ -10,7 +10,7 @@ import numpy as np
 from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.judge.weigh import FormEvidence
-from tinygc.discovery.screen.screening import Look, Screening, screened
+from tinygc.discovery.screen.screening import Screening, screened
 from tinygc.discovery.screen.sharpen import sharpened
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Hypothesis
@@ -29,7 +29,7 @@ NEAR = 12.0
 @dataclass(frozen=True, eq=False)
 class Found:
     """best: the hypothesis with a form more, or None; screening: of all forms; tried: effects of forms that were weighed in its place, the
-    best first, each with what the screening promised of its shape (own noise, the best base) and the sigmas of its constants."""
+    best first, each with what the screening promised of its shape, studentised, and the sigmas of its constants."""
 
     best: Hypothesis | None
     screening: Screening
@@ -47,19 +47,19 @@ def with_a_form(
 ) -> Found:
     """The best hypothesis with one form more than one of the bases has."""
     whitens = [(base, whiten) for base in bases for whiten in (evidence.first_whiten, base.whiten)]
+    looks = [(whiten, rewhitened(base, whiten)) for base, whiten in whitens]
     replays = {id(base): Replay(evidence.twin, base.fit) for base in bases}
-    looks = [Look(whiten, rewhitened(base, whiten), replays[id(base)]) for base, whiten in whitens]
-    screening = screened(forms, [bits(form) for form in forms], looks, seed=seed, progress=progress)
+    priced = np.array([bits(form) for form in forms])
+    screening = screened(replays[id(bases[0])], forms, priced, looks, seed, progress=lambda what, done, of: progress(what))
     progress("sharpening the best forms")
     trials: list[tuple[float, Effect, Hypothesis]] = []
     promised: dict[str, float] = {}
     sigmas: dict[str, tuple[float, ...]] = {}
     for number, (base, whiten) in enumerate(whitens):
         for at in _first_of_each_shape(forms, screening.promise[number]):
-            sharp = sharpened(forms[at], whiten, looks[number].fit, replays[id(base)])
+            sharp = sharpened(forms[at], *looks[number], replays[id(base)])
             effect = evidence.effect_of(sharp.form)
-            own = max(float(screening.promise[look, at]) for look in range(1, len(looks), 2))  # under the noise as it is
-            promised[effect.id] = max(own, promised.get(effect.id, -np.inf))
+            promised[effect.id] = float(screening.tested[at])
             sigmas[effect.id] = sharp.constants_sigma
             trials.append((evidence.guess(base, add=effect).score, effect, base))
     trials.sort(key=lambda trial: trial[0])

@@ -83,9 +83,9 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
     first = searched.rounds[0].screening
     common = {
         "forms": len(searched.forms),
-        "distinct": first.distinct,
-        "chance_gain": first.chance_level,
-        "best_promise": float(first.promise.max(initial=0.0)),
+        "distinct": len(searched.forms),
+        "chance_gain": first.chance.level(0.05),
+        "best_promise": float(first.tested.max()),
     }
     refused = next((each.refused for each in judged if each.refused), None)
     if not judged or refused:

@@ -14,17 +14,13 @@ import numpy as np
 from tinygc.discovery.grammar.as_effect import as_effect
 from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
+from tinygc.discovery.screen.screening import price
 from tinygc.effects import Effect, Movement
-from tinygc.explanation.naming.evidence import PRIOR_ODDS, SCALES, Evidence, Hypothesis
+from tinygc.explanation.naming.evidence import Evidence, Hypothesis
 from tinygc.explanation.twin.twin import Twin
 
 #: what is weighed and is no name of the catalogue
 FORM = "discovered."
-
-
-def form_price(bits: float | np.ndarray, size: int | np.ndarray) -> float | np.ndarray:
-    """Twice the logarithm of what forms of so many bits and coefficients cost before they are looked at."""
-    return 2 * (np.log(2) * bits + np.log(SCALES / PRIOR_ODDS)) + size
 
 
 class FormEvidence(Evidence):
@@ -46,7 +42,7 @@ class FormEvidence(Evidence):
     def price(self, effect: Effect) -> float:
         """As ``Evidence.price``, of a form by its bits."""
         form = self.forms.get(effect.id)
-        return super().price(effect) if form is None else float(form_price(bits(form), effect.parameter.size))
+        return super().price(effect) if form is None else float(price(np.array(bits(form)), np.array(effect.parameter.size)))
 
     def unpriced(self, have: Hypothesis) -> float:
         """The score of a hypothesis as if nothing had been paid for its description but its coefficients: how well it fits."""

@@ -34,7 +34,9 @@ class Rival:
 def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[Effect]) -> list[Rival]:
     """Of the others, those that were weighed in the place of ``law`` and come nearest, the best first."""
     rest = [other for other in others if other.id != law.id and other.id not in best.ids]
-    guessed = sorted(((evidence.guess(best, without=law, add=other).score, number) for number, other in enumerate(rest)), key=lambda g: g[0])
+    guessed = sorted(
+        ((evidence.guess(best, without=law, add=other).score, number) for number, other in enumerate(rest)), key=lambda g: g[0]
+    )
     own, found = whole_added(evidence.twin, best), list[Rival]()
     for place, (score, number) in enumerate(guessed):
         other, hypothesis = rest[number], None

@@ -35,8 +35,8 @@ class Wiring:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """factors: each once, the first is ``ONE``; width (factors,): components of each; hub, partner (F,): of each form; wiring (F,): which of
-    the wirings it has; wirings."""
+    """factors: each once, the first is ``ONE``; width (factors,): components of each; hub, partner (F,): of each form; wiring (F,): which
+    of the wirings it has; wirings."""
 
     factors: tuple[Factor | None, ...]
     width: np.ndarray

@@ -10,6 +10,7 @@ import numpy as np
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.screen.looks import Look
 from tinygc.discovery.screen.responses import Responses
+from tinygc.discovery.screen.values import Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,33 +32,25 @@ def probes_of(forms: Sequence[Form], responses: Responses, look: Look) -> tuple[
         (factor, *others) = form.factors
         if others or form.constants or form.pattern != "each":
             continue
-        probe = _probe(form, responses, look)
-        if probe is not None and probe.rms < best.get(factor.quantity, probe).rms * (1 + 1e-12):
-            best[factor.quantity] = probe
+        response = responses.columns(form).sum(axis=1)
+        free = look.seen(response)
+        length = float(np.linalg.norm(free))
+        if not length > look.least_seen(response):  # or no number
+            continue
+        rms = beside_calibration(form, np.ones(form.size), responses.values) / length
+        if factor.quantity not in best or rms < best[factor.quantity].rms:
+            best[factor.quantity] = Probe(factor.quantity, form, look.whitened(response) / length, free / length, rms)
     return tuple(best.values())
 
 
-def _probe(form: Form, responses: Responses, look: Look) -> Probe | None:
-    columns = responses.columns(form)
-    response = columns.sum(axis=1)
-    free = look.seen(response)
-    length = float(np.linalg.norm(free))
-    if not np.isfinite(length) or length < look.least_seen(response):
-        return None
-    rms = beside_calibration(form, np.ones(form.size), responses)
-    return Probe(form.factors[0].quantity, form, look.whitened(response) / length, free / length, rms / length)
-
-
-def beside_calibration(form: Form, theta: np.ndarray, responses: Responses) -> float:
-    """rad/s rms over all samples and axes of the rate that a law adds, less what a linear calibration of the same axis takes up."""
-    values = {factor: responses.values.of(factor) for factor in form.factors}
-    added = np.zeros((3, responses.values.samples))
+def beside_calibration(form: Form, theta: np.ndarray, values: Values) -> float:
+    """rad/s rms over samples and axes: the rate that a law of coefficients theta (P,) adds, less what a bias and a matrix take up."""
+    found = {factor: values.of(factor) for factor in form.factors}
+    added = np.zeros((3, values.samples))
     for term, size in zip(form.terms(), theta, strict=True):
         product = np.array(size)
         for factor, component in term.parts:
-            product = product * values[factor][component]
+            product = product * found[factor][component]
         added[term.axis] += product
-    rates = np.concatenate([movement.rate for movement in responses.values.movements])
-    taken, _ = np.linalg.qr(np.concatenate([rates, np.ones((len(rates), 1))], axis=1))
-    left = added - (added @ taken) @ taken.T
+    left = added - (added @ values.calibration) @ values.calibration.T
     return float(np.sqrt(np.mean(left**2)))

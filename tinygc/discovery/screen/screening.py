@@ -37,7 +37,8 @@ class Screening:
 
     tested (F,): promise, studentised, of the look that shows most, which is what ``chance`` is of; drawn (D,): the largest of these of each
     draw of noise alone; marks (F, MARKS): gains in draws, beside the last look; probes: plain laws of each quantity, shares (F, probes): of
-    each one's response what a form can say; responses, looks: of all turns; noise (n, D): the draws, white.
+    each one's response what a form can say; responses, looks: of the turns that all forms are screened by; noise (n, D): the draws, white;
+    all_responses, all_looks: of all turns.
     """
 
     forms: Sequence[Form]
@@ -56,6 +57,8 @@ class Screening:
     responses: Responses
     looks: tuple[Look, ...]
     noise: np.ndarray
+    all_responses: Responses
+    all_looks: tuple[Look, ...]
 
     @cached_property
     def order(self) -> np.ndarray:
@@ -139,6 +142,8 @@ def screened(
         responses=responses,
         looks=seen,
         noise=noise,
+        all_responses=every,
+        all_looks=all_looks,
     )
 
 

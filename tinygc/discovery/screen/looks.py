@@ -18,7 +18,10 @@ LEAST_LEFT = 1e-2
 
 
 class Look:
-    """whiten, fit: of one hypothesis beside which forms are looked for; rows (n,): of the stacked channels that are looked at, None: all."""
+    """whiten, fit: of one hypothesis beside which forms are looked for; rows (n,): of the stacked channels that are looked at, None: all.
+
+    n rows in all, m of them free: beside the nuisance, which is what the fit has already.
+    """
 
     def __init__(self, twin: Twin, whiten: Whitener, fit: Refit, rows: np.ndarray | None = None):
         total = sum(whiten.sizes)
@@ -33,9 +36,9 @@ class Look:
         self.q = orthonormal(J)
         n, p = self.q.shape
         complement = np.linalg.qr(np.concatenate([self.q, np.eye(n)], axis=1))[0][:, p:]
-        factor = own(np.eye(total))
+        self._whitening = own(np.eye(total))[:, rows]
         #: (n, rows): the first ``free`` rows see what the nuisance leaves
-        self.matrix = np.concatenate([complement, self.q], axis=1).T @ factor[:, rows]
+        self.matrix = np.concatenate([complement, self.q], axis=1).T @ self._whitening
         self.free = n - p
         self._complement = complement
         beside = np.concatenate([_unit(J), _unit(allowances)], axis=1)
@@ -52,6 +55,18 @@ class Look:
     def seen(self, stacked: np.ndarray) -> np.ndarray:
         """(free, …) of stacked channels (n, …)."""
         return self.matrix[: self.free] @ stacked
+
+    def whitened(self, stacked: np.ndarray) -> np.ndarray:
+        """(n, …) of stacked channels (n, …)."""
+        return self._whitening @ stacked
+
+    def least_seen(self, stacked: np.ndarray) -> float:
+        """Length below which what the nuisance leaves of stacked channels (n,) is not seen."""
+        return UNSEEN * float(np.linalg.norm(self.matrix @ stacked))
+
+    def beside(self, whitened: np.ndarray) -> np.ndarray:
+        """Whitened channels (n, …) without what the nuisance takes of them."""
+        return whitened - self.q @ (self.q.T @ whitened)
 
     def scatters(self, whitened: np.ndarray) -> np.ndarray:
         """(…,) sums of squares of residuals (n, …) over the rows that tell the noise's scale, as ``Selection`` takes them."""

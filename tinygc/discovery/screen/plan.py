@@ -35,8 +35,8 @@ class Wiring:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """factors: each once, the first is ``ONE``; width (factors,): components of each; hub, partner (F,): of each form; wiring (F,): which of
-    the wirings it has; wirings."""
+    """factors: each once, the first is ``ONE``; width (factors,): components of each; hub, partner (F,): of each form; wiring (F,): which
+    of the wirings it has; wirings."""
 
     factors: tuple[Factor | None, ...]
     width: np.ndarray
@@ -83,8 +83,8 @@ def planned(forms: Sequence[Form]) -> Plan:
     wirings: list[Wiring] = []
     which = np.empty(len(forms), dtype=int)
     for number, (form, turned) in enumerate(zip(forms, first_is_hub.tolist(), strict=True)):
-        # What the terms of a form are depends on its pattern and on the kinds of its factors, never on their constants.
-        key = (form.pattern, turned, *((factor.quantity, factor.function) for factor in form.factors))
+        # What the terms of a form are depends on its pattern and on how many numbers its factors have, never on which they are.
+        key = (form.pattern, turned, *((factor.of.components, factor.through.phases) for factor in form.factors))
         if key not in made:
             made[key] = len(wirings)
             wirings.append(_wiring(form, turned))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,12 @@ class Values:
             self._quantities[name] = [QUANTITIES[name].of(movement) for movement in self.movements]
         return self._quantities[name]
 
+    @cached_property
+    def calibration(self) -> np.ndarray:
+        """(N, 4) orthonormal: what a bias and a matrix of one axis can say."""
+        rates = np.concatenate([movement.rate for movement in self.movements])
+        return np.linalg.qr(np.concatenate([rates, np.ones((len(rates), 1))], axis=1))[0]
+
     def largest(self) -> dict[str, float]:
         """Of every quantity, the largest size in the recording; 0 where it does not vary or is not there."""
         found = {}
@@ -46,10 +53,7 @@ class Values:
         return np.concatenate(parts).T
 
     def single(self, factor: Factor | None) -> tuple[np.ndarray, float]:
-        """(components, N) float32 as shares of the largest, and the largest: 0, and zeros, where there is none or one that is no number.
-
-        Held for a while: hubs come again with each tile of partners.
-        """
+        """(components, N) float32 as shares of the largest, and the largest: 0, and zeros, where there is none or one that is no number."""
         values = self.of(factor)
         largest = float(np.abs(values).max(initial=0.0))
         if not np.isfinite(largest) or largest == 0:

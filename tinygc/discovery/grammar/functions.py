@@ -31,6 +31,14 @@ def _wave(x: np.ndarray, c: float) -> np.ndarray:
     return np.stack([np.cos(2 * np.pi * x / c), np.sin(2 * np.pi * x / c)], axis=-1)
 
 
+def _clock(x: np.ndarray, c: float) -> np.ndarray:
+    return np.sign(_wave(x, c))
+
+
+def _saw(x: np.ndarray, c: float) -> np.ndarray:
+    return x / c - np.round(x / c)
+
+
 _ALL = (
     Function("itself", "{x}", "{x}", lambda x, c: x, "x"),
     Function("size", "|{x}|", "the size of {x}", lambda x, c: np.abs(x), "np.abs(x)", odd=False),
@@ -91,5 +99,16 @@ _ALL = (
         odd=False,
         phases=2,
     ),
+    Function(
+        "clock",
+        "clock({x}, {c})",
+        "a load that switches with {x}, with a period of {c}",
+        _clock,
+        "np.sign(np.stack([np.cos(2 * np.pi * x / c), np.sin(2 * np.pi * x / c)], axis=-1))",
+        constant="period",
+        odd=False,
+        phases=2,
+    ),
+    Function("saw", "saw({x}, {c})", "what rounding {x} to steps of {c} leaves", _saw, "x / c - np.round(x / c)", constant="step"),
 )
 FUNCTIONS: dict[str, Function] = {function.name: function for function in _ALL}

@@ -6,19 +6,19 @@ import numpy as np
 
 from session.common.units import DEG
 from tinygc.discovery.grammar.form import Form
-from tinygc.effects import Effect, Movement, NoC, Parameter, Reach
+from tinygc.discovery.grammar.words import equation as equation_of
+from tinygc.discovery.grammar.words import regime, splits
+from tinygc.effects import Effect, Movement, NoC, Parameter, Reach, signals
 
 #: rad/s: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
 PLAUSIBLE_RPS = 5 * DEG
-#: time constants that a lag looks back: what is older is a ten-thousandth
-LOOKS_BACK = 9.0
 
 
 def columns_of(form: Form, movement: Movement) -> np.ndarray:
     """(N, 3, P): what one rad/s of each coefficient adds."""
     values = {factor: factor.values(movement) for factor in form.factors}
     terms = form.terms()
-    found = np.zeros((len(movement.t_s), 3, len(terms)))
+    found = np.zeros((len(movement.rate), 3, len(terms)))
     for number, term in enumerate(terms):
         product = 1.0
         for factor, component in term.parts:
@@ -29,17 +29,19 @@ def columns_of(form: Form, movement: Movement) -> np.ndarray:
 
 def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
     """The form as an effect; rms: of its products in the recording, by which its plausible size is known."""
-    seconds = sum(LOOKS_BACK * factor.lag_s for factor in form.factors if factor.lag_s is not None)
-    reach = sum((factor.of.reach for factor in form.factors), Reach(before_s=seconds))
+    lags = [signals.lag_reach(factor.lag_s) for factor in form.factors if factor.lag_s is not None]
+    reach = sum([*(factor.of.reach for factor in form.factors), *lags], Reach())
     inputs = tuple(dict.fromkeys(name for factor in form.factors for name in factor.of.inputs))
+    unit, said = form.coefficient_unit, equation or equation_of(form)
     return Effect(
         id=name,
-        equation=equation or repr(form),
-        parameter=Parameter("coefficients", (form.size,), "dps", DEG, plausible=PLAUSIBLE_RPS / max(rms, 1e-12)),
+        equation=said,
+        parameter=Parameter("coefficients", (form.size,), unit, DEG, plausible=PLAUSIBLE_RPS / max(rms, 1e-12)),
         seen_in=("still", "turn"),
         columns=lambda movement: columns_of(form, movement),
-        says=lambda theta: f"follows {equation} (up to {np.abs(theta).max() / DEG:.3g} dps)",
-        splits="repeat the session with this variable changed on purpose, all else alike",
+        says=lambda theta: f"follows {said} (up to {np.abs(theta).max() / DEG:.3g} {unit})",
+        splits=splits(form),
+        regime=regime(form),
         inputs=inputs,
         reach=reach,
         device=NoC("no C has been written for it"),

@@ -1,134 +1,105 @@
 """All forms of the grammar that a recording can be asked, each once.
 
-One factor: every function of every quantity, through every lag that it may have.  Two factors: the plainer functions of both.  Each in
-every pattern of axes that its factors allow.  Forms that are the same whatever the movement are one: they give the same columns on a
-movement that is drawn, and the one of fewest bits stays.
+One factor: every function of every quantity, and what of them may lag behind.  Two factors: the plainer functions of both, with fewer
+places for constants.  Each in every pattern of axes that its factors may have.  What is the same by algebra is left out as it is built, as
+far as a rule says so in a line; ``same`` finds the rest, and the form of fewest bits stays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
-
-import numpy as np
+from collections.abc import Iterator, Mapping
+from functools import cache
+from itertools import combinations_with_replacement
 
 from tinygc.discovery.grammar.bits import bits
-from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.grammar.grids import LAGS_S, constants_of
+from tinygc.discovery.grammar.form import Factor, Form, patterns_of
+from tinygc.discovery.grammar.functions import FUNCTIONS
+from tinygc.discovery.grammar.grids import constant_at
+from tinygc.discovery.grammar.largest import largest_of
 from tinygc.discovery.grammar.quantities import QUANTITIES
-from tinygc.discovery.grammar.some_movement import SAMPLES, some_movement
+from tinygc.discovery.grammar.same import told_apart
+from tinygc.discovery.grammar.some_movement import some_movement
+from tinygc.discovery.grammar.vocabulary import offered
 
-#: what each quantity is looked at through, alone
-ALONE: dict[str, tuple[str, ...]] = {
-    "rate": (
-        "itself size square signed_square cube size_cube root signed_root root_cube sign dead_zone within beyond decay wave saw"
-    ).split(),
-    "rate_size": "itself square cube root root_cube dead_zone within beyond decay".split(),
-    "force": "itself size square signed_square cube size_cube root signed_root sign wave".split(),
-    "acceleration": "itself size square signed_square cube root signed_root sign dead_zone beyond".split(),
-    "jerk": "itself size square signed_square".split(),
-    "temperature": "itself square cube root root_cube beyond decay wave".split(),
-    "temperature_rate": "itself size square signed_square".split(),
-    "time": "itself square cube root decay wave clock".split(),
-    "rest": "itself root square decay beyond".split(),
-    "vibration": "itself root square".split(),
-    "turned": "itself size square wave".split(),
-    "sense": ("itself",),
-    "level": ("itself",),
-}
-#: and in a product
-TOGETHER: dict[str, tuple[str, ...]] = {
-    "rate": "itself size square signed_square cube root_cube signed_root root sign dead_zone beyond".split(),
-    "rate_size": "itself square cube root beyond decay".split(),
-    "force": "itself size square signed_square".split(),
-    "acceleration": "itself size square sign".split(),
-    "jerk": ("itself",),
-    "temperature": "itself square root".split(),
-    "temperature_rate": ("itself",),
-    "time": "itself decay".split(),
-    "rest": "itself decay beyond".split(),
-    "vibration": "itself root".split(),
-    "turned": ("itself",),
-    "sense": ("itself",),
-    "level": ("itself",),
-}
-#: functions that are also tried behind a lag
-LAGGED: dict[str, tuple[str, ...]] = {
-    "rate": "itself size square signed_square sign".split(),
-    "rate_size": "itself square".split(),
-    "force": "itself square".split(),
-    "acceleration": ("size",),
-    "temperature": ("itself",),
-    "vibration": "itself root".split(),
-}
-#: by which columns are told apart
-LOOK = np.random.default_rng(1).standard_normal((3, SAMPLES))
+#: of the movement by which forms are told apart
+SEED = 17
+#: numbers of one axis that a product may have: more would be a dozen coefficients
+MOST_EACH = 2
+
+#: a factor without the recording's size of it: quantity, function, its constant's place, lag
+Place = tuple[str, str, float | None, float | None]
+#: factors and pattern
+Plan = tuple[tuple[Place, ...], str]
 
 
 def enumerated(largest: Mapping[str, float]) -> list[Form]:
     """Every form over these quantities, by name, each with its largest size in the recording; 0 where it does not vary."""
-    names = [name for name in QUANTITIES if largest.get(name, 0.0) > 0]
-    forms = [*_singles(names, largest), *_products(names, largest)]
-    return _once([form for form in forms if not _is_linear(form)])
+    names = tuple(name for name in QUANTITIES if largest.get(name, 0.0) > 0)
+    made: dict[Place, Factor] = {}
+    found = []
+    for places, pattern in _plans(names):
+        for place in places:
+            if place not in made:
+                made[place] = _factor(place, largest)
+        found.append(Form(tuple(made[place] for place in places), pattern))
+    return found
 
 
-def _factors(name: str, functions: Sequence[str], largest: Mapping[str, float], finely: bool) -> list[Factor]:
-    return [Factor(name, function, constant) for function in functions for constant in constants_of(name, function, largest, finely)]
+def _factor(place: Place, largest: Mapping[str, float]) -> Factor:
+    quantity, function, at, lag_s = place
+    return Factor(quantity, function, None if at is None else constant_at(quantity, function, at, largest[quantity]), lag_s)
 
 
-def _lagged(name: str, lags_s: Sequence[float]) -> list[Factor]:
-    return [Factor(name, function, None, lag_s) for function in LAGGED.get(name, ()) for lag_s in lags_s]
+@cache
+def _plans(names: tuple[str, ...]) -> tuple[Plan, ...]:
+    """Of all forms over these quantities, each once, the simplest first; told apart on a movement that is drawn."""
+    movement = some_movement(SEED)
+    largest = largest_of([movement])
+    plans: dict[Form, Plan] = {}
+    for plan in [*_singles(names), *_products(names)]:
+        form = Form(tuple(_factor(place, largest) for place in plan[0]), plan[1])
+        plans.setdefault(form, plan)
+    forms = sorted(plans, key=bits)
+    return tuple(plans[form] for form in told_apart(forms, movement))
 
 
-def _singles(names: list[str], largest: Mapping[str, float]) -> Iterator[Form]:
+def _singles(names: tuple[str, ...]) -> Iterator[Plan]:
     for name in names:
-        for factor in [*_factors(name, ALONE[name], largest, True), *_lagged(name, LAGS_S)]:
-            yield from (Form((factor,), pattern) for pattern in (("each", "full", "cross") if factor.vector else ("each",)))
+        for function, at, lag_s in offered(name, few=False):
+            plain = at is None and lag_s is None
+            for pattern in patterns_of((_any(name, function),)):
+                # A matrix over what fades or steps has no physics of its own; nor has a matrix without its diagonal.
+                if pattern == "each" or plain or (pattern == "full" and QUANTITIES[name].directions * FUNCTIONS[function].phases == 1):
+                    yield ((name, function, at, lag_s),), pattern
 
 
-def _products(names: list[str], largest: Mapping[str, float]) -> Iterator[Form]:
-    factors = [
-        factor for name in names for factor in [*_factors(name, TOGETHER[name], largest, False), *_lagged(name, LAGS_S[2::2])]
-    ]
-    for one in factors:
-        if one.of.components == 3:
-            yield Form((one, one), "next")
-    for one, other in combinations(factors, 2):
-        if one.each * other.each > 2:
+def _products(names: tuple[str, ...]) -> Iterator[Plan]:
+    places = [(name, *place) for name in names for place in offered(name, few=True)]
+    for one, other in combinations_with_replacement(places, 2):
+        factors = (_any(*one[:2]), _any(*other[:2]))
+        if factors[0].each * factors[1].each > MOST_EACH or not _sensible(one, other):
             continue
-        if one.vector and other.vector:
-            yield from (Form((one, other), pattern) for pattern in ("each", "next", "last", "leant"))
-            yield Form((other, one), "leant")
-        elif one.vector or other.vector:
-            yield from (Form((one, other), pattern) for pattern in ("each", "full"))
-        else:
-            yield Form((one, other), "each")
+        plain = all(at is None and lag_s is None for _, _, at, lag_s in (one, other))
+        for pattern in patterns_of(factors):
+            if pattern in ("full", "cross") and not plain:
+                continue
+            yield (one, other), pattern
+            if pattern == "leant" and one != other:
+                yield (other, one), pattern
 
 
-def _is_linear(form: Form) -> bool:
-    """Whether a calibration holds all of it."""
-    return form.factors == (Factor("rate"),)
+def _sensible(one: Place, other: Place) -> bool:
+    """Whether not both have a value on a grid, unless one fades with time and the other lags or has a threshold: what a motion leaves
+    behind, and what a supply does as it settles, are such products; of others, two grids would be two searches in one."""
+    searched = [any(value is not None for value in place[2:]) for place in (one, other)]
+    return not all(searched) or (one[0] != other[0] and (_fades(one) or _fades(other)))
 
 
-def _once(forms: list[Form]) -> list[Form]:
-    """Of forms that give the same columns on a drawn movement the simplest."""
-    movement = some_movement()
-    values: dict[tuple[Factor, int], np.ndarray] = {}
-    found: dict[tuple, Form] = {}
-    for form in sorted(forms, key=bits):
-        marks = []
-        for term in form.terms():
-            product = 1.0
-            for factor, component in term.parts:
-                if (factor, component) not in values:
-                    for number, column in enumerate(factor.values(movement).T):
-                        values[factor, number] = column
-                product = product * values[factor, component]
-            size = float(np.linalg.norm(product))
-            marks.append((term.axis, *np.round(LOOK @ product / size, 7)) if size > 0 else (term.axis, 0))
-        if any(len(mark) == 2 for mark in marks):
-            continue
-        key = tuple(sorted(marks))
-        if key not in found:
-            found[key] = form
-    return list(found.values())
+def _fades(place: Place) -> bool:
+    return place[0] in ("time", "rest") and place[1] == "decay"
+
+
+@cache
+def _any(quantity: str, function: str) -> Factor:
+    """A factor of that kind, its constant whatever."""
+    return Factor(quantity, function, None if FUNCTIONS[function].constant is None else 1.0)

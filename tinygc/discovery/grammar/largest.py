@@ -8,27 +8,25 @@ import numpy as np
 
 from tinygc.discovery.grammar.quantities import QUANTITIES, Quantity
 from tinygc.effects import Movement
-from tinygc.explanation.naming.unknown import LEAST_CHANGE_C
 
-#: g^2: below this nothing but the accelerometer's own noise vibrates (a tenth of a per cent of g)
+#: degC: at a data sheet's 0.005 dps/degC that is 2.5 mdps, a still's own noise
+LEAST_CHANGE_C = 0.5
+#: g^2: below this nothing but the accelerometer's own noise vibrates (a thousandth of g, of a part of 100 ug/rtHz at 100 Hz)
 LEAST_VIBRATION_G2 = 1e-6
-#: of the readings' step, from which on samples are equally far apart
-EVEN = 1e-3
 
 
 def largest_of(movements: Sequence[Movement]) -> dict[str, float]:
-    """Quantity -> its largest size over all logs; 0 where it is missing, or varies too little."""
-    even = all(np.ptp(np.diff(movement.t_s)) < EVEN * movement.dt_s + 1e-9 for movement in movements)
-    return {name: _largest(quantity, movements) if even or not quantity.memory else 0.0 for name, quantity in QUANTITIES.items()}
+    """Quantity -> its largest finite size over all logs; 0 where it is missing in one, or varies too little."""
+    return {name: _largest(quantity, movements) for name, quantity in QUANTITIES.items()}
 
 
 def _largest(quantity: Quantity, movements: Sequence[Movement]) -> float:
     if "temperature" in quantity.inputs:
-        temps = [movement.temp_c for movement in movements]
-        if not all(np.isfinite(temp).all() for temp in temps) or np.ptp(np.concatenate(temps)) < LEAST_CHANGE_C:
+        temps = np.concatenate([movement.temp_c for movement in movements])
+        if not np.isfinite(temps).all() or np.ptp(temps) < LEAST_CHANGE_C:
             return 0.0
     values = np.concatenate([quantity.of(movement) for movement in movements])
-    size = float(np.abs(values).max(initial=0.0))
-    if quantity.name == "vibration" and size < LEAST_VIBRATION_G2:
+    if not np.isfinite(values).all() or not np.ptp(values, axis=0).max(initial=0.0) > 0:
         return 0.0
-    return size if np.isfinite(size) and np.ptp(values, axis=0).max() > 0 else 0.0
+    size = float(np.abs(values).max())
+    return 0.0 if quantity.name == "vibration" and size < LEAST_VIBRATION_G2 else size

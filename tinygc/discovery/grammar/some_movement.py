@@ -1,34 +1,40 @@
-"""A drawn movement, of no recording: by it, forms are told apart that any movement would."""
+"""A drawn movement, of no recording: by it, forms are told apart that any movement would tell apart."""
 
 from __future__ import annotations
-
-from functools import cache
 
 import numpy as np
 
 from session.common.units import DEG
 from tinygc.effects import Movement
 
-SAMPLES, RATE_HZ = 240, 20.0
+SAMPLES, RATE_HZ, PARTS = 600, 10.0, 24
 
 
-@cache
-def some_movement(seed: int = 20261123) -> Movement:
-    """Twelve seconds of turns and rests, warming up and cooling down, vibrated; begun some time after switch-on."""
+def some_movement(seed: int) -> Movement:
+    """A minute of turns and rests, warming up and cooling down, vibrated; begun some time after switch-on."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(SAMPLES) / RATE_HZ
-    turning = np.repeat(rng.uniform(size=12) > 0.35, SAMPLES // 12)[:, None]
-    smooth = np.cumsum(rng.standard_normal((SAMPLES, 3)), axis=0)
-    rate = turning * (smooth - smooth.mean(axis=0)) * 25 * DEG
-    force = rng.standard_normal(3) + 0.2 * np.cumsum(rng.standard_normal((SAMPLES, 3)), axis=0)
+    turning = np.repeat(rng.uniform(size=PARTS) > 0.4, SAMPLES // PARTS)[:, None]
+    rate = turning * _wandering(rng, 3) * 150 * DEG
+    force = rng.standard_normal(3) + _wandering(rng, 3)
     return Movement(
-        t_s=37.0 + t_s,
+        t_s=rng.uniform(0.5, 3.0) + t_s,
         dt_s=1 / RATE_HZ,
         rate=rate,
         force_g=force / np.linalg.norm(force, axis=1, keepdims=True) * rng.uniform(0.9, 1.1, (SAMPLES, 1)),
-        temp_c=25 + 4 * np.sin(t_s / 3) + t_s / 5,
+        temp_c=25 + 3 * _wandering(rng, 1)[:, 0],
         vibration_g2=rng.uniform(0.01, 0.2, SAMPLES),
-        duration_s=60.0,
+        duration_s=SAMPLES / RATE_HZ + 3.0,
         fs_rps=500 * DEG,
-        first_temp_c=24.0,
+        first_temp_c=25.0 + rng.uniform(-1, 1),
     )
+
+
+def _wandering(rng: np.random.Generator, axes: int) -> np.ndarray:
+    """(SAMPLES, axes) smooth over a second or so, of size one, of both signs."""
+    steps = np.cumsum(rng.standard_normal((SAMPLES, axes)), axis=0)
+    slow = np.cumsum(steps, axis=0)
+    beside = 10
+    smooth = (slow[beside:] - slow[:-beside])[np.linspace(0, SAMPLES - beside - 1, SAMPLES).astype(int)]
+    smooth = smooth - smooth.mean(axis=0)
+    return smooth / smooth.std(axis=0)

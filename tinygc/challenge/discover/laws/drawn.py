@@ -7,7 +7,7 @@ import numpy as np
 from session.common.units import DEG, G
 from tinygc.challenge.concealment import Concealment, Maker, Scene
 from tinygc.challenge.discover.laws.linear import beyond_linear, rms
-from tinygc.challenge.discover.laws.shapes import lagged
+from tinygc.challenge.discover.laws.shapes import energy, lagged
 from tinygc.challenge.discover.laws.signals import LEAVES, WEIGHTS, Curve, Signals
 from tinygc.challenge.rate_effects import shaking
 
@@ -65,7 +65,7 @@ def random_law(scene: Scene) -> Concealment:
     shaken = shaking(scene) if "v" in _words(text) else None
 
     def distort(t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:
-        vibration = np.zeros(len(t)) if shaken is None else shaken.envelope(t) ** 2
+        vibration = np.zeros(len(t)) if shaken is None else energy(t, shaken)
         signals = Signals(t, np.clip(t / log_s, 0, 1), rate, force, temp - options.temperature_start_c, vibration)
         added = curve(signals) * shares
         inside = (t >= 0) & (t < log_s)
@@ -117,11 +117,11 @@ def _lag(text: str, curve: Curve, rng: np.random.Generator) -> tuple[str, Curve]
     return f"lag[{tau_s:.3g} s]({text})", lambda s: lagged(s.t, curve(s), tau_s)
 
 
-def _bent(bend, curve: Curve) -> Curve:  # noqa: ANN001
+def _bent(bend, curve: Curve) -> Curve:
     return lambda s: bend(curve(s))
 
 
-def _joined(join, first: Curve, second: Curve) -> Curve:  # noqa: ANN001
+def _joined(join, first: Curve, second: Curve) -> Curve:
     return lambda s: join(first(s), second(s))
 
 

@@ -41,9 +41,7 @@ def resonance(scene: Scene) -> Concealment:
 def drive_droop(scene: Scene) -> Concealment:
     """The sensitivity falls with |omega|, of all axes together."""
     size, full_scale = scene.signed(DROOP), scene.options.gyro_fs_dps * DEG
-    return adding(
-        "law.drive_droop", {"at_fs": size.tolist()}, lambda t, rate, force, temp: -size * rate * size_of(rate) / full_scale
-    )
+    return adding("law.drive_droop", {"at_fs": size.tolist()}, lambda t, rate, force, temp: -size * rate * size_of(rate) / full_scale)
 
 
 def drive_recovery(scene: Scene) -> Concealment:
@@ -65,9 +63,7 @@ def dead_zone(scene: Scene) -> Concealment:
 def root_scale(scene: Scene) -> Concealment:
     """The sensitivity moves with the square root of the rate."""
     size, full_scale = scene.signed(ROOT), scene.options.gyro_fs_dps * DEG
-    return adding(
-        "law.root_scale", {"at_fs": size.tolist()}, lambda t, rate, force, temp: size * rate * np.sqrt(np.abs(rate) / full_scale)
-    )
+    return adding("law.root_scale", {"at_fs": size.tolist()}, lambda t, rate, force, temp: size * rate * np.sqrt(np.abs(rate) / full_scale))
 
 
 def soft_limit(scene: Scene) -> Concealment:

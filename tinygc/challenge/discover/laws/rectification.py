@@ -6,7 +6,7 @@ import numpy as np
 
 from session.common.units import DEG, G
 from tinygc.challenge.concealment import Concealment, Maker, Scene
-from tinygc.challenge.discover.laws.shapes import adding, next_axis, previous_axis, size_of, slope
+from tinygc.challenge.discover.laws.shapes import adding, energy, next_axis, previous_axis, size_of, slope
 from tinygc.challenge.rate_effects import shaking
 
 # Strong sizes, SI
@@ -75,7 +75,7 @@ def vibration_scale(scene: Scene) -> Concealment:
     return Concealment(
         "law.vibration_scale",
         {"per_g2": size.tolist()},
-        distort=lambda t, rate, force, temp: rate * (1 + np.outer(shaken.envelope(t) ** 2, size)),
+        distort=lambda t, rate, force, temp: rate * (1 + np.outer(energy(t, shaken), size)),
         disturb=shaken.disturb,
     )
 

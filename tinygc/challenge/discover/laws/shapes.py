@@ -5,10 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
+from session.common.units import G
 from tinygc.challenge.concealment import Concealment
+from tinygc.challenge.rate_effects import Shaking
 
+#: s: what a mean square of vibration is taken over
+ENERGY_S = 0.25
 #: added(t (N,), rate (N, 3), force (N, 3), temp (N,)) -> (N, 3) rad/s, SI
 Added = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -42,3 +47,9 @@ def previous_axis(values: np.ndarray) -> np.ndarray:
 def size_of(vectors: np.ndarray) -> np.ndarray:
     """(N, 1) norms of vectors (N, 3)."""
     return np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def energy(t: np.ndarray, shaken: Shaking) -> np.ndarray:
+    """(N,) g²: running mean square of the vibration itself, mean of the axes."""
+    squares = np.mean((shaken.disturb(t, np.zeros((len(t), 3))) / G) ** 2, axis=1)
+    return uniform_filter1d(squares, max(1, round(ENERGY_S / (t[1] - t[0]))), mode="nearest")

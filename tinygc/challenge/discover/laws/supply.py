@@ -38,7 +38,7 @@ def sag_recovery(scene: Scene) -> Concealment:
     )
 
 
-def _clock(scene: Scene):  # noqa: ANN202
+def _clock(scene: Scene):
     """Whether the load is on at times t (N,) s, and its parameters."""
     period_s, duty, phase = scene.rng.uniform(*PERIOD_S), scene.rng.uniform(*DUTY), scene.rng.uniform()
     return lambda t: ((t / period_s + phase) % 1 < duty).astype(float), {"period_s": period_s, "duty": duty, "phase": phase}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from session.common.units import DEG, G
@@ -20,7 +22,7 @@ BENT = 0.55  #: share of the factors that are bent
 AXES = {"all": 0.6, "one": 0.25, "two": 0.15}
 LAGS_S = (0.2, 20.0)
 #: a bend leaves sizes of one at sizes of one
-BENDS = {
+BENDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "tanh(2 {})": lambda x: np.tanh(2 * x),
     "tanh(8 {})": lambda x: np.tanh(8 * x),
     "log(1 + |{}|)": lambda x: np.log1p(np.abs(x)),
@@ -34,7 +36,7 @@ BENDS = {
     "sin(3 {})": lambda x: np.sin(3 * x),
     "1/(1 + ({})²)": lambda x: 1 / (1 + x**2),
 }
-JOINS = {
+JOINS: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
     "({} + {})": np.add,
     "({} - {})": np.subtract,
     "{}/(1 + |{}|)": lambda x, y: x / (1 + np.abs(y)),
@@ -117,11 +119,11 @@ def _lag(text: str, curve: Curve, rng: np.random.Generator) -> tuple[str, Curve]
     return f"lag[{tau_s:.3g} s]({text})", lambda s: lagged(s.t, curve(s), tau_s)
 
 
-def _bent(bend, curve: Curve) -> Curve:
+def _bent(bend: Callable[[np.ndarray], np.ndarray], curve: Curve) -> Curve:
     return lambda s: bend(curve(s))
 
 
-def _joined(join, first: Curve, second: Curve) -> Curve:
+def _joined(join: Callable[[np.ndarray, np.ndarray], np.ndarray], first: Curve, second: Curve) -> Curve:
     return lambda s: join(first(s), second(s))
 
 

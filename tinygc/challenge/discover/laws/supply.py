@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from session.common.units import DEG
@@ -38,7 +40,7 @@ def sag_recovery(scene: Scene) -> Concealment:
     )
 
 
-def _clock(scene: Scene):
+def _clock(scene: Scene) -> tuple[Callable[[np.ndarray], np.ndarray], dict]:
     """Whether the load is on at times t (N,) s, and its parameters."""
     period_s, duty, phase = scene.rng.uniform(*PERIOD_S), scene.rng.uniform(*DUTY), scene.rng.uniform()
     return lambda t: ((t / period_s + phase) % 1 < duty).astype(float), {"period_s": period_s, "duty": duty, "phase": phase}

@@ -118,8 +118,9 @@ def sentences(scores: list[LawScore]) -> list[str]:
     w = t["with_law"]
     lines = [
         f"{w['sessions']} sessions hide a law: {w['found']} found, {w['catalogue equal']} given names of the catalogue that are "
-        f"numerically equal, {w['ambiguous']} ambiguous ({t['ambiguous_with_equal']} with a law on the list that is numerically equal), {w['wrong']} "
-        f"wrong ({t['far']} of them far: correlation at most {FAR:g}), {w['missed']} missed ({t['misnamed']} of them under other names)",
+        f"numerically equal, {w['ambiguous']} ambiguous ({t['ambiguous_with_equal']} with a law on the list that is numerically equal), "
+        f"{w['wrong']} wrong ({t['far']} of them far: correlation at most {FAR:g}), {w['missed']} missed ({t['misnamed']} of them under "
+        "other names)",
         *(
             f"{t[kind]['sessions']} hide {'nothing' if kind == 'nothing' else title}: {t[kind]['invented']} with an invented law, "
             f"{t[kind]['ambiguous']} ambiguous"

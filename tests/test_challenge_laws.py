@@ -53,7 +53,7 @@ def by_hand(name, rate=None, force=None, temp=None, dt_s=0.01, count=3000):
 
 @pytest.mark.parametrize("name", sorted(LAWS))
 def test_each_law_is_finite_bends_the_rate_fades_and_is_seeded(name, signals):
-    t, rate, force, temp = signals
+    rate = signals[1]
     strong, weak = ((law(name, 5, strength).distort(*signals) - rate) for strength in (1.0, 0.2))
     assert strong.shape == rate.shape
     assert np.isfinite(strong).all()
@@ -142,7 +142,7 @@ def _fitted(rate, other):
 
 def test_magnetic_zero_turns_with_the_body():
     """Half a turn about the vertical turns the field's horizontal part round, and leaves its dip."""
-    truth, t, added = by_hand("law.magnetic_zero", rate=[0, 0, np.pi / 29.99])
+    truth, _, added = by_hand("law.magnetic_zero", rate=[0, 0, np.pi / 29.99])
     field = np.linalg.solve(np.array(truth["matrix_rps"]), added[[0, -1]].T).T
     assert field[:, 2] == pytest.approx(-np.sin(truth["dip_rad"]), abs=1e-9)
     assert field[1, :2] == pytest.approx(-field[0, :2], abs=1e-6)
@@ -150,7 +150,7 @@ def test_magnetic_zero_turns_with_the_body():
 
 
 def test_magnetic_induction_is_the_slope_of_the_field():
-    truth, t, added = by_hand("law.magnetic_induction", rate=[0.3, -0.2, 0.5])
+    _, t, added = by_hand("law.magnetic_induction", rate=[0.3, -0.2, 0.5])
     moved = seen_by_body(np.array([0.0, 0.0, 1.0]), t, np.tile([0.3, -0.2, 0.5], (len(t), 1)), np.tile([0, 0, G], (len(t), 1)))
     slope = np.gradient(moved, t, axis=0)
     assert slope[5:-5] == pytest.approx(np.cross(moved, [0.3, -0.2, 0.5])[5:-5], abs=1e-4)
@@ -225,7 +225,7 @@ def test_package():
     assert added[0] == pytest.approx(25 * np.array(truth["rps_per_c2"]))
     truth, t, added = by_hand("law.warm_gravity", force=[0, 0, -G], temp=lambda t: np.full(len(t), start + 2))
     assert added[0] == pytest.approx([0, 0, -2 * truth["rps_per_g_c"][2]])
-    truth, t, added = by_hand("law.warm_square", rate=[-FULL_SCALE / 2, 0, 0], temp=lambda t: np.full(len(t), start + 2))
+    truth, _, added = by_hand("law.warm_square", rate=[-FULL_SCALE / 2, 0, 0], temp=lambda t: np.full(len(t), start + 2))
     assert added[0] == pytest.approx([truth["rps_per_c_at_fs"][0] / 2, 0, 0])
 
 
@@ -237,7 +237,7 @@ def test_rectification():
     assert added[0] == pytest.approx(np.array(truth["at_fs"]) * FULL_SCALE * [0.2, 0.17, 0.05])
     truth, _, added = by_hand("law.cross_cube", rate=rate)
     assert added[0] == pytest.approx(np.array(truth["at_fs"]) * FULL_SCALE * [0.008, 0.064, 0.001])
-    truth, t, added = by_hand("law.rectified_acceleration", rate=np.outer(np.arange(3000) * 0.01, [0.3, -0.4, 0]))
+    truth, _, added = by_hand("law.rectified_acceleration", rate=np.outer(np.arange(3000) * 0.01, [0.3, -0.4, 0]))
     assert added[10] == pytest.approx(0.5 * np.array(truth["s"]))
     truth, _, added = by_hand("law.anisoelastic", force=[G, 2 * G, 3 * G])
     assert added[0] == pytest.approx(np.array(truth["rps_per_g2"]) * [6, 3, 2])
@@ -267,7 +267,7 @@ def test_chance():
 
 
 def test_drawn_laws_have_the_chosen_size_beyond_a_linear_calibration(signals):
-    t, rate, force, temp = signals
+    t, rate = signals[:2]
     inside = t >= 0
     for seed in range(12):
         hidden = law("law.random", seed)

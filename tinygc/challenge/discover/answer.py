@@ -1,4 +1,4 @@
-"""What was said of a session, as a curve: what its laws, or the names of the catalogue, add to the rate of the session as it is loaded."""
+"""What was said of a session, as a curve: what its laws, or the names of the catalogue, add to the rate of a movement."""
 
 from __future__ import annotations
 

@@ -17,7 +17,6 @@ from tinygc.challenge.discover.score import LawScore, score_law
 from tinygc.challenge.discover.tables import totals
 from tinygc.challenge.discover.truth import ALL, added_rate
 from tinygc.challenge.examine import OPENED, PROCESSES, SESSIONS, explained, hide, new_folder
-from tinygc.challenge.on_recording.recording import recording_of
 from tinygc.challenge.worker import SEARCH
 
 #: the copies in which the workers search and write, below the sessions; where their laws are kept
@@ -76,8 +75,7 @@ def _copy(folder: Path, name: str) -> Path:
 
 
 def _scored(case: Case, truth: dict, said: dict, copy: Path) -> LawScore:
-    (movement,) = recording_of(copy).movements
-    return score_law(case.name, truth, said, movement, added_rate(case), copy / EXPLAIN)
+    return score_law(case.name, truth, said, added_rate(case), copy / EXPLAIN)
 
 
 def to_json(result: LawExamination) -> dict:
@@ -90,7 +88,6 @@ def to_json(result: LawExamination) -> dict:
             each.name: {
                 "truth": result.truth[each.name],
                 "verdict": result.said[each.name]["verdict"],
-                "discovery": result.said[each.name].get("discovery"),
                 "score": vars(each) | {"kind": each.kind},
             }
             for each in result.scores

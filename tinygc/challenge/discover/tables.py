@@ -21,9 +21,8 @@ def law_tables(result: LawExamination) -> Group:
 
 
 def _by_strength(scores: list[LawScore]) -> Table:
-    table = Table(
-        "strength", "sessions", *WITH_LAW, "correlation", "excess gone", "s", title="laws that stand in no catalogue, by strength"
-    )
+    heads = (outcome.replace("_", " ") for outcome in WITH_LAW)
+    table = Table("strength", "sessions", *heads, "correlation", "excess gone", "s", title="laws that stand in no catalogue, by strength")
     hidden = [each for each in scores if each.law is not None]
     for strength in (*STRENGTHS, None):
         group = hidden if strength is None else [each for each in hidden if each.strength == strength]
@@ -44,7 +43,7 @@ def _by_law(scores: list[LawScore]) -> Table:
 
 
 def _letter(score: LawScore) -> str:
-    letter = "=" if score.outcome == "catalogue equal" else score.outcome[0]
+    letter = "=" if score.outcome == "catalogue_equal" else score.outcome[0]
     return f"{letter}+" if score.kind == "beside" else letter
 
 
@@ -117,7 +116,7 @@ def sentences(scores: list[LawScore]) -> list[str]:
     t = totals(scores)
     w = t["with_law"]
     lines = [
-        f"{w['sessions']} sessions hide a law: {w['found']} found, {w['catalogue equal']} given names of the catalogue that are "
+        f"{w['sessions']} sessions hide a law: {w['found']} found, {w['catalogue_equal']} given names of the catalogue that are "
         f"numerically equal, {w['ambiguous']} ambiguous ({t['ambiguous_with_equal']} with a law on the list that is numerically equal), "
         f"{w['wrong']} wrong ({t['far']} of them far: correlation at most {FAR:g}), {w['missed']} missed ({t['misnamed']} of them under "
         "other names)",

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.common.units import DEG
+from session.log.samples import Samples
 from tinygc.challenge.cases import Case
 from tinygc.challenge.conceal import MAKERS, drawn
 from tinygc.challenge.discover.laws.table import LAWS
+from tinygc.effects import Conditions, Movement, movement_of
 from tinygc.simulation import sensor
 from tinygc.simulation.options import GYRO_LPF2_HZ
 from tinygc.simulation.simulate import fine_grid, true_signals, unit_of
@@ -19,10 +22,10 @@ ALL = {**MAKERS, **LAWS}
 
 @dataclass(frozen=True, eq=False)
 class AddedRate:
-    """At the recorded samples: the true rate (N, 3), what the laws add (N, 3), zero where none is hidden, and what effects of the
-    catalogue add after it, by id; rad/s, behind the chip's low-pass."""
+    """At the recorded samples, behind the chip's low-pass: the true movement, without noise and without what is hidden of the rate; what
+    the law adds (N, 3), zero where none is hidden, and what effects of the catalogue add after it, by id; rad/s."""
 
-    rate: np.ndarray
+    movement: Movement
     law: np.ndarray
     catalogue: dict[str, np.ndarray]
 
@@ -34,10 +37,12 @@ def added_rate(case: Case) -> AddedRate:
     t, factor, run_up = fine_grid(unit.odr_hz, int(np.ceil(plan.log_s * unit.odr_hz)))
     rate, force, temp = true_signals(options, unit, plan, t)
 
-    def sampled(values: np.ndarray) -> np.ndarray:
-        bandwidth, no_noise = GYRO_LPF2_HZ[options.odr_hz], np.random.default_rng(0)
-        return sensor.low_pass(values, bandwidth, 0.0, unit.odr_hz, factor, no_noise)[run_up:]
+    def sampled(values: np.ndarray, hz: float = GYRO_LPF2_HZ[options.odr_hz]) -> np.ndarray:
+        return sensor.low_pass(values, hz, 0.0, unit.odr_hz, factor, np.random.default_rng(0))[run_up:]
 
+    felt = force
+    for one in hidden:
+        felt = felt if one.disturb is None else one.disturb(t, felt)
     law, catalogue, now = np.zeros((len(t) // factor - run_up, 3)), {}, rate
     for one in hidden:
         if one.distort is None:
@@ -48,4 +53,11 @@ def added_rate(case: Case) -> AddedRate:
         else:
             catalogue[one.id] = sampled(after - now)
         now = after
-    return AddedRate(sampled(rate), law, catalogue)
+    samples = Samples(
+        np.rint(1e9 * t[run_up * factor :: factor]).astype(np.int64),
+        sampled(rate),
+        sampled(felt, sensor.ACCEL_BANDWIDTH_ODR * unit.odr_hz),
+        temp[run_up * factor :: factor],
+    )
+    known = Conditions(plan.log_s, options.gyro_fs_dps * DEG, options.temperature_start_c)
+    return AddedRate(movement_of(samples, samples.gyro, known), law, catalogue)

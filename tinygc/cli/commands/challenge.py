@@ -20,10 +20,11 @@ CASES = 40
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument(
+    kind = command.add_mutually_exclusive_group()
+    kind.add_argument(
         "--on", type=path_read, metavar="DIR", help="conceal effects in this recording, and say from what size on it tells each"
     )
-    command.add_argument(
+    kind.add_argument(
         "--discover", action="store_true", help="examine the search for laws that stand in no catalogue, which the sessions hide"
     )
     command.add_argument("--cases", type=count(1), metavar="N", help=f"sessions ({CASES}; with --on as many as it takes)")

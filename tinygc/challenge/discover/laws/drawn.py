@@ -17,6 +17,7 @@ from tinygc.challenge.rate_effects import shaking
 SIZES = (0.05 * DEG, 0.3 * DEG)
 #: of its own rms must be beyond a linear calibration: else it is hardly a law
 LEAST_BEYOND = 0.2
+PLAIN = ("f", "T", "t", "a")
 FACTORS = ((1, 2, 3), (0.35, 0.45, 0.2))
 BENT = 0.55  #: share of the factors that are bent
 AXES = {"all": 0.6, "one": 0.25, "two": 0.15}
@@ -46,12 +47,14 @@ JOINED = 0.25  #: share of the factors that join two signals
 
 
 def draw_expression(rng: np.random.Generator) -> tuple[str, Curve]:
-    """Its text and its curve: drawn until a trial movement shows enough of it beyond a linear calibration."""
+    """Its text and its curve: drawn until a trial movement shows enough of it beyond a linear calibration, and beyond a zero that follows
+    force, temperature, time or angular acceleration, which every catalogue has."""
     trial = _trial_movement()
+    plain = np.hstack([trial.rate, *(LEAVES[name](trial) for name in PLAIN)])
     while True:
         text, curve = _product(rng)
         values = np.broadcast_to(curve(trial), trial.rate.shape)
-        if np.isfinite(values).all() and rms(values) > 0 and rms(beyond_linear(trial.rate, values)) > LEAST_BEYOND * rms(values):
+        if np.isfinite(values).all() and rms(values) > 0 and rms(beyond_linear(plain, values)) > LEAST_BEYOND * rms(values):
             return text, curve
 
 

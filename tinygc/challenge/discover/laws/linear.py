@@ -6,7 +6,7 @@ import numpy as np
 
 
 def beyond_linear(rate: np.ndarray, added: np.ndarray) -> np.ndarray:
-    """(N, 3): what is left of ``added`` (N, 3) when a constant and the rate (N, 3) are regressed out, axis by axis."""
+    """(N, 3): what is left of ``added`` (N, 3) when a constant and the rate (N, 3), or further columns, are regressed out, axis by axis."""
     known = np.column_stack([np.ones(len(rate)), rate])
     # Normal equations: a few columns of like size, and hundreds of thousands of rows.
     scale = np.abs(known).max(axis=0)

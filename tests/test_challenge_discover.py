@@ -1,5 +1,6 @@
 """The examination of the search for laws: what is drawn, what its truth adds, how answers are scored, and that nothing leaks."""
 
+import io
 import json
 import shutil
 import sys
@@ -216,6 +217,17 @@ def test_a_law_at_its_strength_not_its_neighbour_s(tmp_path):
     assert scored(truth, true, said(), tmp_path).strength == 1.0
 
 
+def test_vibration_as_the_accelerometer_passes_it_is_vibration_enough():
+    """A law of the vibration is asked for what the log shows of it, not for what the chip's low-pass hides."""
+    one = case("law.vibration_scale")
+    truth, true = truth_of(one)
+    moved = true.movement
+    assert (
+        correlation(true, truth["effects"], truth["effects"]["law.vibration_scale"]["per_g2"] * moved.rate * moved.vibration_g2[:, None])
+        > 0.999
+    )
+
+
 # From end to end
 
 
@@ -251,8 +263,7 @@ def test_the_table_and_the_json_are_whole(small):
     assert table["schema"] == "tinygc-discover-challenge/1"
     assert not strangers(table)
     assert {path.name for path in folder.iterdir()} <= set(CODE.findall(section("`tinygc-discover-challenge/1`")))
-    console = Console(width=200, record=True, file=None, quiet=True)
-    console.print(law_tables(result))
+    assert law_tables(result).renderables
     assert sum(table["totals"]["with_law"][outcome] for outcome in ("wrong", "found")) == table["totals"]["with_law"]["sessions"]
     assert all(each.equations == ("w += c x",) for each in result.scores)
 
@@ -262,7 +273,7 @@ def test_found_laws_are_in_the_tables(product, tmp_path):
     found = scored(truth, true, said(law_said(write_law(tmp_path), truth["effects"]["law.rate_product"]["at_fs"])), tmp_path)
     scores = [found, replace(found, strength=0.5, outcome="missed"), replace(found, law=None, hidden=(), outcome="invented")]
     result = examination.LawExamination(1, "0", scores, {}, {})
-    console = Console(width=200, record=True, quiet=True)
+    console = Console(width=200, record=True, file=io.StringIO())
     console.print(law_tables(result))
     told = console.export_text()
     assert "rate_product" in told

@@ -216,14 +216,14 @@ def test_memory():
 
 def test_package():
     start, warm = OPTIONS.temperature_start_c, 10.0
-    truth, t, added = by_hand("law.temperature_rate", temp=lambda t: start + 0.1 * t)
+    truth, _, added = by_hand("law.temperature_rate", temp=lambda t: start + 0.1 * t)
     assert added[5] == pytest.approx(0.1 * np.array(truth["rps_per_cps"]))
-    truth, t, added = by_hand("law.package_strain", temp=lambda t: start + 0.1 * t)
+    truth, _, added = by_hand("law.package_strain", temp=lambda t: start + 0.1 * t)
     tau_s = truth["tau_s"]
     assert added[2000] == pytest.approx(np.array(truth["rps_per_c"]) * 0.1 * tau_s * -np.expm1(-20 / tau_s), rel=1e-2)
-    truth, t, added = by_hand("law.temperature_curve", temp=lambda t: np.full(len(t), start + warm))
+    truth, _, added = by_hand("law.temperature_curve", temp=lambda t: np.full(len(t), start + warm))
     assert added[0] == pytest.approx(25 * np.array(truth["rps_per_c2"]))
-    truth, t, added = by_hand("law.warm_gravity", force=[0, 0, -G], temp=lambda t: np.full(len(t), start + 2))
+    truth, _, added = by_hand("law.warm_gravity", force=[0, 0, -G], temp=lambda t: np.full(len(t), start + 2))
     assert added[0] == pytest.approx([0, 0, -2 * truth["rps_per_g_c"][2]])
     truth, _, added = by_hand("law.warm_square", rate=[-FULL_SCALE / 2, 0, 0], temp=lambda t: np.full(len(t), start + 2))
     assert added[0] == pytest.approx([truth["rps_per_c_at_fs"][0] / 2, 0, 0])

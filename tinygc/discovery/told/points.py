@@ -85,13 +85,12 @@ def of_turns(e: Explanation, pair: Pair, series: Series) -> Points:
     """What turns ask for: dps about the axis, or degrees along what the law makes of their closure."""
     law, other, form = pair.own, pair.other, pair.law.form
     entries, beside = list(series.entries), other_of(form)
-    noise = law.whiten.sigma[law.whiten.parts["closure"]].reshape(len(e.twin.segments), -1)
     said = law.adds.closure[:, :, entries] @ law.theta[entries]
     angles = [said + law.left.closure, law.left.closure, *([] if other is None else [other.left.closure])]
     if not has_curve(form) or (beside is not None and beside.quantity not in SLOW):
-        return _along_law(series, said, angles, noise)
+        return _along_law(series, said, angles, e.twin.problem.floor.sigma)
     of_samples = law.replay.sensitivity[:, :, :, series.axis]
-    share, sigma = projector(of_samples.sum(axis=1), noise)
+    share, sigma = projector(of_samples.sum(axis=1), e.twin.problem.floor.sigma)
     weight = np.einsum("sd,std->st", share, of_samples)
     movements = _movements(e, law)
 

@@ -11,7 +11,7 @@ from tinygc.effects import catalogue
 from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.naming.evidence import Evidence, Guess
 from tinygc.explanation.naming.naming import probabilities, rivals_of
-from tinygc.explanation.naming.search import _improved, search
+from tinygc.explanation.naming.search import without_idle, search
 from tinygc.explanation.noise.components import STILL_RATE, TURN, WANDER
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
@@ -82,8 +82,8 @@ def test_a_needless_effect_is_taken_out_again_and_the_others_stay(evidence_of):
     more = hypothesis(evidence, G_SENSITIVITY, ASYMMETRY, "gyro.scale_nonlinearity")
     assert more.fit.chi_square < true.fit.chi_square + 1  # it fits no worse, and is paid for
     assert more.score > true.score
-    assert _improved(evidence, more).ids == true.ids
-    assert _improved(evidence, true) is true
+    assert without_idle(evidence, more).ids == true.ids
+    assert without_idle(evidence, true) is true
 
 
 # Noise and names

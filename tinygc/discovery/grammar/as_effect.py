@@ -18,7 +18,7 @@ def columns_of(form: Form, movement: Movement) -> np.ndarray:
     """(N, 3, P): what one rad/s of each coefficient adds."""
     values = {factor: factor.values(movement) for factor in form.factors}
     terms = form.terms()
-    found = np.zeros((len(movement.t_s), 3, len(terms)))
+    found = np.zeros((len(movement.rate), 3, len(terms)))
     for number, term in enumerate(terms):
         product = 1.0
         for factor, component in term.parts:

@@ -48,7 +48,7 @@ def search(
         if not found:
             break
         found.sort(key=lambda h: h.score)
-        ahead = _improved(evidence, found[0])
+        ahead = without_idle(evidence, found[0])
         if ahead.score >= best.score:
             break
         best = ahead
@@ -122,7 +122,7 @@ def guesses(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[G
     return sorted((evidence.guess(have, add=effect) for effect in ranked(evidence, tried, have)), key=lambda g: g.score)
 
 
-def _improved(evidence: Evidence, best: Hypothesis) -> Hypothesis:
+def without_idle(evidence: Evidence, best: Hypothesis) -> Hypothesis:
     """Without those effects that others have made needless."""
     while len(best.effects) > 1:
         several = sum(map(_delays, best.effects)) > 1  # they stand for one another
@@ -152,7 +152,7 @@ def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypo
         ahead = min([*trials, best], key=lambda h: h.score)
         if ahead is best:
             break
-        best = _improved(evidence, ahead)
+        best = without_idle(evidence, ahead)
     return best
 
 

@@ -151,8 +151,12 @@ class Twin:
 
     @cached_property
     def _means(self) -> list[StillMeans]:
-        counts = [None] * len(self.problem.logs) if self._thinnings is None else [each.counts for each in self._thinnings]
-        return [StillMeans([still for number, still in self.stills if number == log], each) for log, each in enumerate(counts)]
+        logs = range(len(self.problem.logs))
+        return [StillMeans([still for number, still in self.stills if number == log], self.counts(log)) for log in logs]
+
+    def counts(self, log: int) -> np.ndarray | None:
+        """(N,) readings that each row of a log stands for, None where that is one."""
+        return None if self._thinnings is None else self._thinnings[log].counts
 
     def _earth_in_stills(self, state: State) -> np.ndarray:
         return self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)

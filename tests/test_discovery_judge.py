@@ -1,0 +1,183 @@
+"""The judge of laws: what it puts away is untouched, a law that is there is found, and what noise makes is not said."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from simulated_twins import make_twin_of
+
+from session.common.units import DEG
+from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.judge import discover as judge
+from tinygc.discovery.judge.added import beside_calibration, correlation
+from tinygc.discovery.judge.held_out import Unseen
+from tinygc.discovery.judge.parts import RUN, parted, without
+from tinygc.discovery.judge.weigh import FormEvidence
+from tinygc.explanation.noise.components import components_of
+from tinygc.explanation.noise.undersampling import undersampling
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.verdict.explain import explain_session
+from tinygc.simulation.options import SimulationOptions
+
+twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
+FS_RPS = 500 * DEG
+PRODUCT = Form((Factor("rate"), Factor("rate")), "next")
+ROOT = Form((Factor("rate", "root_cube"),))
+FORCE = Form((Factor("force", "square"),), "full")
+#: forms for a search of a second or so: the law, what is near it, and some that have nothing to do with it
+FORMS = [
+    *(Form((Factor("rate", name),)) for name in ("signed_square", "cube", "root_cube", "square", "size", "signed_root")),
+    *(Form((Factor(name, "square"),)) for name in ("acceleration", "force", "temperature", "time")),
+    PRODUCT,
+    FORCE,
+    Form((Factor("temperature"), Factor("rate"))),
+    Form((Factor("rate", "sign"),)),
+]
+
+
+def rectifying(t_s, rate, force, temp_c, size=1.0):
+    """Two axes that turn together make the third read."""
+    return rate + size * np.array([0.02, -0.015, 0.01]) * np.roll(rate, -1, axis=1) * np.roll(rate, -2, axis=1) / FS_RPS
+
+
+@pytest.fixture(scope="module")
+def plain(twin_of):
+    """A twin of 24 turns with nothing wrong."""
+    return twin_of(None, segments=24)[0]
+
+
+def test_what_is_put_away_is_a_third_and_nothing_of_it_is_seen(plain):
+    shares = []
+    for seed in range(6):
+        split = parted(plain.problem, seed)
+        seen = {id(still) for segment in split.seen.used for still in segment.stills}
+        away = [plain.segments[i] for i in split.parts]
+        inner = [still for segment in away for still in segment.stills if id(still) not in seen]
+        references = {(still.start, still.stop) for log in split.seen.logs for still in log.stills if still.problem is None}
+        assert not references & {(still.start, still.stop) for still in inner}
+        assert len(inner) >= (RUN - 1) * (len(away) // RUN)
+        assert len(split.seen.used) + len(away) == len(plain.segments)
+        shares.append(len(away) / len(plain.segments))
+    assert np.mean(shares) == pytest.approx(1 / 3, abs=0.02)
+
+
+def test_of_several_recordings_one_is_put_away_whole(plain):
+    """Each log of two has turns of its own; the one that is left out is not searched at all."""
+    used = plain.problem.used
+    half = {id(segment): replace(segment, log=int(i >= 12)) for i, segment in enumerate(used)}
+    segments = [half.get(id(segment), segment) for segment in plain.problem.segments]
+    problem = plain.problem.changed(segments=segments, logs=[plain.problem.logs[0]] * 2)
+    split = parted(problem, 0)
+    logs = [problem.used[i].log for i in split.recording]
+    assert logs == [split.log] * 12
+    assert not set(split.parts) & set(split.recording)
+    assert all(problem.used[i].log != split.log for i in split.parts)
+
+
+def test_a_problem_without_some_turns_is_the_same_problem_elsewhere(plain):
+    """Its twin closes the turns that stay as the whole one does, and its noise has the rows of theirs."""
+    held = np.zeros(24, dtype=bool)
+    held[6:10] = True
+    part = Twin(without(plain.problem, held))
+    whole, fewer = (twin.residuals(twin.start()) for twin in (plain, part))
+    np.testing.assert_allclose(fewer.closure, whole.closure[~held], atol=1e-12)
+    still = np.ones(len(plain.stills), dtype=bool)
+    still[7:10] = False  # the stills between two turns that go
+    np.testing.assert_allclose(fewer.still, whole.still[still], atol=1e-12)
+    sizes = (2 * 20, 3 * 22, 22)
+    assert {component.V.shape for component in components_of(part, sizes, undersampling(part)) if hasattr(component.V, "shape")} <= {
+        (sum(sizes), sum(sizes))
+    }
+
+
+def test_neighbours_across_a_gap_share_no_still(plain):
+    held = np.zeros(24, dtype=bool)
+    held[6:10] = True
+    floor = without(plain.problem, held).floor
+    assert np.all(floor.shared[5] == 0)
+    np.testing.assert_array_equal(floor.shared[4], plain.problem.floor.shared[4])
+    np.testing.assert_array_equal(floor.shared[6], plain.problem.floor.shared[10])
+
+
+def test_what_a_calibration_takes_up_does_not_make_two_laws_alike(plain):
+    movement = plain.movements[0]
+    rate = movement.rate
+    scale, law = 0.01 * rate + 0.02, rate * np.abs(rate)
+    assert correlation(beside_calibration(law, [movement]), beside_calibration(law + scale, [movement])) == pytest.approx(1)
+    assert np.abs(beside_calibration(scale, [movement])).max() < 1e-12
+    assert abs(correlation(beside_calibration(law, [movement]), beside_calibration(np.roll(law, 1, axis=1), [movement]))) < 0.5
+
+
+@pytest.fixture(scope="module")
+def weighed(twin_of):
+    """Evidence of the seen part of a session in which two axes make the third read, and what it did not see."""
+    whole = twin_of(rectifying, segments=24)[0]
+    split = parted(whole.problem, 1)
+    evidence = FormEvidence(Twin(split.seen))
+    return evidence, Unseen(whole, evidence.twin), split
+
+
+def test_a_law_holds_on_what_was_put_away_and_a_wrong_one_does_not(weighed):
+    evidence, unseen, split = weighed
+    right, wrong = (evidence.of((evidence.effect_of(form),), evidence.nothing) for form in (PRODUCT, FORCE))
+    held = unseen.judged(evidence.nothing, right, split.parts)
+    assert held.p_value < 0.01
+    assert held.removed > 0.97
+    assert held.after_rad < 1.5 * held.floor_rad < held.before_rad
+    worse = unseen.judged(evidence.nothing, wrong, split.parts)
+    assert worse.p_value > 0.05
+    assert worse.removed < 0.5
+
+
+def test_a_form_pays_for_its_bits(weighed):
+    evidence = weighed[0]
+    plain, sharp = (evidence.effect_of(Form((factor,))) for factor in (Factor("rate", "cube"), Factor("rate", "dead_zone", 0.1)))
+    assert evidence.price(sharp) > evidence.price(plain)
+    assert evidence.unpriced(evidence.of((plain,), evidence.nothing)) < evidence.of((plain,), evidence.nothing).score
+
+
+@pytest.fixture(scope="module")
+def discovered(simulated_with):
+    """``discovered(distort, …)``: the answer of a search over ``FORMS`` alone."""
+
+    def search(distort, **options):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(judge, "enumerated", lambda largest: FORMS)
+            return judge.discover(explain_session(simulated_with(distort, **options)))
+
+    return search
+
+
+@pytest.fixture(scope="module")
+def simulated_with(tmp_path_factory):
+    from tinygc.simulation.write import write_session
+
+    def make(distort, **options):
+        chosen = SimulationOptions(**{"segments": 24, "closure_s": 0.0, "seed": 3, "odr_hz": 104.0, **options})
+        return write_session(chosen, tmp_path_factory.mktemp("law") / "session", distort=distort)
+
+    return make
+
+
+@pytest.mark.slow
+def test_a_law_that_no_catalogue_has_is_found(discovered):
+    answer = discovered(rectifying)
+    assert answer.verdict == "found"
+    (law,) = answer.laws
+    assert law.form == PRODUCT
+    error = law.theta / FS_RPS - np.array([0.02, -0.015, 0.01])
+    sigma = np.sqrt(np.diag(law.covariance)) / FS_RPS
+    assert np.all(np.abs(error) < 4 * sigma)
+    assert np.all(sigma < 0.002)
+    assert law.chance_p < 1e-6
+    assert law.held_out[0].removed > 0.97
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("distort", [None, partial(rectifying, size=0.003)], ids=["nothing", "far below the noise"])
+def test_what_is_not_there_is_not_said(discovered, distort):
+    answer = discovered(distort)
+    assert answer.verdict == "none"
+    assert not answer.laws
+    assert answer.why

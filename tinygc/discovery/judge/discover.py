@@ -1,0 +1,79 @@
+"""The search for an equation, from an explanation to an answer.
+
+1. A third of the turns and stills is put away (``parts``); what follows sees the rest alone.
+2. The catalogue has its say first: the hypothesis of its effects with the most evidence.
+3. All forms of the grammar are screened beside it, and beside nothing at all: a name may have stood in for the law (``search``).
+4. The best are sharpened, weighed with the noise estimated anew, and refitted exactly; names that the law has made idle go.
+5. A second law may stand beside the first.
+6. Each law is judged (``verdict``); what is left is refitted on all that was recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from tinygc.discovery.grammar.enumeration import enumerated
+from tinygc.discovery.grammar.largest import largest_of
+from tinygc.discovery.judge.answer import Discovery
+from tinygc.discovery.judge.held_out import Unseen
+from tinygc.discovery.judge.parts import parted
+from tinygc.discovery.judge.search import Found, with_a_form
+from tinygc.discovery.judge.verdict import Searched, answer
+from tinygc.discovery.judge.weigh import FormEvidence
+from tinygc.effects import Effect
+from tinygc.explanation.naming.candidates import candidates
+from tinygc.explanation.naming.evidence import Hypothesis
+from tinygc.explanation.naming.search import exchanged, search, without_idle
+from tinygc.explanation.naming.unknown import slow_candidates
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.verdict.explain import Explanation
+
+#: laws of one answer: a third has been right in no session of benchmarks/discover.py
+MOST_LAWS = 2
+#: names that a law may uncover
+MOST_NAMES = 2
+#: shapes without a name that are tried in the place of a law
+MOST_SHAPES = 2
+#: what is told of progress: steps of the whole
+STEPS = 7
+
+
+def discover(
+    explanation: Explanation,
+    *,
+    seed: int = 0,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+) -> Discovery:
+    """Search a session's remainder for the equation that was left out; the explanation says what its catalogue names.
+
+    seed: of what is put away, and of what chance draws.
+    """
+    whole = explanation.twin
+    split = parted(whole.problem, seed)
+    twin = Twin(split.seen)
+    progress("discover: the catalogue on what is seen", 0, STEPS)
+    evidence, tried = FormEvidence(twin), candidates(twin)
+    begin = evidence.of(tuple(named.effect for named in explanation.naming.named), evidence.nothing)
+    start = min(begin, evidence.nothing, key=lambda h: h.score)
+    catalogue = exchanged(evidence, tried, search(evidence, tried, start))
+    shapes = search(evidence, slow_candidates(twin), catalogue, most=MOST_SHAPES)
+    forms = enumerated(largest_of(twin.movements))
+    bases = [catalogue, *([evidence.nothing] if catalogue.effects else [])]
+    rounds: list[Found] = []
+    best = catalogue
+    while len(rounds) < MOST_LAWS:
+        step = 1 + 2 * len(rounds)
+        found = with_a_form(evidence, forms, bases, seed, lambda what, at=step: progress(f"discover: {what}", at, STEPS))
+        rounds.append(found)
+        if found.best is None or found.best.score >= best.score:
+            break
+        best = _beside_names(evidence, tried, found.best)
+        bases = [best]
+    progress("discover: what was put away", STEPS - 2, STEPS)
+    searched = Searched(evidence, Unseen(whole, twin), split, catalogue, shapes, best, rounds, forms)
+    return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
+
+
+def _beside_names(evidence: FormEvidence, tried: list[Effect], have: Hypothesis) -> Hypothesis:
+    """The laws with the catalogue's effects that stand beside them: those that they have made idle go, those that they uncovered come."""
+    return without_idle(evidence, exchanged(evidence, tried, search(evidence, tried, without_idle(evidence, have), most=MOST_NAMES)))

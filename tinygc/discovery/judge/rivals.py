@@ -1,0 +1,64 @@
+"""Which forms and names could stand in the law's place, by how much they are worse, and whether they add another rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tinygc.discovery.judge.added import added, beside_calibration, correlation
+from tinygc.discovery.judge.weigh import FORM, FormEvidence
+from tinygc.effects import Effect
+from tinygc.explanation.naming.evidence import Hypothesis
+from tinygc.explanation.naming.naming import STAND_IN
+from tinygc.explanation.naming.unknown import NAMELESS
+from tinygc.explanation.twin.twin import Twin
+
+#: -2 log evidence within which a rival is worth refitting exactly, beyond what is said: linear columns may misjudge it by as much
+MARGIN = 6.0
+#: refitted exactly, at most
+MOST_EXACT = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """effect in the law's place; hypothesis with it, None where only its linear columns were weighed; worse: -2 log evidence; correlation of
+    the whole rate that is added with the law's hypothesis', 0 where unknown."""
+
+    effect: Effect
+    hypothesis: Hypothesis | None
+    worse: float
+    correlation: float
+
+
+def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[Effect]) -> list[Rival]:
+    """Of the others, those that were weighed in the place of ``law`` and come nearest, the best first."""
+    rest = [other for other in others if other.id != law.id and other.id not in best.ids]
+    guessed = sorted(
+        ((evidence.guess(best, without=law, add=other).score, number) for number, other in enumerate(rest)), key=lambda g: g[0]
+    )
+    own, found = whole_added(evidence.twin, best), list[Rival]()
+    for place, (score, number) in enumerate(guessed):
+        other, hypothesis = rest[number], None
+        if place < MOST_EXACT and score < best.score + STAND_IN + MARGIN:
+            effects = (*(effect for effect in best.effects if effect is not law), other)
+            hypothesis = evidence.of(effects, best)
+            score = hypothesis.score
+        alike = 0.0 if hypothesis is None else correlation(own, whole_added(evidence.twin, hypothesis))
+        found.append(Rival(other, hypothesis, score - best.score, alike))
+    return sorted(found, key=lambda rival: rival.worse)
+
+
+def whole_added(twin: Twin, hypothesis: Hypothesis) -> np.ndarray:
+    """(N, 3) rad/s that all effects of a hypothesis add to the rate, beside what a calibration takes up."""
+    movements = twin.movements
+    total = np.zeros((sum(len(movement.t_s) for movement in movements), 3))
+    for claim in hypothesis.fit.state.claims:
+        if claim.effect.kind == "rate":
+            total += added(claim.effect, claim.theta, movements)
+    return beside_calibration(total, movements)
+
+
+def is_name(effect: Effect) -> bool:
+    """Whether it is a name of the catalogue, no form and no shape without a name."""
+    return not effect.id.startswith((FORM, NAMELESS))

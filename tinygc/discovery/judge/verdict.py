@@ -1,0 +1,190 @@
+"""What of a search is said: which laws stand, and what else each could be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tinygc.discovery.grammar.as_effect import as_effect
+from tinygc.discovery.grammar.bits import bits
+from tinygc.discovery.grammar.form import Form
+from tinygc.discovery.grammar.words import equation, splits, what
+from tinygc.discovery.judge.added import EQUAL
+from tinygc.discovery.judge.answer import Discovery, HeldOut, Law, RunnerUp
+from tinygc.discovery.judge.held_out import Unseen
+from tinygc.discovery.judge.parts import Parts
+from tinygc.discovery.judge.rivals import Rival, rivals
+from tinygc.discovery.judge.search import Found
+from tinygc.discovery.judge.weigh import FORM, FormEvidence, rms_of
+from tinygc.discovery.screen.learnable import learnable, learnable_from
+from tinygc.effects import Effect
+from tinygc.explanation.naming.evidence import Evidence, Hypothesis
+from tinygc.explanation.naming.naming import STAND_IN
+from tinygc.explanation.twin.layout import claim_slice
+from tinygc.explanation.verdict.explain import Explanation
+
+#: searches of which chance makes one as good, at most: benchmarks/discover.py states no law where none is hidden with it
+CHANCE = 0.01
+#: of chance, that what was put away improves as much: one-sided, as ``explain``'s own veto
+HELD_OUT_P = 0.05
+#: of the excess over the noise, that a law must take away where what it leaves is more than chance
+REMOVED = 0.9
+#: chance, below which what a law leaves is asked for by another form
+REMAINDER_P = 0.01
+#: runners-up that are told
+MOST_RUNNERS_UP = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """evidence of what was seen; unseen; split; catalogue: the best hypothesis of names; shapes: with shapes that have none; best: with
+    laws; rounds of the search; forms that were tried."""
+
+    evidence: FormEvidence
+    unseen: Unseen
+    split: Parts
+    catalogue: Hypothesis
+    shapes: Hypothesis
+    best: Hypothesis
+    rounds: list[Found]
+    forms: list[Form]
+
+    @property
+    def remainder_p(self) -> float:
+        """Probability that noise alone promises as much as what the laws leave; 0 where nobody has looked."""
+        last = self.rounds[-1]
+        if any(effect in self.best.effects for effect in last.tried):
+            return 0.0
+        return min((last.chance_p(effect) for effect in last.tried), default=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """One law of the best hypothesis: why it is refused, or None; rivals that add another rate, and those that add the same."""
+
+    law: Effect
+    form: Form
+    round: Found
+    better: float
+    chance_p: float
+    held_out: tuple[HeldOut, ...]
+    others: list[Rival]
+    same: list[Rival]
+    refused: str | None
+
+
+def answer(explanation: Explanation, searched: Searched, progress: Callable[[str], None]) -> Discovery:
+    """The answer of a search."""
+    evidence, best = searched.evidence, searched.best
+    progress("rivals")
+    judged = [_judged(searched, effect) for effect in best.effects if effect.id in evidence.forms]
+    first = searched.rounds[0].screening
+    common = {
+        "forms": len(searched.forms),
+        "distinct": len(searched.forms),
+        "chance_gain": first.chance.level(0.05),
+        "best_promise": float(first.tested.max()),
+    }
+    refused = next((each.refused for each in judged if each.refused), None)
+    if not judged or refused:
+        progress("what could have been found")
+        why = refused or "no form takes up more than its own description costs"
+        names = tuple(effect.id for effect in searched.catalogue.effects)
+        limits = learnable(first, searched.forms, evidence.twin.movements)
+        return Discovery("none", why, (), names, learnable=limits, **common)
+    names = tuple(effect.id for effect in best.effects if effect.id not in evidence.forms)
+    whole = _on_all(explanation, searched)
+    progress("from what size it could have been found")
+    laws = tuple(_law(searched, each, whole, number) for number, each in enumerate(judged))
+    several = next((each for each in judged if each.others), None)
+    why = "" if several is None else f"{len(several.others) + 1} forms of equal worth add different rates"
+    return Discovery("ambiguous" if several else "found", why, laws, names, **common)
+
+
+def _judged(searched: Searched, law: Effect) -> _Judged:
+    evidence, best = searched.evidence, searched.best
+    form = evidence.forms[law.id]
+    round_ = next(each for each in searched.rounds if any(effect.id == law.id for effect in each.tried))
+    without = evidence.of(tuple(effect for effect in best.effects if effect is not law), best)
+    found = rivals(evidence, best, law, round_.tried)
+    near = [rival for rival in found if rival.worse < STAND_IN and rival.hypothesis is not None]
+    chance_p = round_.chance_p(law)
+    split = searched.split
+    log = None if split.log is None else searched.unseen.whole.problem.session.logs[split.log].path.name
+    tests = (searched.unseen.judged(without, best, split.parts), searched.unseen.judged(without, best, split.recording, log))
+    held_out = tuple(test for test in tests if test is not None)
+    return _Judged(
+        law,
+        form,
+        round_,
+        without.score - best.score,
+        chance_p,
+        held_out,
+        [rival for rival in near if rival.correlation <= EQUAL],
+        [rival for rival in near if rival.correlation > EQUAL],
+        _refused(searched, without, chance_p, held_out),
+    )
+
+
+def _refused(searched: Searched, without: Hypothesis, chance_p: float, held_out: tuple[HeldOut, ...]) -> str | None:
+    """Why a law is not said, or None."""
+    best, evidence = searched.best, searched.evidence
+    if chance_p > CHANCE:
+        return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches"
+    if searched.catalogue.score < best.score + STAND_IN:
+        return f"names of the catalogue are of equal worth: {', '.join(sorted(searched.catalogue.ids)) or 'none at all'}"
+    if evidence.unpriced(searched.shapes) < evidence.unpriced(best) - STAND_IN:
+        return f"a shape without a law does better: {', '.join(sorted(searched.shapes.ids))}"
+    for test in held_out:
+        if test.p_value > HELD_OUT_P:
+            return f"the best form does not hold on what the search never saw (chance improves it as much with p = {test.p_value:.2g})"
+    removed = [test.removed for test in held_out if test.removed is not None]
+    remainder = searched.remainder_p
+    if removed and min(removed) < REMOVED and remainder < REMAINDER_P:
+        return f"the best form takes away {100 * min(removed):.0f} % of what is left out, and the rest is no noise"
+    return None
+
+
+def _on_all(explanation: Explanation, searched: Searched) -> Hypothesis:
+    """The best hypothesis, fitted to all that was recorded."""
+    evidence = Evidence(explanation.twin)
+    return evidence.of(searched.best.effects, evidence.nothing)
+
+
+def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) -> Law:
+    evidence, form = searched.evidence, judged.form
+    at = next(i for i, effect in enumerate(whole.effects) if effect is judged.law)
+    claims = whole.fit.state.claims
+    theta, part = claims[at].theta, claim_slice(claims, at)
+    covariance = whole.fit.covariance[part, part]
+    name = f"{FORM}{what(form)}" + (f"_{number + 1}" if number and what(form) == what(_form_of(searched, 0)) else "")
+    effect = as_effect(form, name, rms_of(form, evidence.twin.movements), equation(form))
+    return Law(
+        form,
+        effect,
+        theta,
+        covariance,
+        judged.round.constants_sigma.get(judged.law.id, ()),
+        bits(form),
+        float(theta @ np.linalg.solve(covariance, theta)),
+        judged.better,
+        judged.chance_p,
+        judged.held_out,
+        tuple(evidence.forms[rival.effect.id] for rival in judged.same),
+        tuple(_runner_up(evidence, rival) for rival in judged.others[:MOST_RUNNERS_UP]),
+        learnable_from(judged.round.screening, form, theta),
+    )
+
+
+def _form_of(searched: Searched, number: int) -> Form:
+    return searched.evidence.form_in(searched.best.effects)[number]
+
+
+def _runner_up(evidence: FormEvidence, rival: Rival) -> RunnerUp:
+    form = evidence.forms.get(rival.effect.id)
+    if form is None:
+        return RunnerUp(None, rival.effect, rival.worse, rival.correlation, rival.effect.splits)
+    effect = replace(rival.effect, id=f"{FORM}{what(form)}", equation=equation(form), splits=splits(form))
+    return RunnerUp(form, effect, rival.worse, rival.correlation, splits(form))

@@ -1,0 +1,131 @@
+"""From what size on this very search would have found a law here: the law's response is put into draws of this recording's own noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.common.units import DEG
+from tinygc.discovery.grammar.form import Form
+from tinygc.discovery.screen.alike import basis_of
+from tinygc.discovery.screen.looks import Look
+from tinygc.discovery.screen.passing import passed
+from tinygc.discovery.screen.plan import planned
+from tinygc.discovery.screen.responses import Responses
+from tinygc.discovery.screen.screening import Screening
+from tinygc.discovery.screen.weighing import price, promise, seen_directions
+from tinygc.explanation.naming.selection import FAMILY_WISE
+
+#: draws of noise that a law is put into: half of them is then known to a tenth
+DRAWS = 32
+#: a form has found the law if it can say so much of its response, squared: correlation 0.99
+SAID = 0.98
+#: forms that may stand in a law's place: those that promise most here, and those that say most of a plain law's response
+NEAR_LAW, NEAR_PROBE = 300, 40
+#: chi-square of a plain law at which its rivals are looked for
+RIVALS_AT = 60.0
+#: factors on a law's size that are tried, either way, and halvings between them: to 2 %
+MOST_FACTOR, HALVINGS = 64.0, 9
+#: rad/s rms: a law that adds more than this is no error of a gyroscope that works
+PLAUSIBLE_RPS = 5 * DEG
+#: and less than this, none that anybody looks for: a tenth of a degree an hour
+LEAST_RPS = 5e-7
+
+
+@dataclass(frozen=True, eq=False)
+class _Form:
+    """basis (m, r) of what a look sees of a form, its price, and whether it is the law itself."""
+
+    basis: np.ndarray
+    price: float
+    own: bool = False
+
+
+def learnable_factor(screening: Screening, form: Form, theta: np.ndarray, bits: float, seed: int) -> float | None:
+    """Factor on a law's size, theta (P,) in rad/s, from which this search would have found it in half of all cases; None: not at any.
+
+    Found is a law where the best of all forms is it, or says what it adds to a correlation of 0.99, and chance does as much in one case of
+    twenty.  bits: of the form.  Linear, beside the last look.
+    """
+    responses, look = screening.all_responses, screening.all_looks[-1]
+    response = responses.columns(form) @ theta
+    near = screening.order[:NEAR_LAW]
+    near = near[np.isfinite(screening.promise.max(axis=0)[near])]
+    rivals = list(_forms(screening, near, responses, look).values())
+    own = _Form(basis_of(form, responses, look), float(price(np.array([bits]), np.array([form.size]))[0]), own=True)
+    trial = _Trial(screening, look, look.whitened(response), look.seen(response), [own, *rivals], seed)
+    return _threshold(trial, 1 / MOST_FACTOR, MOST_FACTOR)
+
+
+def learnable_sizes(screening: Screening, seed: int) -> dict[str, float | None]:
+    """Of each quantity, the size from which a plain law of it would have been found: rad/s rms of what it adds beside a calibration; None:
+    at no plausible size."""
+    responses, look = screening.responses, screening.looks[-1]
+    near = [_rivals(screening, number) for number in range(len(screening.probes))]
+    if not near:
+        return {}
+    forms = _forms(screening, np.unique(np.concatenate(near)), responses, look)
+    found: dict[str, float | None] = {}
+    for probe, own in zip(screening.probes, near, strict=True):
+        trial = _Trial(screening, look, probe.whitened, probe.unit, [forms[number] for number in own.tolist() if number in forms], seed)
+        factor = _threshold(trial, LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms)
+        found[probe.quantity] = None if factor is None else factor * probe.rms
+    return found
+
+
+def _rivals(screening: Screening, probe: int) -> np.ndarray:
+    """Numbers of the forms that promise most of a plain law without noise, itself among them."""
+    rank = screening.rank[-1]
+    expected = promise(RIVALS_AT * screening.shares[:, probe].astype(float) + rank, rank, screening.price)
+    expected[rank == 0] = -np.inf
+    return np.argsort(-expected)[:NEAR_PROBE]
+
+
+def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, look: Look) -> dict[int, _Form]:
+    """Of some of the forms, by number."""
+    found = {}
+    for some in passed(planned([screening.forms[number] for number in numbers]), responses, [look], [np.zeros((look.free, 0))]):
+        weights, rank, _ = seen_directions(some.free, some.length)
+        for form, basis, r in zip(numbers[some.forms].tolist(), weights @ some.free, rank.tolist(), strict=True):
+            found[form] = _Form(basis[:r].T, float(screening.price[form]))
+    return found
+
+
+class _Trial:
+    """A law's response, whitened (n,) and free (m,), among forms; noise is drawn anew, the same for every size."""
+
+    def __init__(self, screening: Screening, look: Look, whitened: np.ndarray, free: np.ndarray, forms: Sequence[_Form], seed: int):
+        generator = np.random.default_rng(seed)
+        self._look, self._level = look, max(screening.chance.level(FAMILY_WISE), 0.0)
+        self._law, self._noise = look.beside(whitened), look.beside(generator.standard_normal((len(whitened), DRAWS)))
+        # What all other forms would have made of noise.
+        self._others = generator.choice(screening.drawn, DRAWS)
+        self._rank = np.array([form.basis.shape[1] for form in forms])
+        self._price = np.array([form.price for form in forms])
+        self._starts = np.concatenate([[0], np.cumsum(self._rank)[:-1]]).astype(int)
+        basis = np.concatenate([form.basis for form in forms], axis=1)
+        self._along_law, self._along_noise = basis.T @ free, basis.T @ look.free_of(self._noise)
+        said = np.add.reduceat(self._along_law**2, self._starts) / float(free @ free)
+        self._says = (said > SAID) | np.array([form.own for form in forms])
+
+    def found(self, factor: float) -> bool:
+        """Whether half of the draws show the law at this many times its size."""
+        gains = np.add.reduceat((factor * self._along_law[:, None] + self._along_noise) ** 2, self._starts, axis=0)
+        scatter = self._look.scatters(factor * self._law[:, None] + self._noise)
+        tested = promise(self._look.studentised(gains, self._rank, scatter), self._rank, self._price)
+        best = np.argmax(tested, axis=0)
+        ahead = tested[best, np.arange(DRAWS)] > np.maximum(self._others, self._level)
+        return bool(np.mean(self._says[best] & ahead) >= 0.5)
+
+
+def _threshold(trial: _Trial, least: float, most: float) -> float | None:
+    """The smallest factor that is found, by halving its logarithm; None where not even the largest is."""
+    if not trial.found(most):
+        return None
+    low, high = np.log(least), np.log(most)
+    for _ in range(HALVINGS + int(np.log2(max((high - low) / np.log(MOST_FACTOR**2), 1.0)))):
+        middle = (low + high) / 2
+        low, high = (low, middle) if trial.found(float(np.exp(middle))) else (middle, high)
+    return float(np.exp(high))

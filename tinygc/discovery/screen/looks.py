@@ -1,0 +1,88 @@
+"""A look: the channels as one hypothesis sees them, its noise white, its calibration and its names taken out.
+
+Whitening and taking out are one matrix: rows that are orthogonal to the nuisance first, then those along it, which are asked for the
+columns' whole length alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tinygc.explanation.naming.selection import UNSEEN, orthonormal
+from tinygc.explanation.twin.refit import Refit
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.twin.whitening import Whitener
+
+#: of the recording's scatter, what a form leaves at least: of one that takes up all, a logarithm is asked for
+LEAST_LEFT = 1e-2
+
+
+class Look:
+    """whiten, fit: of one hypothesis beside which forms are looked for; rows (n,): of the stacked channels that are looked at, None: all.
+
+    n rows in all, m of them free: beside the nuisance, which is what the fit has already.
+    """
+
+    def __init__(self, twin: Twin, whiten: Whitener, fit: Refit, rows: np.ndarray | None = None):
+        total = sum(whiten.sizes)
+        r, J, allowances = fit.r, fit.J, whiten.allowances
+        known = np.concatenate([np.ravel(twin.batch.known), np.ones(whiten.sizes[1], bool), np.zeros(whiten.sizes[2], bool)])
+        if rows is None:
+            rows, own = np.arange(total), whiten
+        else:
+            own = whiten.only(rows)
+            r, J, allowances = own(whiten.back(r)), own(whiten.back(J)), own(whiten.back(allowances))
+        self.rows, self.whiten = rows, own
+        self.q = orthonormal(J)
+        n, p = self.q.shape
+        complement = np.linalg.qr(np.concatenate([self.q, np.eye(n)], axis=1))[0][:, p:]
+        self._whitening = own(np.eye(total))[:, rows]
+        #: (n, rows): the first ``free`` rows see what the nuisance leaves
+        self.matrix = np.concatenate([complement, self.q], axis=1).T @ self._whitening
+        self.free = n - p
+        self._complement = complement
+        beside = np.concatenate([_unit(J), _unit(allowances)], axis=1)
+        self._wide, self._scale_rows = orthonormal(beside, UNSEEN), known[rows]
+        #: directions that tell the noise's scale
+        self.freedom = float(self._scale_rows.sum() - np.sum(self._wide[self._scale_rows] ** 2))
+        #: (free,) of the recording, and its scatter
+        self.residual, (self.scatter,) = self.free_of(r[:, None])[:, 0], self.scatters(r[:, None])
+
+    def free_of(self, whitened: np.ndarray) -> np.ndarray:
+        """(free, …) of whitened channels (n, …), beside the nuisance."""
+        return self._complement.T @ whitened
+
+    def seen(self, stacked: np.ndarray) -> np.ndarray:
+        """(free, …) of stacked channels (n, …)."""
+        return self.matrix[: self.free] @ stacked
+
+    def whitened(self, stacked: np.ndarray) -> np.ndarray:
+        """(n, …) of stacked channels (n, …)."""
+        return self._whitening @ stacked
+
+    def least_seen(self, stacked: np.ndarray) -> float:
+        """Length below which what the nuisance leaves of stacked channels (n,) is not seen."""
+        return UNSEEN * float(np.linalg.norm(self.matrix @ stacked))
+
+    def beside(self, whitened: np.ndarray) -> np.ndarray:
+        """Whitened channels (n, …) without what the nuisance takes of them."""
+        return whitened - self.q @ (self.q.T @ whitened)
+
+    def scatters(self, whitened: np.ndarray) -> np.ndarray:
+        """(…,) sums of squares of residuals (n, …) over the rows that tell the noise's scale, as ``Selection`` takes them."""
+        left = (whitened - self._wide @ (self._wide.T @ whitened))[self._scale_rows]
+        return np.sum(left**2, axis=0)
+
+    def studentised(self, gain: np.ndarray, rank: np.ndarray, scatter: np.ndarray | float) -> np.ndarray:
+        """Gains (F, …) of forms of rank (F,) as they would be if the noise's scale were what the scatter says.
+
+        For a normal law of unknown scale, twice the logarithm of how much likelier it is with a form than without, with Bartlett's factor,
+        which makes a chi-square of it.
+        """
+        rank = np.minimum(rank, self.freedom).reshape(-1, *(1,) * (gain.ndim - 1))
+        return -(self.freedom - (rank + 2) / 2) * np.log(np.maximum(1 - gain / scatter, LEAST_LEFT))
+
+
+def _unit(columns: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(columns, axis=0)
+    return columns[:, size > 0] / size[size > 0]

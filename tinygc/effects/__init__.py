@@ -10,7 +10,7 @@ May import: session, attitude.
 
 from tinygc.effects import signals
 from tinygc.effects.applied_effect import AppliedEffect
-from tinygc.effects.columns import axis_of, diagonal, full, largest, nothing, per_axis
+from tinygc.effects.columns import axis_of, before, behind, cross, diagonal, full, largest, nothing, per_axis, rows
 from tinygc.effects.conditions import Conditions, movement_of, without_vibration
 from tinygc.effects.device import AHEAD, BYGONE, Cost, MatrixC, NoC, PerAxisC, StageC
 from tinygc.effects.discovery import catalogue, effect_of, load_folder, using
@@ -47,7 +47,10 @@ __all__ = [
     "Scan",
     "StageC",
     "axis_of",
+    "before",
+    "behind",
     "catalogue",
+    "cross",
     "diagonal",
     "effect_of",
     "full",
@@ -56,6 +59,7 @@ __all__ = [
     "movement_of",
     "nothing",
     "per_axis",
+    "rows",
     "signals",
     "using",
     "without_vibration",

@@ -21,12 +21,33 @@ def per_axis(basis: Callable[[Movement], np.ndarray]) -> Callable[[Movement], np
     return lambda movement: np.concatenate([diagonal(curve) for curve in basis(movement).T], axis=-1)
 
 
+def rows(values: np.ndarray) -> np.ndarray:
+    """(N, 3, 3 K) columns of a (3, K) parameter, a row for each axis, from what one unit of each adds to its axis: values (N, 3, K), or
+    (N, 1, K) where they are the same for all axes."""
+    count, _, each = values.shape
+    columns = np.zeros((count, 3, 3, each))
+    columns[:, range(3), range(3)] = values
+    return columns.reshape(count, 3, 3 * each)
+
+
 def full(inputs: np.ndarray) -> np.ndarray:
     """(N, 3, 9) columns of a 3x3 parameter, row by row, that multiplies inputs (N, 3)."""
-    columns = np.zeros((len(inputs), 3, 3, 3))
-    for axis in range(3):
-        columns[:, axis, axis] = inputs
-    return columns.reshape(len(inputs), 3, 9)
+    return rows(inputs[:, None, :])
+
+
+def behind(values: np.ndarray) -> np.ndarray:
+    """(N, 3, …) at each axis what the axis behind it has: at x that of y, at y that of z, at z that of x."""
+    return values[:, [1, 2, 0]]
+
+
+def before(values: np.ndarray) -> np.ndarray:
+    """(N, 3, …) at each axis what the axis before it has: at x that of z, at y that of x, at z that of y."""
+    return values[:, [2, 0, 1]]
+
+
+def cross(inputs: np.ndarray) -> np.ndarray:
+    """(N, 3, 6) columns of a (3, 2) parameter: for each axis the shares of inputs (N, 3) of the axis behind and the one before."""
+    return rows(np.stack([behind(inputs), before(inputs)], axis=-1))
 
 
 def nothing(size: int) -> Callable[[Movement], np.ndarray]:

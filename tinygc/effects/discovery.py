@@ -19,6 +19,8 @@ from tinygc.effects.folders import effects_in
 from tinygc.effects.trial import tried
 
 ENTRIES, GROUP = "tinygc.effects.entries", "tinygc.effects"
+#: how the ids begin of effects that ``explain --discover`` writes
+FOUND = "discovered."
 #: folder -> its effects by id, each with the file that defines it
 _folders: dict[Path, dict[str, tuple[Effect, Path]]] = {}
 
@@ -34,6 +36,11 @@ def catalogue() -> dict[str, Effect]:
 def effect_of(name: str) -> Effect:
     """The effect with that id.  EffectError, with what to do, where this machine has none."""
     known = catalogue()
+    if name not in known and name.startswith(FOUND):
+        raise EffectError(
+            f"effect {name[:60]!r} was found in a recording and stands in no catalogue; explain --discover wrote its file into that recording's "
+            "explain/effects: name that folder with --effects DIR/explain/effects (tinygc.effects.load_folder in Python)"
+        )
     if name not in known:
         raise EffectError(
             f"effect {name[:60]!r} is not on this machine; name the folder that holds its file with --effects DIR "

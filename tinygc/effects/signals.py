@@ -1,61 +1,136 @@
 """What the past and the attitude leave behind: signals that laws with a memory follow, as an effect file may compute them.
 
-Each function takes what a ``Movement`` holds and gives arrays of its N samples.  All look back alone, so that they hold in live use.
+Each function takes what a ``Movement`` holds and gives arrays of its N samples.  All look back alone.  They are integrals and lags over
+time, not sums over samples, so a log, the same log at another data rate, and one whose rests are thinned to a row a second give the same.
+How far a function looks back is a ``Reach`` here: ``lag_reach(tau_s)``, ``SLOPE`` and, for what is summed since the log began, ``WHOLE``.
+An effect of the last kind declares ``inputs=("time",)``, too: it holds for its own session, whose logs are known from their beginning.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 
 from session.common.units import DEG
 from tinygc.attitude import rotation
 from tinygc.effects.movement import Movement
+from tinygc.effects.reach import Reach
 
 #: rad/s: a hand that turns is faster, a table at rest, with a bias of a few dps, is slower
 TURNING_RPS = 10 * DEG
-#: s: over which the rate of temperature is taken; a package takes tens of seconds, a register's noise is faster
-TEMPERATURE_RATE_S = 10.0
+#: s: means over so long, one after the other, of which the rate of temperature is taken; a package takes tens of seconds, a register's
+#: noise of 0.01 degC at 100 Hz leaves 2e-4 degC/s
+SLOPE_S = 5.0
+SLOPE = Reach(before_samples=1, before_s=2 * SLOPE_S)
+#: time constants after which a lag has forgotten: 2e-12 is left, which of a hand's rate no sensor of any kind shows
+FORGOTTEN = 27.0
+#: s: longer than any log
+WHOLE = Reach(before_samples=1, before_s=30 * 86400.0)
+#: s: over which gravity is taken when a log begins; a protocol's stills are a second
+LEVEL_S = 0.5
+#: of a sampling period: rows whose distances differ by less are filtered as if they were equally far apart (stamps jitter); a rest that is
+#: thinned, and a gap, differ by more
+EQUAL = 0.5
 
 
-def lagged(values: np.ndarray, tau_s: float, dt_s: float) -> np.ndarray:
-    """(N, …) through a first-order lag of ``tau_s``, from rest at the first sample."""
+def lag_reach(tau_s: float) -> Reach:
+    """How far a lag looks back."""
+    return Reach(before_samples=1, before_s=FORGOTTEN * tau_s)
+
+
+def lagged(values: np.ndarray, tau_s: float, t_s: np.ndarray) -> np.ndarray:
+    """(N, …) through a first-order lag of ``tau_s``, straight between the samples at ``t_s`` (N,), as if it had always been what it is at
+    first.  Where a value is NaN the lag holds, and the answer is NaN."""
+    known = np.isfinite(values).reshape(len(values), -1).all(axis=1)
+    if not known.all():
+        found = np.full(np.shape(values), np.nan)
+        if known.any():
+            found[known] = lagged(values[known], tau_s, t_s[known])
+        return found
+    values, found = np.asarray(values, dtype=float), np.empty(np.shape(values))
+    found[:1] = values[:1]
+    for start, stop in _equal_runs(t_s):
+        found[start + 1 : stop + 1] = _lagged_evenly(
+            values[start : stop + 1], found[start], tau_s, float(t_s[stop] - t_s[start]) / (stop - start)
+        )
+    return found
+
+
+def _equal_runs(t_s: np.ndarray) -> list[tuple[int, int]]:
+    """Rows (first, last), each last the next first, between which the rows are equally far apart."""
+    if len(t_s) < 2:
+        return []
+    steps = np.diff(t_s)
+    changes = np.flatnonzero(np.abs(np.diff(steps)) > EQUAL * np.minimum(steps[1:], steps[:-1])) + 1
+    edges = [0, *changes.tolist(), len(steps)]
+    return list(pairwise(edges))
+
+
+def _lagged_evenly(values: np.ndarray, state: np.ndarray, tau_s: float, dt_s: float) -> np.ndarray:
+    """Rows 1 … of (M, …), the state being that at row 0: exact for an input that is straight between samples (a first-order hold)."""
     from scipy.signal import lfilter  # a fit that needs none of this need not wait for it
 
     keep = float(np.exp(-dt_s / tau_s))
-    return lfilter([1 - keep], [1, -keep], values, axis=0, zi=keep * values[:1])[0]
+    late = (1 - keep) * tau_s / dt_s
+    now, before = 1 - late, late - keep
+    return lfilter([now, before], [1, -keep], values[1:], axis=0, zi=(before * values[:1] + keep * state[None]))[0]
 
 
 def temperature_rate(movement: Movement) -> np.ndarray:
-    """(N,) degC/s, as a lag of ten seconds sees it."""
-    return (movement.temp_c - lagged(movement.temp_c, TEMPERATURE_RATE_S, movement.dt_s)) / TEMPERATURE_RATE_S
+    """(N,) degC/s: the mean over the last five seconds less the mean over the five before; NaN where the temperature is.
+
+    Before the log the temperature is taken to be what it is at first, so the first ten seconds of a warm-up say too little.
+    """
+    t_s, known = movement.t_s, np.isfinite(movement.temp_c)
+    found = np.full(len(t_s), np.nan)
+    if not known.any():
+        return found
+    t_s, above = t_s[known], movement.temp_c[known] - movement.temp_c[known][0]
+    integral = np.concatenate([[0.0], np.cumsum(np.diff(t_s) * (above[1:] + above[:-1]) / 2)])
+    now, then, before = (np.interp(t_s - back, t_s, integral) for back in (0.0, SLOPE_S, 2 * SLOPE_S))
+    found[known] = ((now - then) - (then - before)) / SLOPE_S**2
+    return found
 
 
 def seconds_at_rest(movement: Movement) -> np.ndarray:
-    """(N,) s since the sensor last turned; 0 while it turns, and since the log began where it has not turned yet."""
+    """(N,) s since the sensor last turned, faster than 10 dps; 0 while it turns, and since the log began where it has not turned yet."""
     turning = np.linalg.norm(movement.rate, axis=1) > TURNING_RPS
-    last = np.maximum.accumulate(np.where(turning, np.arange(len(turning)), 0))
-    return movement.t_s - movement.t_s[last]
+    t_s = movement.t_s
+    last = np.where(turning, t_s, max(t_s[0], 0.0))  # a simulation begins before the first sample
+    return np.maximum(t_s - np.maximum.accumulate(last), 0.0)
 
 
 def last_sense(movement: Movement) -> np.ndarray:
-    """(N, 3) +1 or -1, the sense in which each axis turned last; 0 before it has."""
-    sense = np.where(np.abs(movement.rate) > TURNING_RPS, np.sign(movement.rate), 0.0)
-    rows = np.maximum.accumulate(np.where(sense != 0, np.arange(len(sense))[:, None], 0), axis=0)
-    return np.take_along_axis(sense, rows, axis=0)
+    """(N, 3) +1 or -1, the sense in which each axis last turned, faster than 10 dps; 0 before it has."""
+    turning = np.abs(movement.rate) > TURNING_RPS
+    rows = np.maximum.accumulate(np.where(turning, np.arange(len(turning))[:, None], 0), axis=0)
+    return np.take_along_axis(np.where(turning, np.sign(movement.rate), 0.0), rows, axis=0)
 
 
 def angle_turned(movement: Movement) -> np.ndarray:
-    """(N, 3) rad, the rate of each axis summed since the log began."""
-    return np.cumsum(movement.rate, axis=0) * movement.dt_s
+    """(N, 3) rad, the rate of each axis integrated since the log began."""
+    rate, dt_s = movement.rate, np.diff(movement.t_s)[:, None]
+    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(dt_s * (rate[1:] + rate[:-1]) / 2, axis=0)])
+    return turned - turned[_first(movement)]
 
 
 def level_directions(movement: Movement) -> np.ndarray:
     """(N, 3, 2) in body axes: two level directions, at right angles, that are fixed in the world.
 
-    The first is where the sensor's x axis (or y, where x stands upright) pointed when the log began.  Heading is carried by the rate alone,
-    so it drifts as the rate does; the tilt is the rate's, too, from gravity's at the beginning.
+    The first is where the level part of the sensor's x axis pointed when the log began; an x axis that stood upright then has none, and
+    gives a direction by chance.  The attitude at the beginning is that of gravity over half a second, in which the sensor should be still.
+    From there the rate alone carries it: heading and tilt drift as the rate's integral does, and with the Earth, 15 degrees an hour.
     """
-    first = rotation.from_gravity(movement.force_g[:1])[0]
-    steps = rotation.exp(movement.rate * movement.dt_s)
-    attitude = rotation.multiply(first, rotation.accumulate(steps))
+    begin, t_s, rate = _first(movement), movement.t_s, movement.rate
+    gravity = movement.force_g[begin:][t_s[begin:] < t_s[begin] + LEVEL_S].mean(axis=0)
+    steps = rotation.exp(np.diff(t_s)[:, None] * (rate[1:] + rate[:-1]) / 2)
+    turned = rotation.accumulate(np.concatenate([[[1.0, 0, 0, 0]], steps]))
+    since = rotation.multiply(rotation.conjugate(turned[begin]), turned)
+    attitude = rotation.multiply(rotation.from_gravity(gravity), since)
     return np.swapaxes(rotation.matrix(attitude)[:, :2], 1, 2)
+
+
+def _first(movement: Movement) -> int:
+    """The row at which the session begins, or the log, if later: a simulation begins before its first sample."""
+    return int(np.argmax(movement.t_s >= 0)) if movement.t_s[0] < 0 else 0

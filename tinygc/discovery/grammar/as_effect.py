@@ -6,12 +6,10 @@ import numpy as np
 
 from session.common.units import DEG
 from tinygc.discovery.grammar.form import Form
-from tinygc.effects import Effect, Movement, NoC, Parameter, Reach
+from tinygc.effects import Effect, Movement, NoC, Parameter, Reach, signals
 
 #: rad/s: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
 PLAUSIBLE_RPS = 5 * DEG
-#: time constants that a lag looks back: what is older is a ten-thousandth
-LOOKS_BACK = 9.0
 
 
 def columns_of(form: Form, movement: Movement) -> np.ndarray:
@@ -29,8 +27,8 @@ def columns_of(form: Form, movement: Movement) -> np.ndarray:
 
 def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
     """The form as an effect; rms: of its products in the recording, by which its plausible size is known."""
-    seconds = sum(LOOKS_BACK * factor.lag_s for factor in form.factors if factor.lag_s is not None)
-    reach = sum((factor.of.reach for factor in form.factors), Reach(before_s=seconds))
+    lags = [signals.lag_reach(factor.lag_s) for factor in form.factors if factor.lag_s is not None]
+    reach = sum([*(factor.of.reach for factor in form.factors), *lags], Reach())
     inputs = tuple(dict.fromkeys(name for factor in form.factors for name in factor.of.inputs))
     return Effect(
         id=name,

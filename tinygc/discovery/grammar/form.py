@@ -46,7 +46,7 @@ class Factor:
     def values(self, movement: Movement) -> np.ndarray:
         """(N, components)."""
         found = self.through.of(self.of.of(movement), self.constant or 1.0).reshape(len(movement.rate), -1)
-        return found if self.lag_s is None else signals.lagged(found, self.lag_s, movement.dt_s)
+        return found if self.lag_s is None else signals.lagged(found, self.lag_s, movement.t_s)
 
 
 @dataclass(frozen=True)

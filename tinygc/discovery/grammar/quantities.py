@@ -115,7 +115,8 @@ _ALL = (
         1,
         lambda m: _scalar(signals.temperature_rate(m)),
         "signals.temperature_rate(m)",
-        ("temperature", "time"),
+        ("temperature",),
+        signals.SLOPE,
     ),
     Quantity("time", "t", "the time since the session began", "s", 1, lambda m: _scalar(m.t_s), "m.t_s", ("time",)),
     Quantity(
@@ -127,6 +128,7 @@ _ALL = (
         lambda m: _scalar(signals.seconds_at_rest(m)),
         "signals.seconds_at_rest(m)",
         ("time",),
+        signals.WHOLE,
         memory=True,
     ),
     Quantity("vibration", "v²", "the vibration's energy", "g²", 1, lambda m: _scalar(m.vibration_g2), "m.vibration_g2", ("vibration",)),
@@ -139,6 +141,7 @@ _ALL = (
         signals.angle_turned,
         "signals.angle_turned(m)",
         ("time",),
+        signals.WHOLE,
         memory=True,
     ),
     Quantity(
@@ -150,6 +153,7 @@ _ALL = (
         signals.last_sense,
         "signals.last_sense(m)",
         ("time",),
+        signals.WHOLE,
         memory=True,
     ),
     Quantity(
@@ -161,6 +165,7 @@ _ALL = (
         lambda m: signals.level_directions(m).reshape(-1, 6),
         "signals.level_directions(m)",
         ("force", "time"),
+        signals.WHOLE,
         memory=True,
     ),
 )

@@ -7,8 +7,8 @@ import numpy as np
 from session.common.units import DEG
 from tinygc.discovery.grammar.as_effect import as_effect
 from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.grammar.words import equation
 from tinygc.discovery.judge.answer import Discovery, HeldOut, Law, RunnerUp
+from tinygc.discovery.told.said import equation, what
 
 COUNTS = {"forms": 41234, "distinct": 10987, "chance_gain": 31.4, "best_promise": 812.5}
 LEARNABLE = {"rate": 0.011 * DEG, "force": 0.0042 * DEG, "vibration": None}
@@ -29,7 +29,7 @@ LAWS = {
 
 def law_of(form: Form, dps, **changed) -> Law:
     """One law as a search would say it; its numbers are the true ones."""
-    name = "discovered." + "_".join(factor.quantity for factor in form.factors)
+    name = f"discovered.{what(form)}"
     effect = as_effect(form, name, 1.0, equation(form))
     theta = np.array(dps) * DEG
     covariance = np.diag((0.02 * theta) ** 2)

@@ -96,6 +96,11 @@ class Why:
         """Of there being no more than noise."""
         return self.explanation.p_value
 
+    @property
+    def said_of_files(self) -> tuple[str, ...]:
+        """What to know of the effect files that ``save`` has written: which was kept as somebody edited it, which taken away."""
+        return () if self._told is None else self._told.says
+
     @cached_property
     def effects(self) -> tuple[FoundEffect, ...]:
         """What is claimed, strongest first."""
@@ -163,7 +168,9 @@ class Why:
         if isinstance(found, TruthExplanation):
             return save_truth(found, where, pictures=pictures)
         if self._told is not None:
-            return self._told.save(where, pictures=pictures)
+            folder = self._told.save(where, pictures=pictures)
+            self.__dict__.pop("table", None)  # which says where the effect files are
+            return folder
         return save_explanation(found, where, pictures=pictures)
 
 

@@ -40,6 +40,8 @@ def run(args: argparse.Namespace) -> int:
     folder = why.save(args.out, pictures=_with_pictures(args))
     output(args).print(why.page)
     output(args).print(f"written: {folder}", soft_wrap=True)
+    for line in why.said_of_files:
+        output(args).print(line, soft_wrap=True)
     if why.discovery is not None and why.discovery.laws:
         effects = shell_word(folder / "effects")
         output(args).print(f"use it: calibrate.py explain OTHER --effects {effects}", soft_wrap=True, markup=False)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import PurePosixPath
+
+import numpy as np
 
 from session.common.units import DEG
-from tinygc.discovery.grammar.words import equation, in_words
 from tinygc.discovery.judge.answer import Discovery, HeldOut, Law, RunnerUp
-from tinygc.discovery.told.sentences import constant_names
-from tinygc.effects import AppliedEffect
+from tinygc.discovery.told import said
+from tinygc.discovery.told.constants import constants_of
+from tinygc.discovery.told.law_code import law_code
 from tinygc.explanation.verdict.measured import p_entry
-from tinygc.explanation.verdict.readable import readable
 
 
 def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
@@ -29,26 +31,34 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
 
 
 def _law(law: Law, file: str | None) -> dict:
-    _, parameters, std = readable(AppliedEffect(law.effect, law.theta), law.covariance)
-    constants = zip(constant_names(law.form), law.form.constants, law.constants_sigma, strict=True)
+    unit, name = said.unit_of(law.form)
+    parameters, std = ((x / DEG).reshape(law_code(law.form).shape).tolist() for x in (law.theta, np.sqrt(np.diag(law.covariance))))
     return {
-        "id": law.effect.id,
-        "equation": law.effect.equation,
-        "in_words": in_words(law.form),
-        "parameters": parameters,
-        "std": std,
-        "unit": law.effect.parameter.unit,
-        "constants": {name: {"value": value, "sigma": sigma, "unit": unit} for (name, unit), value, sigma in constants},
+        "id": law.effect.id if file is None else id_of(file),
+        "equation": said.equation(law.form),
+        "in_words": said.in_words(law.form),
+        "parameters": {name: parameters},
+        "std": {name: std},
+        "unit": unit,
+        "constants": {
+            each.json: {"value": each.number, "sigma": each.sigma, "unit": each.unit or "fraction"}
+            for each in constants_of(law.form, law.constants_sigma)
+        },
         "bits": law.bits,
         "chi_square": law.gain,
         "better_by": law.better,
         "chance_p": law.chance_p,
         "held_out": [_held_out(each) for each in law.held_out],
         "file": file,
-        "same_here": [equation(form) for form in law.same],
+        "same_here": [said.equation(form) for form in law.same],
         "runners_up": [_runner_up(each) for each in law.runners_up],
         "learnable_from": law.learnable_from,
     }
+
+
+def id_of(file: str) -> str:
+    """Of the effect in ``effects/discovered_rate.py``: ``discovered.rate``."""
+    return PurePosixPath(file).stem.replace("_", ".", 1)
 
 
 def _held_out(each: HeldOut) -> dict:
@@ -66,8 +76,13 @@ def _held_out(each: HeldOut) -> dict:
 def _runner_up(each: RunnerUp) -> dict:
     return {
         "id": each.effect.id if each.form is None else None,
-        "equation": each.effect.equation,
+        "equation": other_equation(each),
         "worse_by": each.worse,
         "correlation": each.correlation,
         "splits": each.splits,
     }
+
+
+def other_equation(each: RunnerUp) -> str:
+    """Of a form or of a name."""
+    return each.effect.equation if each.form is None else said.equation(each.form)

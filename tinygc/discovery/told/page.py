@@ -6,6 +6,7 @@ from rich.console import Group
 from rich.text import Text
 
 from session.common.console import one_line
+from tinygc.discovery.told.constants import PEOPLES
 from tinygc.explanation.verdict.measured import measured, p_words
 
 HEADLINES = {
@@ -43,12 +44,12 @@ def discovery_page(explained: dict) -> Group:
 
 
 def _law(law: dict) -> list[Text]:
-    lines = [Text.assemble((f"{law['id']}  ", "bold cyan"), law["equation"]), one_line(f"  {law['in_words']}")]
+    lines = [Text.assemble((f"{law['id']}  ", "bold cyan"), law["equation"]), one_line(f"  the rate's error on each axis follows {law['in_words']}")]
     lines += [Text(f"  {line}") for line in number_lines(law)]
     lines.append(
         one_line(
-            f"  takes up {law['chi_square']:.4g} of chi-square (better by {law['better_by']:.4g} in −2 log evidence); by chance the best "
-            f"of all forms does as much with p {p_words(law['chance_p'])}"
+            f"  takes up {law['chi_square']:.4g} of chi-square, and makes the recording more probable by {law['better_by']:.4g} in −2 log "
+            f"evidence; in noise alone a search finds as much with p {p_words(law['chance_p'])}"
         )
     )
     lines += [one_line(f"  {held_out_words(each)}") for each in law["held_out"]]
@@ -74,9 +75,15 @@ def number_lines(law: dict) -> list[str]:
             head = f"{name} ({law['unit']}): "
             lines.append(f"{head if not lines else ' ' * len(head)}{numbers}")
     for name, constant in law["constants"].items():
-        unit = "" if constant["unit"] == "1" else f" {constant['unit']}"
-        lines.append(f"{name.replace('_', ' ')}: {measured(constant['value'], constant['sigma'])}{unit}")
+        unit = "of full scale" if constant["unit"] == "fraction" else constant["unit"]
+        lines.append(f"{_without_unit(name)}: {measured(constant['value'], constant['sigma'])} {unit}")
     return lines
+
+
+def _without_unit(name: str) -> str:
+    """``width`` of ``width_share``."""
+    ending = next((f"_{unit}" for *_, unit in PEOPLES.values() if name.endswith(f"_{unit}")), "")
+    return name.removesuffix(ending).replace("_", " ")
 
 
 def _by_axis(rows: list, spreads: list) -> tuple[list, list]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from session.common.units import DEG
 from tinygc.discovery.judge.answer import Law
+from tinygc.discovery.told import said
 from tinygc.discovery.told.fits import Fitted, Pair
 from tinygc.discovery.told.other_curve import other_curve
 from tinygc.discovery.told.points import Points
@@ -75,9 +76,9 @@ def _number(law: Law, series: Series) -> str:
     """The coefficient with its sigma, as the page says it, where the series has one."""
     if len(series.entries) != 1:
         return ""
-    parameter, entry = law.effect.parameter, series.entries[0]
+    entry, (unit, _) = series.entries[0], said.unit_of(law.form)
     sigma = np.sqrt(law.covariance[entry, entry])
-    return f": {plain(law.theta[entry] / parameter.si, sigma / parameter.si)} {parameter.unit}"
+    return f": {plain(law.theta[entry] / DEG, sigma / DEG)} {unit}"
 
 
 def _errorbars(axes: Axes, x: np.ndarray, y: np.ndarray, sigma: np.ndarray, colour: str) -> None:
@@ -150,7 +151,7 @@ def _runner_up(e: Explanation, pair: Pair, points: list[Points], times: float, o
         if dashed and (said := other_curve(e, own, other, each.series)) is not None:
             at = np.linspace(*_span(each.x), POINTS)
             left.plot(at * times, said(at) / DEG * one, "--", color=drawn["color"], lw=1.2)
-    left.plot([], [], "D--" if dashed else "D", mfc="none", color=OTHER, label=f"runner-up: {other.effect.equation}")
+    left.plot([], [], "D--" if dashed else "D", mfc="none", color=OTHER, label="runner-up")
     right.plot([], [], "D", mfc="none", color=OTHER, label="with the runner-up")
 
 
@@ -166,7 +167,7 @@ def _what_is_left(points: list[Points]) -> str:
 def _span(values: np.ndarray) -> tuple[float, float]:
     low, high = float(np.min(values)), float(np.max(values))
     room = 0.03 * max(high - low, 1e-12)
-    return low - room, high + room
+    return (low - room if low < 0 else max(low - room, 0.0)), high + room  # what has no sign gets none
 
 
 def _fit_in(axes: Axes, values: list[np.ndarray]) -> None:

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tinygc.discovery.judge.answer import Discovery
+from tinygc.discovery.judge.answer import Discovery, Law
+from tinygc.discovery.told import said
+from tinygc.discovery.told.as_json import other_equation
 from tinygc.discovery.told.fits import Fitted, Pair
 from tinygc.discovery.told.page import HEADLINES
 from tinygc.discovery.told.panels import draw_pair
@@ -28,10 +30,15 @@ def figure_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> Figure
     """The page as a matplotlib figure, of an answer with laws.  Raises CalibrationError where matplotlib is missing."""
     rows = [(pair, points) for pair in pairs for points in _rows(e, pair)]
     headline = f"{e.session.name}: {HEADLINES[discovery.verdict][0]}"
-    figure, grid = canvas(len(rows), headline, (), [f"{law.effect.id}:  {law.effect.equation}" for law in discovery.laws])
+    figure, grid = canvas(len(rows), headline, (), [_words(pair.law) for pair in pairs])
     for (pair, points), sides in zip(rows, np.reshape(grid, (-1, 2)), strict=True):
         draw_pair(e, pair, points, *sides)
     return figure
+
+
+def _words(law: Law) -> str:
+    beside = f"      runner-up:  {other_equation(law.runners_up[0])}" if law.runners_up else ""
+    return f"{law.effect.id}:  {said.equation(law.form)}{beside}"
 
 
 def _rows(e: Explanation, pair: Pair) -> list[list[Points]]:

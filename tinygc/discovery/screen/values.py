@@ -49,7 +49,7 @@ class Values:
         parts = []
         for movement, values in zip(self.movements, self.quantity(factor.quantity), strict=True):
             found = factor.through.of(values, factor.constant or 1.0).reshape(len(values), -1)
-            parts.append(found if factor.lag_s is None else signals.lagged(found, factor.lag_s, movement.dt_s))
+            parts.append(found if factor.lag_s is None else signals.lagged(found, factor.lag_s, movement.t_s))
         return np.concatenate(parts).T
 
     def single(self, factor: Factor | None) -> tuple[np.ndarray, float]:

@@ -17,7 +17,7 @@ from tinygc.effects import Movement
 from tinygc.plan.lying import SIDES, up_words
 from tinygc.plan.turns import PEAK, QUARTERS, TurnPart, parts_from
 
-STILL_S, RATE_HZ = 1.0, 50.0
+STILL_S, RATE_HZ = 1.0, 25.0
 #: of one turn: briskly, as usual, slowly
 TURNS_S = (1.5, 3.0, 8.0)
 #: of full scale, that no turn's peak comes near
@@ -54,7 +54,7 @@ def _together(moves: list[tuple[np.ndarray, TurnPart]], seconds: float, like: Mo
     t = np.arange(0, seconds + 2 * STILL_S, 1 / RATE_HZ)
     speed = PEAK / seconds * np.sin(np.pi * np.clip((t - STILL_S) / seconds, 0, 1)) ** 2
     rate = speed[:, None] * np.array([part.axis * part.angle_rad for _, part in moves])[:, None]
-    start = np.array([rotation.from_gravity(up) for up, _ in moves])
+    start = rotation.from_gravity(np.array([up for up, _ in moves]))
     dt = np.full((len(moves), len(t) - 1), 1 / RATE_HZ)
     batch = Batch(rate, dt, np.zeros_like(rate), start, start, yaw_known=False)
     turn = rotation.matrix(closure.attitudes(batch, rate))

@@ -4,6 +4,8 @@ import re
 from itertools import product
 from pathlib import Path
 
+from tinygc.discovery.grammar.quantities import QUANTITIES
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 SCHEMA = re.compile(r"tinygc-[a-z]+(?:-[a-z]+)*/\d+")
@@ -49,6 +51,9 @@ STANDS_FOR = {
     "<option>": lambda word: word in OPTIONS,
     "<case>": lambda word: re.fullmatch(r"case\d+", word),
     "<quantity>": lambda word: re.fullmatch(r"(gyro|accel)_\w+_(ppm|mrad|mdps|mg)", word),
+    "<coefficient>": lambda word: re.fullmatch(r"dps\w*", word),
+    "<constant>": lambda word: re.fullmatch(r"[a-z][a-z0-9_]*", word),
+    "<follows>": lambda word: word in QUANTITIES,
     "<length>": lambda word: re.fullmatch(r"\d+(\.\d+)?", word),
 }
 

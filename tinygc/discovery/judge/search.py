@@ -11,7 +11,7 @@ from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.discovery.screen.screening import Screening, screened
-from tinygc.discovery.screen.sharpened import sharpened_in
+from tinygc.discovery.screen.sharpen import sharpened_in
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Hypothesis
 from tinygc.explanation.naming.search import rewhitened

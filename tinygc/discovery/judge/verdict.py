@@ -18,7 +18,7 @@ from tinygc.discovery.judge.parts import Parts
 from tinygc.discovery.judge.rivals import Rival, rivals
 from tinygc.discovery.judge.search import Found
 from tinygc.discovery.judge.weigh import FORM, FormEvidence, rms_of
-from tinygc.discovery.screen.learnable import learnable_factor, learnable_sizes
+from tinygc.discovery.screen.learnable import learnable, learnable_from
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Evidence, Hypothesis
 from tinygc.explanation.naming.naming import STAND_IN
@@ -94,7 +94,7 @@ class _Judged:
     same: list[Rival]
 
 
-def answer(explanation: Explanation, searched: Searched, seed: int, progress: Callable[[str], None]) -> Discovery:
+def answer(explanation: Explanation, searched: Searched, progress: Callable[[str], None]) -> Discovery:
     """The answer of a search."""
     evidence, best = searched.evidence, searched.best
     first = searched.rounds[0].screening
@@ -109,14 +109,14 @@ def answer(explanation: Explanation, searched: Searched, seed: int, progress: Ca
         progress("what could have been found")
         why = leaves_more or searched.why or "no form takes up more than its own description costs"
         names = tuple(effect.id for effect in searched.catalogue.effects)
-        limits = learnable_sizes(first, seed)
+        limits = learnable(first)
         return Discovery("none", why, (), names, learnable=limits, **common)
     progress("rivals")
     judged = [_judged(searched, law) for law in searched.laws]
     names = tuple(effect.id for effect in best.effects if effect.id not in evidence.forms)
     whole = _on_all(explanation, searched)
     progress("from what size it could have been found")
-    laws = tuple(_law(searched, each, whole, number, seed) for number, each in enumerate(judged))
+    laws = tuple(_law(searched, each, whole, number) for number, each in enumerate(judged))
     several = next((each for each in judged if each.others), None)
     why = "" if several is None else f"{len(several.others) + 1} forms of equal worth add different rates"
     return Discovery("ambiguous" if several else "found", why, laws, names, **common)
@@ -176,7 +176,7 @@ def _on_all(explanation: Explanation, searched: Searched) -> Hypothesis:
     return evidence.of(searched.best.effects, evidence.nothing)
 
 
-def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int, seed: int) -> Law:
+def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) -> Law:
     evidence, form = searched.evidence, judged.form
     at = next(i for i, effect in enumerate(whole.effects) if effect is judged.law)
     claims = whole.fit.state.claims
@@ -197,7 +197,7 @@ def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int, se
         judged.held_out,
         _same(judged, evidence),
         tuple(_runner_up(evidence, rival) for rival in judged.others[:MOST_RUNNERS_UP]),
-        learnable_factor(judged.round.screening, form, theta, bits(form), seed),
+        learnable_from(judged.round.screening, form, theta),
     )
 
 

@@ -44,7 +44,10 @@ def discovery_page(explained: dict) -> Group:
 
 
 def _law(law: dict) -> list[Text]:
-    lines = [Text.assemble((f"{law['id']}  ", "bold cyan"), law["equation"]), one_line(f"  the rate's error on each axis follows {law['in_words']}")]
+    lines = [
+        Text.assemble((f"{law['id']}  ", "bold cyan"), law["equation"]),
+        one_line(f"  the rate's error on each axis follows {law['in_words']}"),
+    ]
     lines += [Text(f"  {line}") for line in number_lines(law)]
     lines.append(
         one_line(

@@ -46,7 +46,7 @@ OPTIONS = {path[1] for path in keys_on_page("tinygc-truth/1") if path[0] == "opt
 STANDS_FOR = {
     "<method>": lambda word: word in METHODS,
     "<file>": lambda word: re.fullmatch(r"[\w-]+(\.unit\d+)?\.(csv|csv\.gz|toml|json)", word),
-    "<id>": lambda word: word in EFFECTS or word.startswith(("unknown.", "outside.")),
+    "<id>": lambda word: word in EFFECTS or word.startswith(("unknown.", "outside.", "law.")),
     "<parameter>": lambda word: word in PARAMETERS,
     "<option>": lambda word: word in OPTIONS,
     "<case>": lambda word: re.fullmatch(r"case\d+", word),

@@ -116,7 +116,12 @@ def angle_turned(movement: Movement) -> np.ndarray:
 
 
 def level_directions(movement: Movement) -> np.ndarray:
-    """(N, 3, 2) in body axes: two level directions, at right angles, that are fixed in the world.
+    """(N, 3, 2) in body axes: the two level ones of ``world_directions``."""
+    return world_directions(movement)[:, :, :2]
+
+
+def world_directions(movement: Movement) -> np.ndarray:
+    """(N, 3, 3) in body axes: three directions, at right angles, that are fixed in the world: two level ones, and upright.
 
     The first is where the level part of the sensor's x axis pointed when the log began; an x axis that stood upright then has none, and
     gives a direction by chance.  The attitude at the beginning is that of gravity over half a second, in which the sensor should be still.
@@ -128,7 +133,7 @@ def level_directions(movement: Movement) -> np.ndarray:
     turned = rotation.accumulate(np.concatenate([[[1.0, 0, 0, 0]], steps]))
     since = rotation.multiply(rotation.conjugate(turned[begin]), turned)
     attitude = rotation.multiply(rotation.from_gravity(gravity), since)
-    return np.swapaxes(rotation.matrix(attitude)[:, :2], 1, 2)
+    return np.swapaxes(rotation.matrix(attitude), 1, 2)
 
 
 def _first(movement: Movement) -> int:

@@ -6,6 +6,8 @@ import numpy as np
 
 from session.common.units import DEG
 from tinygc.discovery.grammar.form import Form
+from tinygc.discovery.grammar.words import equation as equation_of
+from tinygc.discovery.grammar.words import regime, splits
 from tinygc.effects import Effect, Movement, NoC, Parameter, Reach, signals
 
 #: rad/s: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
@@ -30,14 +32,16 @@ def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equati
     lags = [signals.lag_reach(factor.lag_s) for factor in form.factors if factor.lag_s is not None]
     reach = sum([*(factor.of.reach for factor in form.factors), *lags], Reach())
     inputs = tuple(dict.fromkeys(name for factor in form.factors for name in factor.of.inputs))
+    unit, said = form.coefficient_unit, equation or equation_of(form)
     return Effect(
         id=name,
-        equation=equation or repr(form),
-        parameter=Parameter("coefficients", (form.size,), "dps", DEG, plausible=PLAUSIBLE_RPS / max(rms, 1e-12)),
+        equation=said,
+        parameter=Parameter("coefficients", (form.size,), unit, DEG, plausible=PLAUSIBLE_RPS / max(rms, 1e-12)),
         seen_in=("still", "turn"),
         columns=lambda movement: columns_of(form, movement),
-        says=lambda theta: f"follows {equation} (up to {np.abs(theta).max() / DEG:.3g} dps)",
-        splits="repeat the session with this variable changed on purpose, all else alike",
+        says=lambda theta: f"follows {said} (up to {np.abs(theta).max() / DEG:.3g} {unit})",
+        splits=splits(form),
+        regime=regime(form),
         inputs=inputs,
         reach=reach,
         device=NoC("no C has been written for it"),

@@ -1,44 +1,105 @@
-"""All forms of the grammar that a recording can be asked, each once."""
+"""All forms of the grammar that a recording can be asked, each once.
+
+One factor: every function of every quantity, and what of them may lag behind.  Two factors: the plainer functions of both, with fewer
+places for constants.  Each in every pattern of axes that its factors may have.  What is the same by algebra is left out as it is built, as
+far as a rule says so in a line; ``same`` finds the rest, and the form of fewest bits stays.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import combinations_with_replacement, product
+from functools import cache
+from itertools import combinations_with_replacement
 
-from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.grammar.bits import bits
+from tinygc.discovery.grammar.form import Factor, Form, patterns_of
+from tinygc.discovery.grammar.functions import FUNCTIONS
+from tinygc.discovery.grammar.grids import constant_at
+from tinygc.discovery.grammar.largest import largest_of
 from tinygc.discovery.grammar.quantities import QUANTITIES
+from tinygc.discovery.grammar.same import told_apart
+from tinygc.discovery.grammar.some_movement import some_movement
+from tinygc.discovery.grammar.vocabulary import offered
 
-#: of a quantity's largest size in the recording: constants in its unit that are tried, sharpened afterwards
-SHARES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7)
-#: s
-LAGS_S = (0.05, 0.15, 0.5, 1.5, 5.0, 15.0, 50.0)
+#: of the movement by which forms are told apart
+SEED = 17
+#: numbers of one axis that a product may have: more would be a dozen coefficients
+MOST_EACH = 2
+
+#: a factor without the recording's size of it: quantity, function, its constant's place, lag
+Place = tuple[str, str, float | None, float | None]
+#: factors and pattern
+Plan = tuple[tuple[Place, ...], str]
 
 
 def enumerated(largest: Mapping[str, float]) -> list[Form]:
     """Every form over these quantities, by name, each with its largest size in the recording; 0 where it does not vary."""
-    names = [name for name in QUANTITIES if largest.get(name, 0.0) > 0]
-    return list(_singles(names, largest)) + list(_products(names, largest))
+    names = tuple(name for name in QUANTITIES if largest.get(name, 0.0) > 0)
+    made: dict[Place, Factor] = {}
+    found = []
+    for places, pattern in _plans(names):
+        for place in places:
+            if place not in made:
+                made[place] = _factor(place, largest)
+        found.append(Form(tuple(made[place] for place in places), pattern))
+    return found
 
 
-def _singles(names: list[str], largest: Mapping[str, float]) -> Iterator[Form]:
+def _factor(place: Place, largest: Mapping[str, float]) -> Factor:
+    quantity, function, at, lag_s = place
+    return Factor(quantity, function, None if at is None else constant_at(quantity, function, at, largest[quantity]), lag_s)
+
+
+@cache
+def _plans(names: tuple[str, ...]) -> tuple[Plan, ...]:
+    """Of all forms over these quantities, each once, the simplest first; told apart on a movement that is drawn."""
+    movement = some_movement(SEED)
+    largest = largest_of([movement])
+    plans: dict[Form, Plan] = {}
+    for plan in [*_singles(names), *_products(names)]:
+        form = Form(tuple(_factor(place, largest) for place in plan[0]), plan[1])
+        plans.setdefault(form, plan)
+    forms = sorted(plans, key=bits)
+    return tuple(plans[form] for form in told_apart(forms, movement))
+
+
+def _singles(names: tuple[str, ...]) -> Iterator[Plan]:
     for name in names:
-        for function in ("itself", "size", "square", "signed_square", "cube", "root", "signed_root", "root_cube", "sign"):
-            yield from _patterns((Factor(name, function),))
-        for function, share in product(("dead_zone", "beyond", "decay", "wave"), SHARES):
-            yield from _patterns((Factor(name, function, share * largest[name]),))
+        for function, at, lag_s in offered(name, few=False):
+            plain = at is None and lag_s is None
+            for pattern in patterns_of((_any(name, function),)):
+                # A matrix over what fades or steps has no physics of its own; nor has a matrix without its diagonal.
+                if pattern == "each" or plain or (pattern == "full" and QUANTITIES[name].directions * FUNCTIONS[function].phases == 1):
+                    yield ((name, function, at, lag_s),), pattern
 
 
-def _products(names: list[str], largest: Mapping[str, float]) -> Iterator[Form]:
-    factors = [Factor(name, function) for name in names for function in ("itself", "size", "square")]
-    for pair in combinations_with_replacement(factors, 2):
-        if pair[0] != pair[1]:
-            yield from _patterns(pair)
+def _products(names: tuple[str, ...]) -> Iterator[Plan]:
+    places = [(name, *place) for name in names for place in offered(name, few=True)]
+    for one, other in combinations_with_replacement(places, 2):
+        factors = (_any(*one[:2]), _any(*other[:2]))
+        if factors[0].each * factors[1].each > MOST_EACH or not _sensible(one, other):
+            continue
+        plain = all(at is None and lag_s is None for _, _, at, lag_s in (one, other))
+        for pattern in patterns_of(factors):
+            if pattern in ("full", "cross") and not plain:
+                continue
+            yield (one, other), pattern
+            if pattern == "leant" and one != other:
+                yield (other, one), pattern
 
 
-def _patterns(factors: tuple[Factor, ...]) -> Iterator[Form]:
-    vectors = sum(factor.vector for factor in factors)
-    yield Form(factors, "each")
-    if vectors:
-        yield Form(factors, "full")
-    if vectors == 2:
-        yield Form(factors, "next")
+def _sensible(one: Place, other: Place) -> bool:
+    """Whether not both have a value on a grid, unless one fades with time and the other lags or has a threshold: what a motion leaves
+    behind, and what a supply does as it settles, are such products; of others, two grids would be two searches in one."""
+    searched = [any(value is not None for value in place[2:]) for place in (one, other)]
+    return not all(searched) or (one[0] != other[0] and (_fades(one) or _fades(other)))
+
+
+def _fades(place: Place) -> bool:
+    return place[0] in ("time", "rest") and place[1] == "decay"
+
+
+@cache
+def _any(quantity: str, function: str) -> Factor:
+    """A factor of that kind, its constant whatever."""
+    return Factor(quantity, function, None if FUNCTIONS[function].constant is None else 1.0)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import isfinite
 
 import numpy as np
 
 from tinygc.discovery.grammar.functions import FUNCTIONS, Function
 from tinygc.discovery.grammar.quantities import QUANTITIES, Quantity
+from tinygc.discovery.grammar.units import RATE, Unit, UnitError, product, text_of, unit_of
 from tinygc.effects import Movement, signals
 
 
@@ -15,13 +18,42 @@ from tinygc.effects import Movement, signals
 class Factor:
     """A function of a quantity, constant: of the function, in the quantity's unit; lag_s: of a first-order lag behind both.
 
-    It has ``len(quantity.components) * function.phases`` components, the phases of one component side by side.
+    It has ``len(quantity.components) * function.phases`` components, the phases of one component side by side.  UnitError for what has no
+    proper unit, such as an exponent without a scale in the quantity's unit.
     """
 
     quantity: str
     function: str = "itself"
     constant: float | None = None
     lag_s: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, known, what in ((self.quantity, QUANTITIES, "quantity"), (self.function, FUNCTIONS, "function")):
+            if name not in known:
+                raise UnitError(f"{name!r} is no {what}; there are {', '.join(known)}")
+        needed, unit = self.through.constant, self.of.unit
+        if needed is None and self.constant is not None:
+            raise UnitError(f"{self.function} of {self.quantity} takes no constant, got {self.constant}")
+        if needed is not None and (self.constant is None or not 0 < self.constant < np.inf):
+            asked = "a positive number" if unit == "1" else f"a positive number of {unit}"
+            raise UnitError(f"{self.function} of {self.quantity} has no proper unit without its {needed}, {asked}; got {self.constant}")
+        if self.lag_s is not None and not (isfinite(self.lag_s) and self.lag_s > 0):
+            raise UnitError(f"a lag of {self.quantity} is a positive number of seconds, got {self.lag_s}")
+
+    @classmethod
+    def measured(cls, quantity: str, function: str, constant: float, unit: str, lag_s: float | None = None) -> Factor:
+        """With a constant in a stated unit.  UnitError where that is not the quantity's."""
+        made = cls(quantity, function, constant, lag_s)
+        if unit_of(unit) != unit_of(made.of.unit):
+            raise UnitError(
+                f"{quantity} is in {made.of.unit}: {function} takes a {made.through.constant} in that unit, got {constant} {unit}"
+            )
+        return made
+
+    @property
+    def unit(self) -> Unit:
+        """Of its values."""
+        return product((unit_of(self.of.unit), self.through.power))
 
     @property
     def of(self) -> Quantity:
@@ -62,12 +94,30 @@ class Term:
 PATTERNS = ("each", "full", "cross", "next", "last", "leant")
 
 
+def patterns_of(factors: tuple[Factor, ...]) -> tuple[str, ...]:
+    """Those that make sense: a scalar has no axis, so it adds to all of them alike."""
+    vectors = sum(factor.vector for factor in factors)
+    return PATTERNS if vectors == 2 else PATTERNS[:3] if vectors else PATTERNS[:1]
+
+
 @dataclass(frozen=True)
 class Form:
-    """One or two factors and a pattern of axes."""
+    """One or two factors and a pattern of axes.  ValueError for a pattern that the factors cannot have."""
 
     factors: tuple[Factor, ...]
     pattern: str = "each"
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.factors) <= 2:
+            raise ValueError(f"a form has one factor or two, got {len(self.factors)}")
+        if self.pattern not in patterns_of(self.factors):
+            kinds = " times ".join(f"{factor.quantity} ({'vector' if factor.vector else 'scalar'})" for factor in self.factors)
+            raise ValueError(f"{kinds} has no pattern {self.pattern!r}; it may have {', '.join(patterns_of(self.factors))}")
+
+    @property
+    def coefficient_unit(self) -> str:
+        """Of each coefficient, as a person reads it: ``dps/(g·°C)``."""
+        return text_of(product(*((factor.unit, Fraction(1)) for factor in self.factors)), RATE)
 
     def terms(self) -> tuple[Term, ...]:
         """One for each coefficient, row by row of its matrix where it has one."""

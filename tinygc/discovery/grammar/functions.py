@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
+
+#: of a square wave with any phase, the first three of its harmonics have 97 % of its size
+HARMONICS = (1, 3, 5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -13,8 +17,8 @@ class Function:
     """name; shown: an equation's text, ``{x}`` the quantity and ``{c}`` its constant; words about it, likewise.
 
     of(x, c) -> the same shape, or with ``phases`` numbers for each as a further last axis; source: Python of ``x`` and ``c``;
-    constant: the constant's name in JSON where it has one, which has the quantity's unit; odd: whether it changes sign with x; of_one:
-    whether it makes a unitless number of any quantity.
+    constant: the constant's name in JSON where it has one, which has the quantity's unit; odd: whether it changes sign with x;
+    power: of the quantity's unit, that of what it makes: 0 where it divides by its constant or asks for a sign.
     """
 
     name: str
@@ -25,57 +29,132 @@ class Function:
     constant: str | None = None
     odd: bool = True
     phases: int = 1
+    power: Fraction = Fraction(0)
 
 
 def _wave(x: np.ndarray, c: float) -> np.ndarray:
-    return np.stack([np.cos(2 * np.pi * x / c), np.sin(2 * np.pi * x / c)], axis=-1)
+    phase = 2 * np.pi * x / c
+    return np.stack([np.cos(phase), np.sin(phase)], axis=-1)
 
 
-_ALL = (
-    Function("itself", "{x}", "{x}", lambda x, c: x, "x"),
-    Function("size", "|{x}|", "the size of {x}", lambda x, c: np.abs(x), "np.abs(x)", odd=False),
-    Function("square", "{x}²", "the square of {x}", lambda x, c: x**2, "x**2", odd=False),
-    Function("signed_square", "{x}|{x}|", "{x} times its size", lambda x, c: x * np.abs(x), "x * np.abs(x)"),
-    Function("cube", "{x}³", "the cube of {x}", lambda x, c: x**3, "x**3"),
-    Function("size_cube", "|{x}|³", "the cube of the size of {x}", lambda x, c: np.abs(x) ** 3, "np.abs(x) ** 3", odd=False),
-    Function("root", "√|{x}|", "the root of the size of {x}", lambda x, c: np.sqrt(np.abs(x)), "np.sqrt(np.abs(x))", odd=False),
+def _clock(x: np.ndarray, c: float) -> np.ndarray:
+    return np.concatenate([_wave(x, c / harmonic) for harmonic in HARMONICS], axis=-1)
+
+
+def _saw(x: np.ndarray, c: float) -> np.ndarray:
+    return x / c - np.round(x / c)
+
+
+_HALF = Fraction(1, 2)
+_PLAIN = (
+    Function("itself", "{x}", "{x}", lambda x, c: x, "x", power=Fraction(1)),
+    Function("size", "|{x}|", "the size of {x}", lambda x, c: np.abs(x), "np.abs(x)", odd=False, power=Fraction(1)),
+    Function("square", "{x}²", "the square of {x}", lambda x, c: x**2, "x**2", odd=False, power=Fraction(2)),
+    Function("signed_square", "{x}|{x}|", "{x} times its own size", lambda x, c: x * np.abs(x), "x * np.abs(x)", power=Fraction(2)),
+    Function("cube", "{x}³", "the cube of {x}", lambda x, c: x**2 * x, "x**2 * x", power=Fraction(3)),
+    Function(
+        "size_cube",
+        "|{x}|³",
+        "the cube of the size of {x}",
+        lambda x, c: x**2 * np.abs(x),
+        "x**2 * np.abs(x)",
+        odd=False,
+        power=Fraction(3),
+    ),
+    Function(
+        "root",
+        "√|{x}|",
+        "the square root of the size of {x}",
+        lambda x, c: np.sqrt(np.abs(x)),
+        "np.sqrt(np.abs(x))",
+        odd=False,
+        power=_HALF,
+    ),
     Function(
         "signed_root",
         "sign({x})√|{x}|",
-        "the root of {x}, with its sign",
+        "the square root of the size of {x}, with its sign",
         lambda x, c: np.sign(x) * np.sqrt(np.abs(x)),
         "np.sign(x) * np.sqrt(np.abs(x))",
+        power=_HALF,
     ),
     Function(
         "root_cube",
         "{x}√|{x}|",
-        "{x} times the root of its size",
+        "{x} times the square root of its own size",
         lambda x, c: x * np.sqrt(np.abs(x)),
         "x * np.sqrt(np.abs(x))",
+        power=3 * _HALF,
+    ),
+    Function(
+        "size_root_cube",
+        "|{x}|√|{x}|",
+        "the size of {x} times its own square root",
+        lambda x, c: np.abs(x) * np.sqrt(np.abs(x)),
+        "np.abs(x) * np.sqrt(np.abs(x))",
+        odd=False,
+        power=3 * _HALF,
     ),
     Function("sign", "sign({x})", "the sign of {x}", lambda x, c: np.sign(x), "np.sign(x)"),
+)
+_WITH_CONSTANT = (
     Function(
         "dead_zone",
         "dz({x}, {c})",
-        "{x} beyond a dead zone of {c}",
+        "what {x} has beyond a dead zone of ±{c}",
         lambda x, c: x - np.clip(x, -c, c),
         "x - np.clip(x, -c, c)",
         constant="width",
+        power=Fraction(1),
     ),
-    Function("within", "clip({x}, {c})", "{x}, held within {c}", lambda x, c: np.clip(x, -c, c), "np.clip(x, -c, c)", constant="limit"),
+    Function(
+        "excess",
+        "max(|{x}| − {c}, 0)",
+        "how far the size of {x} is above {c}",
+        lambda x, c: np.maximum(np.abs(x) - c, 0.0),
+        "np.maximum(np.abs(x) - c, 0.0)",
+        constant="threshold",
+        odd=False,
+        power=Fraction(1),
+    ),
+    Function(
+        "within",
+        "clip({x}, ±{c})",
+        "{x}, held within ±{c}",
+        lambda x, c: np.clip(x, -c, c),
+        "np.clip(x, -c, c)",
+        constant="limit",
+        power=Fraction(1),
+    ),
+    Function(
+        "soft",
+        "tanh({x} / {c})",
+        "{x}, which saturates softly at about {c}",
+        lambda x, c: np.tanh(x / c),
+        "np.tanh(x / c)",
+        constant="limit",
+    ),
     Function(
         "beyond",
         "[|{x}| > {c}]",
-        "whether the size of {x} is above {c}",
+        "a step that is there while the size of {x} is above {c}",
         lambda x, c: (np.abs(x) > c).astype(float),
         "(np.abs(x) > c).astype(float)",
         constant="threshold",
         odd=False,
     ),
     Function(
+        "signed_beyond",
+        "sign({x})[|{x}| > {c}]",
+        "a step with the sign of {x} that is there while its size is above {c}",
+        lambda x, c: np.sign(x) * (np.abs(x) > c),
+        "np.sign(x) * (np.abs(x) > c)",
+        constant="threshold",
+    ),
+    Function(
         "decay",
-        "exp(−|{x}|/{c})",
-        "what fades with {x} within {c}",
+        "exp(−|{x}| / {c})",
+        "what fades as {x} grows, by a factor e in each {c}",
         lambda x, c: np.exp(-np.abs(x) / c),
         "np.exp(-np.abs(x) / c)",
         constant="scale",
@@ -84,12 +163,30 @@ _ALL = (
     Function(
         "wave",
         "wave({x}, {c})",
-        "a wave over {x} of period {c}",
+        "a sine over {x}, of any phase, with a period of {c}",
         _wave,
         "np.stack([np.cos(2 * np.pi * x / c), np.sin(2 * np.pi * x / c)], axis=-1)",
         constant="period",
         odd=False,
         phases=2,
     ),
+    Function(
+        "clock",
+        "clock({x}, {c})",
+        "a square wave over {x} (its first three harmonics), of any phase, with a period of {c}",
+        _clock,
+        "np.stack([f(2 * np.pi * k * x / c) for k in (1, 3, 5) for f in (np.cos, np.sin)], axis=-1)",
+        constant="period",
+        odd=False,
+        phases=2 * len(HARMONICS),
+    ),
+    Function(
+        "saw",
+        "saw({x}, {c})",
+        "the part of a step that rounding {x} to steps of {c} leaves",
+        _saw,
+        "x / c - np.round(x / c)",
+        constant="step",
+    ),
 )
-FUNCTIONS: dict[str, Function] = {function.name: function for function in _ALL}
+FUNCTIONS: dict[str, Function] = {function.name: function for function in _PLAIN + _WITH_CONSTANT}

@@ -18,7 +18,7 @@ class Quantity:
 
     components: 3 for a vector of the sensor's axes, 6 for one with two directions for each axis (axis * 2 + direction), 1 for a scalar;
     of(movement) -> (N, components); source: the same as Python over ``m``, (N,) or (N, 3); inputs and reach: as an ``Effect`` declares
-    them; memory: whether it is summed over the log, so that no later movement knows it.
+    them; memory: whether it is summed over the log, so that no later movement knows it; positive: whether it is never below zero.
     """
 
     name: str
@@ -31,6 +31,7 @@ class Quantity:
     inputs: tuple[str, ...] = ()
     reach: Reach = NOWHERE
     memory: bool = False
+    positive: bool = False
 
     @property
     def vector(self) -> bool:
@@ -48,7 +49,7 @@ def _scalar(values: np.ndarray) -> np.ndarray:
 
 
 def _jerk(movement: Movement) -> np.ndarray:
-    return np.gradient(movement.acceleration, movement.dt_s, axis=0) / movement.fs_rps
+    return np.gradient(movement.acceleration, movement.t_s, axis=0) / movement.fs_rps
 
 
 def _force(movement: Movement) -> np.ndarray:
@@ -65,6 +66,7 @@ _ALL = (
         1,
         lambda m: _scalar(np.linalg.norm(m.rate, axis=1) / m.fs_rps),
         "np.linalg.norm(m.rate, axis=1) / m.fs_rps",
+        positive=True,
     ),
     Quantity(
         "force",
@@ -94,7 +96,7 @@ _ALL = (
         "1/s²",
         3,
         _jerk,
-        "np.gradient(m.acceleration, m.dt_s, axis=0) / m.fs_rps",
+        "np.gradient(m.acceleration, m.t_s, axis=0) / m.fs_rps",
         reach=Reach.around(samples=2),
     ),
     Quantity(
@@ -118,7 +120,7 @@ _ALL = (
         ("temperature",),
         signals.SLOPE,
     ),
-    Quantity("time", "t", "the time since the session began", "s", 1, lambda m: _scalar(m.t_s), "m.t_s", ("time",)),
+    Quantity("time", "t", "the time since the session began", "s", 1, lambda m: _scalar(m.t_s), "m.t_s", ("time",), positive=True),
     Quantity(
         "rest",
         "t_r",
@@ -130,8 +132,19 @@ _ALL = (
         ("time",),
         signals.WHOLE,
         memory=True,
+        positive=True,
     ),
-    Quantity("vibration", "v²", "the vibration's energy", "g²", 1, lambda m: _scalar(m.vibration_g2), "m.vibration_g2", ("vibration",)),
+    Quantity(
+        "vibration",
+        "v²",
+        "the vibration's energy",
+        "g²",
+        1,
+        lambda m: _scalar(m.vibration_g2),
+        "m.vibration_g2",
+        ("vibration",),
+        positive=True,
+    ),
     Quantity(
         "turned",
         "α_{i}",
@@ -164,6 +177,18 @@ _ALL = (
         6,
         lambda m: signals.level_directions(m).reshape(-1, 6),
         "signals.level_directions(m)",
+        ("force", "time"),
+        signals.WHOLE,
+        memory=True,
+    ),
+    Quantity(
+        "world",
+        "e_{i}",
+        "three directions fixed in the world, one of them upright",
+        "1",
+        9,
+        lambda m: signals.world_directions(m).reshape(-1, 9),
+        "signals.world_directions(m)",
         ("force", "time"),
         signals.WHOLE,
         memory=True,

@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from tinygc.discovery.grammar.enumeration import enumerated
 from tinygc.discovery.grammar.largest import largest_of
@@ -18,7 +19,7 @@ from tinygc.discovery.judge.answer import Discovery
 from tinygc.discovery.judge.held_out import Unseen
 from tinygc.discovery.judge.parts import parted
 from tinygc.discovery.judge.search import Found, with_a_form
-from tinygc.discovery.judge.verdict import Searched, answer
+from tinygc.discovery.judge.verdict import Searched, answer, refused
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.effects import Effect
 from tinygc.explanation.naming.candidates import candidates
@@ -58,20 +59,25 @@ def discover(
     catalogue = exchanged(evidence, tried, search(evidence, tried, start))
     shapes = search(evidence, slow_candidates(twin), catalogue, most=MOST_SHAPES)
     forms = enumerated(largest_of(twin.movements))
-    bases = [catalogue, *([evidence.nothing] if catalogue.effects else [])]
+    bases = [evidence.nothing, catalogue] if catalogue.effects else [catalogue]
     rounds: list[Found] = []
-    best = catalogue
+    searched = Searched(evidence, Unseen(whole, twin), split, catalogue, shapes, catalogue, rounds, forms)
     while len(rounds) < MOST_LAWS:
         step = 1 + 2 * len(rounds)
         found = with_a_form(evidence, forms, bases, seed, lambda what, at=step: progress(f"discover: {what}", at, STEPS))
         rounds.append(found)
-        if found.best is None or found.best.score >= best.score:
+        if found.best is None or found.best.score >= searched.best.score:
             break
-        best = _beside_names(evidence, tried, found.best)
-        bases = [best]
-    progress("discover: what was put away", STEPS - 2, STEPS)
-    searched = Searched(evidence, Unseen(whole, twin), split, catalogue, shapes, best, rounds, forms)
-    return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
+        further = replace(searched, best=_beside_names(evidence, tried, found.best))
+        why = next((why for law in further.laws if law in found.tried and (why := refused(further, law))), None)
+        if why is not None:
+            searched = replace(searched, why=searched.why or why)
+            break
+        searched = further
+        if not searched.leaves_something:
+            break
+        bases = [searched.best]
+    return answer(explanation, searched, seed, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
 
 
 def _beside_names(evidence: FormEvidence, tried: list[Effect], have: Hypothesis) -> Hypothesis:

@@ -1,0 +1,79 @@
+"""Which functions of which quantities are tried: alone, in a product, and behind a lag.
+
+What a Coriolis gyroscope and its package are known to do, or could: the drive's and the sense's nonlinearity (powers, roots, limits, dead
+zones of the rate), one axis' motion in another's channel (rate products, angular acceleration, jerk of a mode that rings), a mass that
+hangs askew (force, its products, force times rate), strain of the package (temperature, its rate, its lag), heat and charge that a motion
+leaves behind (lags of the rate's size and square, the sense of the last turn, which fades), a supply that settles or is loaded to a
+clock (time), a field that is fixed in the world (level and world directions), and a register that rounds (saw).
+"""
+
+from __future__ import annotations
+
+from tinygc.discovery.grammar.grids import lags_of, places
+from tinygc.discovery.grammar.functions import FUNCTIONS
+
+_POWERS = "itself size square signed_square cube size_cube root signed_root root_cube size_root_cube"
+_LIMITS = "dead_zone excess within soft beyond signed_beyond"
+ALONE: dict[str, tuple[str, ...]] = {
+    "rate": tuple(f"{_POWERS} sign {_LIMITS} decay wave saw".split()),
+    "rate_size": tuple("itself square cube root root_cube excess soft beyond decay wave".split()),
+    "force": tuple(f"{_POWERS} sign {_LIMITS} wave".split()),
+    "acceleration": tuple(f"{_POWERS} sign {_LIMITS}".split()),
+    "jerk": tuple("itself size square signed_square cube root signed_root sign dead_zone excess soft beyond".split()),
+    "temperature": tuple(
+        "itself size square signed_square cube root signed_root root_cube dead_zone excess beyond decay soft wave".split()
+    ),
+    "temperature_rate": tuple("itself size square signed_square cube root signed_root sign dead_zone beyond".split()),
+    "time": tuple("itself square cube root root_cube excess beyond decay wave clock".split()),
+    "rest": tuple("itself square root root_cube excess beyond decay".split()),
+    "vibration": tuple("itself square root root_cube excess beyond soft".split()),
+    "turned": tuple("itself size square signed_square root signed_root wave clock".split()),
+    "sense": ("itself", "size"),
+    "level": ("itself",),
+    "world": ("itself",),
+}
+TOGETHER: dict[str, tuple[str, ...]] = {
+    "rate": tuple("itself size square signed_square signed_root sign dead_zone beyond signed_beyond".split()),
+    "rate_size": tuple("itself square root beyond excess decay".split()),
+    "force": tuple("itself size square signed_square sign".split()),
+    "acceleration": tuple("itself size square sign".split()),
+    "jerk": ("itself", "size"),
+    "temperature": tuple("itself square size root beyond excess".split()),
+    "temperature_rate": ("itself", "size"),
+    "time": tuple("itself square root decay beyond wave".split()),
+    "rest": tuple("itself root decay beyond".split()),
+    "vibration": tuple("itself root square beyond".split()),
+    "turned": ("itself", "wave"),
+    "sense": ("itself",),
+    "level": ("itself",),
+    "world": (),
+}
+#: functions that may be looked at behind a lag, alone and in a product
+LAGGED: dict[str, tuple[str, ...]] = {
+    "rate": tuple("itself size square signed_square sign cube".split()),
+    "rate_size": tuple("itself square".split()),
+    "force": tuple("itself size square".split()),
+    "acceleration": tuple("size square".split()),
+    "temperature": ("itself", "square"),
+    "temperature_rate": ("itself", "size"),
+    "vibration": tuple("itself root".split()),
+    "sense": ("itself",),
+}
+LAGGED_TOGETHER: dict[str, tuple[str, ...]] = {
+    "rate": tuple("itself size square".split()),
+    "rate_size": tuple("itself square".split()),
+    "force": ("itself",),
+    "temperature": ("itself",),
+    "vibration": ("itself",),
+    "sense": ("itself",),
+}
+
+
+def offered(quantity: str, few: bool) -> list[tuple[str, float | None, float | None]]:
+    """(function, its constant's place on the grid, lag in s) of a quantity, alone or, few, in a product."""
+    plain, late = (TOGETHER, LAGGED_TOGETHER) if few else (ALONE, LAGGED)
+    found: list[tuple[str, float | None, float | None]] = []
+    for function in plain[quantity]:
+        grid: tuple[float | None, ...] = (None,) if FUNCTIONS[function].constant is None else places(quantity, function, few)
+        found += [(function, place, None) for place in grid]
+    return found + [(function, None, lag_s) for function in late.get(quantity, ()) for lag_s in lags_of(quantity, few)]

@@ -8,6 +8,7 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from session.common.units import DEG
+from tinygc.discovery.grammar.words import LATE, NEIGHBOURS, SYMBOLS, ZONE, equation, in_words
 from tinygc.discovery.judge.answer import Discovery, HeldOut, Law, RunnerUp
 from tinygc.discovery.told import said
 from tinygc.discovery.told.constants import constants_of
@@ -36,8 +37,8 @@ def _law(law: Law, file: str | None) -> dict:
     parameters, std = ((x / DEG).reshape(law_code(law.form).shape).tolist() for x in (law.theta, np.sqrt(np.diag(law.covariance))))
     return {
         "id": law.effect.id if file is None else id_of(file),
-        "equation": said.equation(law.form),
-        "in_words": said.in_words(law.form),
+        "equation": equation(law.form),
+        "in_words": in_words(law.form),
         "parameters": {name: parameters},
         "std": {name: std},
         "unit": unit,
@@ -51,7 +52,7 @@ def _law(law: Law, file: str | None) -> dict:
         "chance_p": law.chance_p,
         "held_out": [_held_out(each) for each in law.held_out],
         "file": file,
-        "same_here": [said.equation(form) for form in law.same],
+        "same_here": [equation(form) for form in law.same],
         "runners_up": [_runner_up(each) for each in law.runners_up],
         "learnable_from": law.learnable_from,
     }
@@ -86,4 +87,11 @@ def _runner_up(each: RunnerUp) -> dict:
 
 def other_equation(each: RunnerUp) -> str:
     """Of a form or of a name."""
-    return each.effect.equation if each.form is None else said.equation(each.form)
+    return each.effect.equation if each.form is None else equation(each.form)
+
+
+def briefly(text: str) -> str:
+    """An equation without what its symbols are."""
+    for note in (*SYMBOLS.values(), NEIGHBOURS, LATE, ZONE):
+        text = text.split(f", {note}")[0]
+    return text

@@ -10,9 +10,9 @@ from math import ceil
 
 import numpy as np
 
+from tinygc.discovery.grammar.words import equation
 from tinygc.discovery.judge.answer import Discovery
-from tinygc.discovery.told import said
-from tinygc.discovery.told.as_json import other_equation
+from tinygc.discovery.told.as_json import briefly, other_equation
 from tinygc.discovery.told.fits import Fitted, Pair
 from tinygc.effects import Movement
 from tinygc.explanation.verdict.explain import Explanation
@@ -29,7 +29,7 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
     """What to record next; None where nothing is open.  pairs: of the laws that have a runner-up."""
     for law in discovery.laws:
         if law.runners_up:
-            between = f"to tell {said.equation(law.form)} from {other_equation(law.runners_up[0])}: "
+            between = f"to tell {briefly(equation(law.form))} from {briefly(other_equation(law.runners_up[0]))}: "
             return between + _splitting(next(pair for pair in pairs if pair.law is law))
     if discovery.verdict == "found":
         return "record a second session with other movement, and explain it with the effect file: a law that is named there holds"

@@ -6,6 +6,7 @@ from rich.console import Group
 from rich.text import Text
 
 from session.common.console import one_line
+from tinygc.discovery.told.as_json import briefly
 from tinygc.discovery.told.constants import PEOPLES
 from tinygc.explanation.verdict.measured import measured, p_words
 
@@ -46,7 +47,7 @@ def discovery_page(explained: dict) -> Group:
 def _law(law: dict) -> list[Text]:
     lines = [
         Text.assemble((f"{law['id']}  ", "bold cyan"), law["equation"]),
-        one_line(f"  the rate's error on each axis follows {law['in_words']}"),
+        one_line(f"  {law['in_words']}"),
     ]
     lines += [Text(f"  {line}") for line in number_lines(law)]
     lines.append(
@@ -59,7 +60,7 @@ def _law(law: dict) -> list[Text]:
     if law["learnable_from"] is not None:
         lines.append(one_line(f"  {learnable_words(law['learnable_from'])}"))
     if law["same_here"]:
-        lines.append(Text(f"  the same in this recording: {_listed(law['same_here'], MOST_SAME)}", "yellow"))
+        lines.append(Text(f"  the same in this recording: {_listed([briefly(text) for text in law['same_here']], MOST_SAME)}", "yellow"))
     lines += [Text(f"  could else be: {runner_up_words(each)}", "yellow") for each in law["runners_up"][:MOST_RUNNERS_UP]]
     if law["file"]:
         lines.append(one_line(f"  written as {law['file']}"))
@@ -117,7 +118,7 @@ def learnable_words(factor: float) -> str:
 def runner_up_words(each: dict) -> str:
     """Equation, how much worse, how alike, and what would tell."""
     name = f"{each['id']}  " if each["id"] else ""
-    return f"{name}{each['equation']} (worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}): {each['splits']}"
+    return f"{name}{briefly(each['equation'])} (worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}): {each['splits']}"
 
 
 def _best_against_chance(table: dict) -> Text:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tinygc.discovery.grammar.words import equation
 from tinygc.discovery.judge.answer import Discovery, Law
-from tinygc.discovery.told import said
-from tinygc.discovery.told.as_json import other_equation
+from tinygc.discovery.told.as_json import briefly, other_equation
 from tinygc.discovery.told.fits import Fitted, Pair
 from tinygc.discovery.told.page import HEADLINES
 from tinygc.discovery.told.panels import draw_pair
@@ -37,8 +37,8 @@ def figure_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> Figure
 
 
 def _words(law: Law) -> str:
-    beside = f"      runner-up:  {other_equation(law.runners_up[0])}" if law.runners_up else ""
-    return f"{law.effect.id}:  {said.equation(law.form)}{beside}"
+    beside = f"      runner-up:  {briefly(other_equation(law.runners_up[0]))}" if law.runners_up else ""
+    return f"{law.effect.id}:  {equation(law.form)}{beside}"
 
 
 def _rows(e: Explanation, pair: Pair) -> list[list[Points]]:

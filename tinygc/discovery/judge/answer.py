@@ -44,8 +44,8 @@ class Law:
     """One law: form, and as an effect with its id and equation; theta (P,) and covariance (P, P) SI, of all rows; constants_sigma: of the
     form's constants, in their order; bits: of the form among all; gain: chi-square that it takes up; better: -2 log evidence by which it
     is better than without it; chance_p: of the best form of all doing as much in noise; held_out: parts of each recording, and the whole
-    recording that was left out, where there are several; same: forms that this recording cannot tell from it, since they are the same in
-    it; runners_up: others, best first; learnable_from: factor on its size from which this search would have found it here, None: unknown."""
+    recording that was left out, where there are several; same: forms that are the same in this recording; runners_up: others, best first;
+    learnable_from: factor on its size from which this search would have found it here, None: not at any."""
 
     form: Form
     effect: Effect

@@ -99,7 +99,7 @@ class _Judged:
 
 def answer(explanation: Explanation, searched: Searched, progress: Callable[[str], None]) -> Discovery:
     """The answer of a search."""
-    evidence, best = searched.evidence, searched.best
+    evidence = searched.evidence
     first = searched.rounds[0].screening
     common = {
         "forms": len(searched.forms),

@@ -47,7 +47,8 @@ def learnable_from(screening: Screening, form: Form, theta: np.ndarray, look: Lo
     """Factor on a law's size, theta (P,) in rad/s, from which this search would have found it in half of all cases; None: not at any.
 
     Found is a law where the best of all forms is it, or says what it adds to a correlation of 0.99, and chance does as much in one case of
-    twenty.  Linear; look: beside which, the screening's last if none is given.  The form has the bits of those of the screening that differ from it by constants alone.
+    twenty.  Linear; look: beside which, the screening's last if none is given.  The form has the bits of those of the screening that
+    differ from it by constants alone.
     """
     responses, look = screening.all_responses, look or screening.all_looks[-1]
     basis = basis_of(form, responses, look)

@@ -22,11 +22,19 @@ LONGEST_INTEGER = 18
 def read_json(path: Path) -> Any:
     """What a JSON file holds.  FormatError says what is wrong with the file."""
     try:
-        return json.loads(read_bytes(path, MOST_JSON).decode(), parse_int=_integer, object_pairs_hook=_table)
-    except ValueError as error:
+        return read_json_text(read_bytes(path, MOST_JSON).decode(), str(path))
+    except UnicodeDecodeError as error:
         raise FormatError(f"{path}: broken JSON: {error}") from None
+
+
+def read_json_text(text: str, where: str) -> Any:
+    """What a text of JSON holds.  FormatError, which begins with ``where``, says what is wrong with it."""
+    try:
+        return json.loads(text, parse_int=_integer, object_pairs_hook=_table)
+    except ValueError as error:
+        raise FormatError(f"{where}: broken JSON: {error}") from None
     except RecursionError:
-        raise FormatError(f"{path}: broken JSON: lists or tables nested too deeply") from None
+        raise FormatError(f"{where}: broken JSON: lists or tables nested too deeply") from None
 
 
 def _table(pairs: list[tuple[str, Any]]) -> dict:

@@ -143,6 +143,22 @@ def note(text: str) -> tuple[str, str]:
     return " ".join(key.split()), " ".join(value.split())
 
 
+def effect_parameters(text: str) -> tuple[str, dict]:
+    """``ID=JSON``, an effect's parameters by their names."""
+    from session.common.errors import FormatError
+    from session.files.results import read_json_text
+
+    name, sign, value = text.partition("=")
+    example = """such as 'gyro.thermal_bias={"dps_per_c": [0.01, 0, -0.02]}'"""
+    try:
+        parameters = read_json_text(value, name)
+    except FormatError as error:
+        raise argparse.ArgumentTypeError(f"{error}; expected ID=JSON {example}") from None
+    if not sign or not name.strip() or not isinstance(parameters, dict):
+        raise argparse.ArgumentTypeError(f"{text[:80]!r} is no ID=JSON {example}")
+    return name.strip(), parameters
+
+
 def stream_header(text: str) -> str:
     """A text stream's header line."""
     from session.stream.form import parse_header

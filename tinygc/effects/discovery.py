@@ -38,8 +38,8 @@ def effect_of(name: str) -> Effect:
     known = catalogue()
     if name not in known and name.startswith(FOUND):
         raise EffectError(
-            f"effect {name[:60]!r} was found in a recording and stands in no catalogue; explain --discover wrote its file into that recording's "
-            "explain/effects: name that folder with --effects DIR/explain/effects (tinygc.effects.load_folder in Python)"
+            f"effect {name[:60]!r} was found in a recording, and stands in no catalogue; explain --discover wrote its file: name that "
+            "recording's folder of them with --effects DIR/explain/effects (tinygc.effects.load_folder in Python)"
         )
     if name not in known:
         raise EffectError(

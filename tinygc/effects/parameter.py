@@ -74,7 +74,9 @@ class Scan:
     """A shape number beside the parameter that no linear fit can find, such as the moment of a step: it is searched on a grid.
 
     name in the JSON; unit for a person and its size in SI; make(value) -> the ``Effect`` with that value, SI;
-    grid(movements) -> the values (K,), SI, to try on a recording, increasing; without it the middles of its turns, s of the session.
+    grid(movements) -> the values (K,), SI, to try on a recording, increasing; without it the middles of its turns, s of the session;
+    smooth: what the effect adds changes smoothly with the value, as with a time constant: the value's own uncertainty then widens the
+    parameters' stated std.
     """
 
     name: str
@@ -82,3 +84,4 @@ class Scan:
     make: Callable[[float], Any]
     si: float = 1.0
     grid: Callable[[Sequence[Movement]], np.ndarray] | None = None
+    smooth: bool = False

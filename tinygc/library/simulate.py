@@ -79,12 +79,22 @@ def _with_theta(name: str, parameters: dict) -> tuple[Effect, np.ndarray]:
     wanted = [effect.parameter.name, *([] if effect.scan is None else [effect.scan.name])]
     if set(parameters) != set(wanted):
         raise DataError(f"{name}: parameters are {', '.join(parameters) or 'none'}, expected {' and '.join(wanted)}")
-    theta = np.asarray(parameters[effect.parameter.name], dtype=float) * effect.parameter.si
+    theta = _numbers(name, effect.parameter.name, parameters) * effect.parameter.si
     if theta.shape != effect.parameter.shape or not np.isfinite(theta).all():
         raise DataError(f"{name}: {effect.parameter.name} has shape {theta.shape}, expected {effect.parameter.shape} of finite numbers")
     if effect.scan is not None:
-        effect = effect.at(float(parameters[effect.scan.name]) * effect.scan.si)
+        value = _numbers(name, effect.scan.name, parameters)
+        if value.shape or not np.isfinite(value):
+            raise DataError(f"{name}: {effect.scan.name} has shape {value.shape}, expected a finite number")
+        effect = effect.at(float(value) * effect.scan.si)
     return effect, theta.ravel()
+
+
+def _numbers(name: str, of: str, parameters: dict) -> np.ndarray:
+    try:
+        return np.asarray(parameters[of], dtype=float)
+    except (TypeError, ValueError):
+        raise DataError(f"{name}: {of} is {parameters[of]!r:.60}, expected numbers") from None
 
 
 def _session(simulation: Simulation) -> Session:

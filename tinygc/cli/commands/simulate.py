@@ -6,6 +6,7 @@ import argparse
 from dataclasses import Field
 from typing import TYPE_CHECKING
 
+from tinygc.cli.arguments import effect_parameters
 from tinygc.cli.commands._results import output, write_json
 from tinygc.cli.paths import folder_written
 
@@ -15,12 +16,15 @@ if TYPE_CHECKING:
     from tinygc.simulation.rest_options import RestOptions
 
 SUMMARY = "write a simulated session"
+USES_EFFECTS = True
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
     command.add_argument("--out", type=folder_written, required=True, metavar="DIR", help="folder to write")
     command.add_argument("--force", action="store_true", help="replace an earlier simulation there")
+    hidden = "an effect that the gyroscope hides, its parameters by their names and in their units; may be given for several"
+    command.add_argument("--effect", type=effect_parameters, action="append", default=[], metavar="ID=JSON", help=hidden)
     _add_simulation_options(command)
 
 
@@ -37,15 +41,31 @@ def run(args: argparse.Namespace) -> int:
     if not (args.units or 0) > 1:
         check_folder(args.out, args.force)  # before the work
     rest = RestOptions(**_rest_options(args))
+    effects = _effects(args)
     if rest.cycles:
         return _rest(args, rest, options)
     array = {name: value for name, value in vars(args).items() if name in ArrayOptions.__dataclass_fields__ and value is not None}
     if array:
         return _array(args, ArrayOptions(**array), options, chosen)
-    folder = simulate(options).save(args.out, force=args.force)
-    output(args).print(f"{folder}: simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
-    write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen})
+    folder = simulate(options, effects=effects).save(args.out, force=args.force)
+    hides = f", hides {', '.join(effects)}" if effects else ""
+    output(args).print(f"{folder}: simulated{hides}; the truth is in truth.json, which no command reads", soft_wrap=True)
+    more = {"effects": effects} if effects else {}
+    write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen} | more)
     return 0
+
+
+def _effects(args: argparse.Namespace) -> dict[str, dict]:
+    """Parameters of each effect that is to be hidden, by id.  CalibrationError for one that is given twice, and where nothing is turned."""
+    from session.common.errors import CalibrationError
+
+    effects = dict(args.effect)
+    if len(effects) < len(args.effect):
+        twice = next(name for name in effects if sum(name == other for other, _ in args.effect) > 1)
+        raise CalibrationError(f"--effect {twice} is given twice; give it once")
+    if effects and (args.rest_cycles or args.units):
+        raise CalibrationError("--effect hides an effect in a session of turns; leave out --rest-cycles and the options of an array")
+    return effects
 
 
 def _rest(args: argparse.Namespace, rest: RestOptions, options: SimulationOptions) -> int:

@@ -102,8 +102,9 @@ def _effect(effect: Effect, form: Form, code: LawCode, scanned: Constant | None,
     lines += [f"reach={reach},"] if (reach := _reach(form, None)) else []
     lines += [f"regime={_tuple(said.regime(form))},"]
     if scanned is not None:
+        smooth = "" if form.factors[scanned.of].function == "beyond" and not scanned.lag else ", smooth=True"
         size = f", si={scanned.times.removeprefix(' * ')}" if scanned.times else ""
-        lines += [f'scan=Scan("{scanned.json}", "{scanned.unit or "fraction"}", make=_at{size}, grid=_grid),']
+        lines += [f'scan=Scan("{scanned.json}", "{scanned.unit or "fraction"}", make=_at{size}, grid=_grid{smooth}),']
     lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
     lines += [f'device=NoC("{_why_no_c(form)}"),']
     return "EFFECT = Effect(\n" + indent("\n".join(lines), "    ") + "\n)"

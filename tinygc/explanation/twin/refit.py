@@ -13,6 +13,7 @@ import numpy as np
 from session.common.units import EARTH_RATE_RPS, MG
 from tinygc.effects import AppliedEffect, Effect
 from tinygc.explanation.twin.layout import claim_slice
+from tinygc.explanation.twin.shapes import Shapes
 from tinygc.explanation.twin.state import Channels, State
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.twin.whitening import Whitener
@@ -22,6 +23,8 @@ from tinygc.models.linear import PRIOR_SIGMA
 MAX_STEPS = 12
 #: a step that gains less than this in chi-square, a tenth of a sigma, is the last
 ENOUGH = 0.01
+#: of shapes that may be fitted: the scan has put them near
+SHAPE_STEPS = 4
 #: prior: the site's gravity and the accelerometer's scale, 2 % of g by its data sheet
 GRAVITY_SIGMA = 20 * MG
 #: of what is known, as a prior's sigma: small beside everything
@@ -53,14 +56,30 @@ class Refit:
 def refit(
     twin: Twin, whiten: Whitener, effects: list[Effect], start: State, rows: np.ndarray | None = None, max_steps: int = MAX_STEPS
 ) -> Refit:
-    """Fit with these effects, from a state whose own claims give their starting values; ``rows`` (n,) bool: those that count."""
+    """Fit with these effects, from a state whose own claims give their starting values; ``rows`` (n,) bool: those that count.
+
+    Scanned shapes that may be fitted are (``shapes``): the claims of the answer then have other values of them than were given.
+    """
+    whiten = whiten if rows is None else whiten.only(rows)
+    best, ahead = _refit(twin, whiten, effects, start, max_steps)
+    for _ in range(SHAPE_STEPS):
+        if ahead is None:
+            break
+        found, ahead = _refit(twin, whiten, ahead, best.state, max_steps)
+        if found.chi_square > best.chi_square - ENOUGH:
+            break
+        best = found
+    return best
+
+
+def _refit(twin: Twin, whiten: Whitener, effects: list[Effect], start: State, max_steps: int) -> tuple[Refit, list[Effect] | None]:
+    """With all shapes held; and the effects with better ones, None where there are none to be fitted."""
     # An effect with more numbers than it had begins anew.
     known = {(claim.effect.id, len(claim.theta)): claim.theta for claim in start.claims}
     begin = (known.get((e.id, e.parameter.size), np.full(e.parameter.size, e.begin)) for e in effects)
     state = replace(start, claims=tuple(AppliedEffect(e, theta) for e, theta in zip(effects, begin, strict=True)))
     centre = replace(twin.start(), claims=tuple(AppliedEffect(e, np.zeros(e.parameter.size)) for e in effects)).vector
     prior = prior_sigmas(twin, effects)
-    whiten = whiten if rows is None else whiten.only(rows)
     rates = twin.rates(state)
     r = whiten(twin.residuals(state, rates).stacked())
 
@@ -88,10 +107,12 @@ def refit(
         if gain < ENOUGH:
             break
     del sensitivity
-    J, _ = design(twin, whiten, state, rates)
+    J, sensitivity = design(twin, whiten, state, rates)
     scaled = J * prior
     covariance = np.linalg.inv(scaled.T @ scaled + np.eye(len(prior))) * np.outer(prior, prior)
-    return Refit(state, r, J, float(r @ r), covariance, state)
+    shapes = Shapes.of(twin, whiten, state, rates, sensitivity)
+    found = Refit(state, r, J, float(r @ r), shapes.widened(J, covariance), state)
+    return found, shapes.stepped(r, J, covariance) if shapes.numbers else None
 
 
 def design(

@@ -61,7 +61,7 @@ def seen(twin_of):
 @pytest.fixture(scope="module")
 def null(seen):
     """A screening of noise."""
-    return seen.screened(seen.law(5))
+    return seen.screened(seen.law(5), seed=2)
 
 
 def of_every_pattern():
@@ -167,19 +167,24 @@ def test_constants_are_sharpened_within_their_sigma(seen):
     assert Form((Factor("rate", "dead_zone", found.form.constants[0]),)) == found.form
 
 
-def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen):
+def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen, null):
     theta = np.array([1.0, 1.0, -1.0]) * DEG
-    screening = seen.screened(seen.law(8))
-    one, two = (learnable_from(screening, ROOT_CUBE, size * theta) for size in (1, 2))
+    one, two = (learnable_from(null, ROOT_CUBE, size * theta) for size in (1, 2))
     assert two == pytest.approx(one / 2, rel=0.05)
-    # What it says holds: of fresh noise, the law on top and above chance in most cases at twice that size, in few at 0.6.
+
+
+@pytest.mark.slow
+def test_what_is_said_to_be_learnable_is(seen, null):
+    """Of fresh noise, the law on top and above chance in most cases at twice the size that is said, in few at 0.6 of it."""
+    theta = np.array([1.0, 1.0, -1.0]) * DEG
+    size = learnable_from(null, ROOT_CUBE, theta)
     found = {}
     for share in (0.6, 2.0):
-        top = [seen.screened(seen.law(seed, ROOT_CUBE, share * one * theta), draws=1) for seed in range(50, 55)]
-        says = [each for each in top if each.tested.max() > max(screening.chance.level(0.05), 0)]
+        top = [seen.screened(seen.law(seed, ROOT_CUBE, share * size * theta), draws=1) for seed in range(50, 55)]
+        says = [each for each in top if each.tested.max() > max(null.chance.level(0.05), 0)]
         found[share] = sum(_says(seen, seen.forms[each.order[0]], theta) for each in says)
     assert found[0.6] <= 1
-    assert found[2.0] >= 3
+    assert found[2.0] >= 4
 
 
 def _says(seen, form, theta):

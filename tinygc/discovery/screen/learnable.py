@@ -23,7 +23,7 @@ from tinygc.explanation.twin.whitening import Whitener
 DRAWS = 32
 #: a form has found the law if it can say so much of its response, squared: correlation 0.99
 SAID = 0.98
-#: forms that may stand in a law's place: those that promise most here, or have its quantities; those that say most of a plain law's response
+#: forms that may stand in a law's place: those that promise most here, or have its quantities; and those that say most of a plain law's
 NEAR_LAW, NEAR_PROBE = 300, 40
 #: chi-square of a plain law at which its rivals are looked for
 RIVALS_AT = 60.0

@@ -19,6 +19,8 @@ from tinygc.effects.reach import Reach
 
 #: rad/s: a hand that turns is faster, a table at rest, with a bias of a few dps, is slower
 TURNING_RPS = 10 * DEG
+#: rad/s: below this, over all axes, a reading of a calibrated rate is noise; a hand passes it within a sample or two
+MOVING_RPS = 1 * DEG
 #: s: means over so long, one after the other, of which the rate of temperature is taken; a package takes tens of seconds, a register's
 #: noise of 0.01 degC at 100 Hz leaves 2e-4 degC/s
 SLOPE_S = 5.0
@@ -32,6 +34,16 @@ LEVEL_S = 0.5
 #: of a sampling period: rows whose distances differ by less are filtered as if they were equally far apart (stamps jitter); a rest that is
 #: thinned, and a gap, differ by more
 EQUAL = 0.5
+
+
+def moving_rate(movement: Movement) -> np.ndarray:
+    """(N, 3) rad/s, the rate, and none where all axes together turn slower than 1 dps.
+
+    At rest a reading is noise, and so is the sign, or any other bent function, of it; the means of both over a rest go together, so that
+    a law of such a function would take up the noise of every rest (benchmarks/discover_nulls.py).
+    """
+    turning = np.linalg.norm(movement.rate, axis=1, keepdims=True) > MOVING_RPS
+    return np.where(turning, movement.rate, 0.0)
 
 
 def lag_reach(tau_s: float) -> Reach:

@@ -57,15 +57,23 @@ def _force(movement: Movement) -> np.ndarray:
 
 
 _ALL = (
-    Quantity("rate", "u_{i}", "the rate, as a share of full scale", "1", 3, lambda m: m.rate / m.fs_rps, "m.rate / m.fs_rps"),
+    Quantity(
+        "rate",
+        "u_{i}",
+        "the rate, as a share of full scale",
+        "1",
+        3,
+        lambda m: signals.moving_rate(m) / m.fs_rps,
+        "signals.moving_rate(m) / m.fs_rps",
+    ),
     Quantity(
         "rate_size",
         "|u|",
         "the size of the rate, as a share of full scale",
         "1",
         1,
-        lambda m: _scalar(np.linalg.norm(m.rate, axis=1) / m.fs_rps),
-        "np.linalg.norm(m.rate, axis=1) / m.fs_rps",
+        lambda m: _scalar(np.linalg.norm(signals.moving_rate(m), axis=1) / m.fs_rps),
+        "np.linalg.norm(signals.moving_rate(m), axis=1) / m.fs_rps",
         positive=True,
     ),
     Quantity(

@@ -13,7 +13,8 @@ import numpy as np
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.screen.looks import Look
 from tinygc.discovery.screen.responses import Responses
-from tinygc.explanation.naming.selection import UNSEEN, orthonormal
+from tinygc.discovery.screen.weighing import FAINT
+from tinygc.explanation.naming.selection import orthonormal
 
 #: cosine of the largest angle between two forms that are the same
 SAME = 0.99
@@ -66,7 +67,7 @@ def seen_basis(columns: np.ndarray, look: Look) -> np.ndarray:
     """(m, r) orthonormal, of stacked columns (n, P)."""
     turned = look.matrix @ columns
     length = np.linalg.norm(turned, axis=0)
-    return orthonormal(turned[: look.free, length > 0] / length[length > 0], UNSEEN, scaled=False)
+    return orthonormal(turned[: look.free, length > 0] / length[length > 0], FAINT, scaled=False)
 
 
 def alike(

@@ -17,12 +17,13 @@ from tinygc.discovery.screen.responses import Responses
 from tinygc.discovery.screen.screening import Screening
 from tinygc.discovery.screen.weighing import promise, seen_directions
 from tinygc.explanation.naming.selection import FAMILY_WISE
+from tinygc.explanation.twin.whitening import Whitener
 
 #: draws of noise that a law is put into: half of them is then known to a tenth
 DRAWS = 32
 #: a form has found the law if it can say so much of its response, squared: correlation 0.99
 SAID = 0.98
-#: forms that may stand in a law's place: those that promise most here, and those that say most of a plain law's response
+#: forms that may stand in a law's place: those that promise most here, or have its quantities; and those that say most of a plain law's
 NEAR_LAW, NEAR_PROBE = 300, 40
 #: chi-square of a plain law at which its rivals are looked for
 RIVALS_AT = 60.0
@@ -43,20 +44,20 @@ class _Form:
     own: bool = False
 
 
-def learnable_from(screening: Screening, form: Form, theta: np.ndarray, look: Look | None = None) -> float | None:
+def learnable_from(screening: Screening, form: Form, theta: np.ndarray, whiten: Whitener | None = None) -> float | None:
     """Factor on a law's size, theta (P,) in rad/s, from which this search would have found it in half of all cases; None: not at any.
 
     Found is a law where the best of all forms is it, or says what it adds to a correlation of 0.99, and chance does as much in one case of
-    twenty.  Linear; look: beside which, the screening's last if none is given.  The form has the bits of those of the screening that
-    differ from it by constants alone.
+    twenty.  Linear, beside the last look; whiten: the noise as it is where the law is named: without the name it stands in for the law.
+    The form has the price of those of the screening that differ from it by constants alone.
     """
-    responses, look = screening.all_responses, look or screening.all_looks[-1]
+    responses, look = screening.all_responses, screening.all_looks[-1]
+    look = look if whiten is None else look.with_noise(whiten)
     basis = basis_of(form, responses, look)
     if not basis.shape[1]:
         return None
     response = responses.columns(form) @ theta
-    near = screening.order[:NEAR_LAW]
-    near = near[np.isfinite(screening.promise.max(axis=0)[near])]
+    near = np.union1d(screening.order[:NEAR_LAW], _kin(screening, form))
     own = _Form(basis, screening.price_of(form), own=True)
     forms = [own, *_forms(screening, near, responses, look).values()]
     trial = _Trial(screening, look, look.whitened(response), look.seen(response), forms, 0)
@@ -78,6 +79,13 @@ def learnable(screening: Screening) -> dict[str, float | None]:
         factor = _threshold(trial, LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms)
         found[probe.quantity] = None if factor is None else factor * probe.rms
     return found
+
+
+def _kin(screening: Screening, form: Form) -> np.ndarray:
+    """Numbers of the cheapest forms of the same quantities."""
+    own = {factor.quantity for factor in form.factors}
+    kin = [number for number, other in enumerate(screening.forms) if {factor.quantity for factor in other.factors} <= own]
+    return np.array(sorted(kin, key=lambda number: screening.price[number])[:NEAR_LAW], dtype=int)
 
 
 def _rivals(screening: Screening, probe: int) -> np.ndarray:

@@ -6,8 +6,11 @@ columns' whole length alone.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from tinygc.discovery.screen.weighing import FAINT
 from tinygc.explanation.naming.selection import UNSEEN, orthonormal
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import Twin
@@ -24,6 +27,7 @@ class Look:
     """
 
     def __init__(self, twin: Twin, whiten: Whitener, fit: Refit, rows: np.ndarray | None = None):
+        self._made_of = twin, whiten, fit, rows
         total = sum(whiten.sizes)
         r, J, allowances = fit.r, fit.J, whiten.allowances
         known = np.concatenate([np.ravel(twin.batch.known), np.ones(whiten.sizes[1], bool), np.zeros(whiten.sizes[2], bool)])
@@ -32,7 +36,6 @@ class Look:
         else:
             own = whiten.only(rows)
             r, J, allowances = own(whiten.back(r)), own(whiten.back(J)), own(whiten.back(allowances))
-        self.rows, self.whiten = rows, own
         self.q = orthonormal(J)
         n, p = self.q.shape
         complement = np.linalg.qr(np.concatenate([self.q, np.eye(n)], axis=1))[0][:, p:]
@@ -48,6 +51,11 @@ class Look:
         #: (free,) of the recording, and its scatter
         self.residual, (self.scatter,) = self.free_of(r[:, None])[:, 0], self.scatters(r[:, None])
 
+    def with_noise(self, whiten: Whitener) -> Look:
+        """The same hypothesis under other noise."""
+        twin, own, fit, rows = self._made_of
+        return Look(twin, whiten, replace(fit, r=whiten(own.back(fit.r)), J=whiten(own.back(fit.J))), rows)
+
     def free_of(self, whitened: np.ndarray) -> np.ndarray:
         """(free, …) of whitened channels (n, …), beside the nuisance."""
         return self._complement.T @ whitened
@@ -62,7 +70,7 @@ class Look:
 
     def least_seen(self, stacked: np.ndarray) -> float:
         """Length below which what the nuisance leaves of stacked channels (n,) is not seen."""
-        return UNSEEN * float(np.linalg.norm(self.matrix @ stacked))
+        return FAINT * float(np.linalg.norm(self.matrix @ stacked))
 
     def beside(self, whitened: np.ndarray) -> np.ndarray:
         """Whitened channels (n, …) without what the nuisance takes of them."""
@@ -77,10 +85,11 @@ class Look:
         """Gains (F, …) of forms of rank (F,) as they would be if the noise's scale were what the scatter says.
 
         For a normal law of unknown scale, twice the logarithm of how much likelier it is with a form than without, with Bartlett's factor,
-        which makes a chi-square of it.
+        which makes a chi-square of it.  The scatter is that of some rows; the gain is of all, so it is held against as many as there are.
         """
-        rank = np.minimum(rank, self.freedom).reshape(-1, *(1,) * (gain.ndim - 1))
-        return -(self.freedom - (rank + 2) / 2) * np.log(np.maximum(1 - gain / scatter, LEAST_LEFT))
+        rank = np.minimum(rank, self.free / 2).reshape(-1, *(1,) * (gain.ndim - 1))
+        share = gain / (np.asarray(scatter) * self.free / self.freedom)
+        return -(self.free - (rank + 2) / 2) * np.log(np.maximum(1 - share, LEAST_LEFT))
 
 
 def _unit(columns: np.ndarray) -> np.ndarray:

@@ -135,10 +135,9 @@ class _File:
             )
         lines += [f"regime={_tuple(regime(form))},"]
         if self.scanned is not None:
-            factor = form.factors[self.scanned.of]
-            smooth = "" if factor.function in said.JUMPS and not self.scanned.lag else ", smooth=True"
             si = f", si={self.scanned.times.removeprefix(' * ')}" if self.scanned.times else ""
-            lines += [f'scan=Scan("{self.scanned.json}", "{self.scanned.unit or "fraction"}", make=_at{si}, grid=_grid{smooth}),']
+            lines += [f'scan=Scan("{self.scanned.json}", "{self.scanned.unit or "fraction"}", make=_at{si}, grid=_grid, smooth=True),']
+        lines += [f"known_to={known_to},"] if (known_to := said.known_to(form)) else []
         lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
         lines += [f"device={self.device.source},"]
         return "EFFECT = Effect(\n" + indent("\n".join(lines), "    ") + "\n)"

@@ -9,6 +9,8 @@ from tinygc.discovery.grammar.words import equation, in_words
 OF_TURNS, NOT_AT_ZERO = ("rate", "rate_size", "acceleration", "jerk"), ("decay", "wave", "clock")
 #: quantities that follow the rate sample by sample
 OF_THE_RATE = ("rate", "rate_size", "acceleration", "jerk")
+#: of the energy that the accelerometer passes (gyro.vibration_rectification, benchmarks/vibration.py)
+VIBRATION_KNOWN_TO = 0.1
 #: functions that jump
 JUMPS = ("beyond", "signed_beyond", "sign", "saw")
 #: quantities that jump, whatever the function, when a turn begins or turns over
@@ -50,6 +52,11 @@ def seen_in(form: Form) -> tuple[str, ...]:
     """Turns alone, where a factor is zero at rest and remembers nothing."""
     of_turns = any(f.quantity in OF_TURNS and f.lag_s is None and f.function not in NOT_AT_ZERO for f in form.factors)
     return ("turn",) if of_turns else ("still", "turn")
+
+
+def known_to(form: Form) -> float:
+    """Share to which what it follows can be known, which no residual shows."""
+    return round(sum(VIBRATION_KNOWN_TO * float(factor.through.power) for factor in form.factors if factor.quantity == "vibration"), 3)
 
 
 def jumps(form: Form) -> bool:

@@ -4,6 +4,8 @@ import re
 from itertools import product
 from pathlib import Path
 
+from tinygc.discovery.grammar.quantities import QUANTITIES
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 SCHEMA = re.compile(r"tinygc-[a-z]+(?:-[a-z]+)*/\d+")
@@ -44,11 +46,14 @@ OPTIONS = {path[1] for path in keys_on_page("tinygc-truth/1") if path[0] == "opt
 STANDS_FOR = {
     "<method>": lambda word: word in METHODS,
     "<file>": lambda word: re.fullmatch(r"[\w-]+(\.unit\d+)?\.(csv|csv\.gz|toml|json)", word),
-    "<id>": lambda word: word in EFFECTS or word.startswith(("unknown.", "outside.")),
+    "<id>": lambda word: word in EFFECTS or word.startswith(("unknown.", "outside.", "law.")),
     "<parameter>": lambda word: word in PARAMETERS,
     "<option>": lambda word: word in OPTIONS,
     "<case>": lambda word: re.fullmatch(r"case\d+", word),
     "<quantity>": lambda word: re.fullmatch(r"(gyro|accel)_\w+_(ppm|mrad|mdps|mg)", word),
+    "<coefficient>": lambda word: re.fullmatch(r"dps\w*", word),
+    "<constant>": lambda word: re.fullmatch(r"[a-z][a-z0-9_]*", word),
+    "<follows>": lambda word: word in QUANTITIES,
     "<length>": lambda word: re.fullmatch(r"\d+(\.\d+)?", word),
 }
 

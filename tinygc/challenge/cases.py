@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,9 +75,9 @@ class Case:
 def draw_cases(count: int, seed: int, segments: int | None = None) -> list[Case]:
     """``count`` cases in random order; effects and strengths take turns, so that few cases show as much as they can."""
     rng = np.random.default_rng(seed)
-    number = _shared_out(count)
-    alone: list[tuple[str, ...]] = [(name,) for name in _taking_turns([*RATE_EFFECTS, *OTHER_EFFECTS], number["one"], rng)]
-    alone += [(name,) for name in _taking_turns(list(OUTSIDERS), number["outside"], rng)]
+    number = shared_out(count, SHARES)
+    alone: list[tuple[str, ...]] = [(name,) for name in taking_turns([*RATE_EFFECTS, *OTHER_EFFECTS], number["one"], rng)]
+    alone += [(name,) for name in taking_turns(list(OUTSIDERS), number["outside"], rng)]
     alone += [_together((), 2, RATE_EFFECTS, rng) for _ in range(number["two"])]
     # Side by side, each effect goes through all strengths before it repeats one, and so do all together.
     alone.sort(key=lambda ids: (len(ids), ids))
@@ -88,24 +89,25 @@ def draw_cases(count: int, seed: int, segments: int | None = None) -> list[Case]
         for _ in range(number[kind]):
             ids = _together((), HOW_MANY[kind], TOGETHER, rng)
             hidden.append((ids, _one_strong(len(ids), rng)))
-    for outsider in _taking_turns(list(OUTSIDERS), number["beside"], rng):
+    for outsider in taking_turns(list(OUTSIDERS), number["beside"], rng):
         ids = _together((outsider,), int(rng.integers(2, 4)), TOGETHER, rng)
         hidden.append((ids, _one_strong(len(ids), rng)))
     told = [TOLD[i] for i in rng.permutation(np.arange(len(hidden)) % len(TOLD))]
     order = rng.permutation(len(hidden))
-    return [_case(place, *hidden[int(i)], told[int(i)], rng, segments) for place, i in enumerate(order)]
+    return [case_of(place, *hidden[int(i)], told[int(i)], rng, segments) for place, i in enumerate(order)]
 
 
-def _shared_out(count: int) -> dict[str, int]:
+def shared_out(count: int, shares: Mapping[str, float]) -> dict[str, int]:
     """Sessions of each kind, ``count`` in all, by largest remainders."""
-    number = {kind: int(share * count + 1e-9) for kind, share in SHARES.items()}
-    by_remainder = sorted(SHARES, key=lambda kind: number[kind] - SHARES[kind] * count)
+    number = {kind: int(share * count + 1e-9) for kind, share in shares.items()}
+    by_remainder = sorted(shares, key=lambda kind: number[kind] - shares[kind] * count)
     for kind in by_remainder[: count - sum(number.values())]:
         number[kind] += 1
     return number
 
 
-def _taking_turns(items: list[str], count: int, rng: np.random.Generator) -> list[str]:
+def taking_turns(items: list[str], count: int, rng: np.random.Generator) -> list[str]:
+    """``count`` of the items, each once in random order before any comes again."""
     rounds = -(-count // len(items))
     return [items[i] for _ in range(rounds) for i in rng.permutation(len(items))][:count]
 
@@ -125,10 +127,20 @@ def _one_strong(count: int, rng: np.random.Generator) -> tuple[float, ...]:
     return tuple(map(float, strengths))
 
 
-def _case(
-    place: int, ids: tuple[str, ...], strengths: tuple[float, ...], told: str, rng: np.random.Generator, segments: int | None
+def case_of(
+    place: int,
+    ids: tuple[str, ...],
+    strengths: tuple[float, ...],
+    told: str,
+    rng: np.random.Generator,
+    segments: int | None,
+    needed: Mapping[str, Mapping[str, float]] = NEEDS,
+    rates: Mapping[float, float] = RATES,
+    least_hz: Mapping[str, float] = LEAST_HZ,
 ) -> Case:
-    needs = {name: value for effect in ids for name, value in NEEDS.get(effect, {}).items()}
+    """The case at a place with what it hides, its options drawn; needed, least_hz: options and data rate that an id must have;
+    rates: nominal Hz -> share."""
+    needs = {name: value for effect in ids for name, value in needed.get(effect, {}).items()}
     drawn: dict[str, Any] = {
         "segments": int(rng.integers(*(SEGMENTS if len(ids) < 3 else SEGMENTS_OF_MANY))),
         "seed": int(rng.integers(2**31)),
@@ -136,14 +148,14 @@ def _case(
         "gyro_noise_dps_rthz": float(rng.uniform(0.004, 0.007)),
         "warm_up_c": float(rng.uniform(0.5, 5)),
         "bias_instability_dph": round(float(rng.uniform(0, MOST_INSTABILITY_DPH)), 2),
-        "odr_hz": _data_rate(ids, rng),
+        "odr_hz": _data_rate(ids, rng, rates, least_hz),
     }
     chosen = drawn | needs | ({} if segments is None else {"segments": segments})
     options = SimulationOptions(closure_s=0.0, **chosen)
     return Case(f"case{place + 1:03d}", ids, strengths, options, int(rng.integers(2**31)), told)
 
 
-def _data_rate(ids: tuple[str, ...], rng: np.random.Generator) -> float:
-    least = max((LEAST_HZ.get(name, 0.0) for name in ids), default=0.0)
-    enough = {hz: share for hz, share in RATES.items() if hz >= least}
+def _data_rate(ids: tuple[str, ...], rng: np.random.Generator, rates: Mapping[float, float], least_hz: Mapping[str, float]) -> float:
+    least = max((least_hz.get(name, 0.0) for name in ids), default=0.0)
+    enough = {hz: share for hz, share in rates.items() if hz >= least}
     return float(rng.choice(list(enough), p=np.array(list(enough.values())) / sum(enough.values())))

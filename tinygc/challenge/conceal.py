@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields, replace
 
 import numpy as np
@@ -14,16 +15,23 @@ from tinygc.challenge.outsiders import OUTSIDERS
 from tinygc.challenge.rate_effects import RATE_EFFECTS
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import Distort, Disturb, Simulation, plan_of, simulate_session
+from tinygc.simulation.table_movement import Plan
 from tinygc.simulation.write import config_text
 
 MAKERS: dict[str, Maker] = {**RATE_EFFECTS, **OTHER_EFFECTS, **OUTSIDERS}
 MODEL_LINE = 'model = "ASM330LHH"'
 
 
-def conceal(case: Case) -> tuple[Simulation, str, dict[str, dict]]:
-    """The session of a case, its session.toml, and the truth: id -> parameters."""
+def drawn(case: Case, makers: Mapping[str, Maker] = MAKERS) -> tuple[list[Concealment], Plan]:
+    """What a case hides, in the order in which it bends the rate, and the movement that it was drawn for."""
     rng, plan = np.random.default_rng(case.seed), plan_of(case.options)
-    hidden = [MAKERS[name](Scene(rng, strength, case.options, plan)) for name, strength in zip(case.ids, case.strengths, strict=True)]
+    hidden = [makers[name](Scene(rng, strength, case.options, plan)) for name, strength in zip(case.ids, case.strengths, strict=True)]
+    return hidden, plan
+
+
+def conceal(case: Case, makers: Mapping[str, Maker] = MAKERS) -> tuple[Simulation, str, dict[str, dict]]:
+    """The session of a case, its session.toml, and the truth: id -> parameters."""
+    hidden, plan = drawn(case, makers)
     for one in hidden:
         plan = one.movement(plan) if one.movement else plan
     simulation = simulate_session(case.options, _distort(hidden), plan=plan, disturb=_disturb(hidden))

@@ -7,17 +7,19 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from session.common.errors import DataError, FormatError
 from session.files.writing import naming
 from tinygc.challenge.cases import Case, draw_cases
-from tinygc.challenge.conceal import conceal, options_chosen
+from tinygc.challenge.conceal import MAKERS, conceal, options_chosen
+from tinygc.challenge.concealment import Maker
 from tinygc.challenge.examination import Examination
 from tinygc.challenge.score import score
 from tinygc.challenge.seal import Seal, seal
+from tinygc.challenge.worker import DISCOVER
 from tinygc.effects.discovery import loaded_folders
 from tinygc.simulation.write import write_files
 
@@ -41,7 +43,7 @@ def examine(
     """
     new_folder(folder)
     cases = draw_cases(count, seed, segments)
-    closed = _write(folder, cases, progress)
+    closed = hide(folder, cases, progress)
     announce(f"truth sealed, SHA-256 {closed.sha256}")
     said = {}
     with ThreadPoolExecutor(PROCESSES) as pool:
@@ -64,12 +66,12 @@ def new_folder(folder: Path) -> None:
         (folder / SESSIONS).mkdir(parents=True)
 
 
-def _write(folder: Path, cases: list[Case], progress: Callable[[str, int, int], None]) -> Seal:
+def hide(folder: Path, cases: list[Case], progress: Callable[[str, int, int], None], makers: Mapping[str, Maker] = MAKERS) -> Seal:
     """The session folders, and the truth beside them, sealed."""
     truth = {}
     for done, case in enumerate(cases):
         progress("hiding", done, len(cases))
-        simulation, config, effects = conceal(case)
+        simulation, config, effects = conceal(case, makers)
         write_files(simulation, folder / SESSIONS / case.name, config)
         truth[case.name] = {
             "effects": effects,
@@ -83,11 +85,11 @@ def _write(folder: Path, cases: list[Case], progress: Callable[[str, int, int], 
     return seal(truth, folder / SEALED)
 
 
-def explained(folder: Path) -> dict:
-    """What a process of its own, with the same folders of effects, says of a session folder
-    (``tinygc-explain/1``, with verdict ``refused`` where it refuses)."""
+def explained(folder: Path, discover: bool = False) -> dict:
+    """What a process of its own, with the same folders of effects, says of a session folder (``tinygc-explain/1``, with verdict
+    ``refused`` where it refuses); discover: it looks for laws, too, and writes their files there."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "tinygc.challenge.worker", ".", *map(str, loaded_folders())]
+    command = [sys.executable, "-m", "tinygc.challenge.worker", *([DISCOVER] if discover else []), ".", *map(str, loaded_folders())]
     run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     if run.returncode != 0:
         raise DataError(f"{folder.name}: explaining ended with {run.returncode}: {run.stderr.strip()[-500:]}")

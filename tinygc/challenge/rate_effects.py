@@ -5,13 +5,16 @@ Strong sizes are those of a poor sensor or a careless set-up; each parameter is 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.signal import bilinear, butter, lfilter, sosfiltfilt, sosfreqz
 
 from session.common.units import DEG, G
 from tinygc.challenge.concealment import Concealment, Maker, Scene
 from tinygc.simulation.sensor import ACCEL_BANDWIDTH_ODR, oversampling
-from tinygc.simulation.simulate import Distort
+from tinygc.simulation.simulate import Distort, Disturb
 
 # Strong sizes, SI
 G_SENSITIVITY = 0.06 * DEG  #: rad/s per g, rms of the nine
@@ -118,16 +121,21 @@ def bias_step(scene: Scene) -> Concealment:
     )
 
 
-def vibration_rectification(scene: Scene, band_hz: tuple[float, float] = VIBRATION_HZ) -> Concealment:
-    """Half of the turns are vibrated; the accelerometer feels the vibration, and the bias follows its mean square.
+@dataclass(frozen=True, eq=False)
+class Shaking:
+    """Half of the turns are vibrated.  envelope(t (N,) s) -> (N,) g, rms of each axis; disturb: what the accelerometer feels of it."""
 
-    The truth is per g² that the accelerometer passes: what its low-pass hides nobody sees.
-    """
-    k, seed = scene.signed(RECTIFICATION), int(scene.rng.integers(2**32))
+    envelope: Callable[[np.ndarray], np.ndarray]
+    disturb: Disturb
+
+
+def shaking(scene: Scene, band_hz: tuple[float, float] = VIBRATION_HZ) -> Shaking:
+    """Draw which turns are vibrated, in a band."""
+    seed = int(scene.rng.integers(2**32))
     turns = [turn for turn in scene.plan.turns if scene.rng.uniform() < VIBRATED_TURNS] or list(scene.plan.turns[:1])
 
     def envelope(t: np.ndarray) -> np.ndarray:
-        """(N,) g, rms of each axis: rises and falls within a tenth of each turn."""
+        """It rises and falls within a tenth of each turn."""
         rms = np.zeros(len(t))
         for start, stop in turns:
             first, last = np.searchsorted(t, (start, stop))
@@ -135,17 +143,27 @@ def vibration_rectification(scene: Scene, band_hz: tuple[float, float] = VIBRATI
             rms[first:last] = VIBRATION_G * np.clip(10 * np.minimum(u, 1 - u), 0, 1)
         return rms
 
-    def shaken(t: np.ndarray, force: np.ndarray) -> np.ndarray:
+    def disturb(t: np.ndarray, force: np.ndarray) -> np.ndarray:
         fine_hz = 1 / (t[1] - t[0])
         noise = np.random.default_rng(seed).standard_normal(force.shape)
         noise = sosfiltfilt(butter(2, band_hz, "bandpass", fs=fine_hz, output="sos"), noise, axis=0)
         return force + G * envelope(t)[:, None] * noise / noise.std(axis=0)
 
+    return Shaking(envelope, disturb)
+
+
+def vibration_rectification(scene: Scene, band_hz: tuple[float, float] = VIBRATION_HZ) -> Concealment:
+    """Half of the turns are vibrated; the accelerometer feels the vibration, and the bias follows its mean square.
+
+    The truth is per g² that the accelerometer passes: what its low-pass hides nobody sees.
+    """
+    k = scene.signed(RECTIFICATION)
+    shaken = shaking(scene, band_hz)
     return Concealment(
         "gyro.vibration_rectification",
         {"dps_per_g2": (k / _passed(band_hz, scene.options.odr_hz) / DEG).tolist()},
-        distort=lambda t, rate, force, temp: rate + np.outer(envelope(t) ** 2, k),
-        disturb=shaken,
+        distort=lambda t, rate, force, temp: rate + np.outer(shaken.envelope(t) ** 2, k),
+        disturb=shaken.disturb,
     )
 
 

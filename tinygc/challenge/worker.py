@@ -1,7 +1,7 @@
-"""Explain one session folder, and print the result as JSON: ``python -m tinygc.challenge.worker FOLDER [EFFECTS …]``.
+"""Explain one session folder, and print the result as JSON: ``python -m tinygc.challenge.worker [--discover] FOLDER [EFFECTS …]``.
 
-The examiner starts one such process for each session; the folder, and where further
-effects are, is all it is told.
+The examiner starts one such process for each session; the folder, where further effects are, and whether to look for laws that stand in
+no catalogue, is all it is told.
 """
 
 from __future__ import annotations
@@ -10,11 +10,18 @@ import json
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from session.common.errors import CalibrationError
 
+if TYPE_CHECKING:
+    from tinygc.explanation.verdict.explain import Explanation
 
-def main(folder: Path, effects: list[Path]) -> None:
+DISCOVER = "--discover"
+SEED = 0
+
+
+def main(folder: Path, effects: list[Path], discover: bool = False) -> None:
     """A refusal (a boring cause, for one) is an answer, too."""
     from tinygc.effects import using
     from tinygc.explanation.verdict.explain import explain_session
@@ -23,11 +30,26 @@ def main(folder: Path, effects: list[Path]) -> None:
     began = time.perf_counter()
     try:
         with using(effects):
-            result = to_json(explain_session(folder))
+            explanation = explain_session(folder)
+            result = to_json(explanation) | (discovered(explanation) if discover else {})
     except CalibrationError as error:
         result = {"verdict": "refused", "why": str(error), "effects": []}
     print(json.dumps(result | {"seconds": round(time.perf_counter() - began, 2)}))
 
 
+def discovered(explanation: Explanation) -> dict:
+    """What the search for laws says, with its files written into the session folder; ``discovery`` of ``tinygc-explain/1``.
+
+    This is the one place where the examination and the search meet.
+    """
+    from tinygc.discovery.judge.discover import discover
+    from tinygc.discovery.told.told import Told
+
+    told = Told(explanation, discover(explanation, seed=SEED))
+    told.save(pictures=False)
+    return {"discovery": told.table["discovery"]}
+
+
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]])
+    words = [word for word in sys.argv[1:] if word != DISCOVER]
+    main(Path(words[0]), [Path(name) for name in words[1:]], DISCOVER in sys.argv[1:])

@@ -31,6 +31,9 @@ from tinygc.lot.lot import Lot
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from tinygc.discovery.judge.answer import Discovery
+    from tinygc.discovery.told.told import Told
+
 #: told what is being done, and how many steps of how many are done
 Progress = Callable[[str, int, int], None]
 
@@ -57,9 +60,11 @@ class FoundEffect:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Why:
-    """What ``tinygc.explain`` gives; ``explanation`` holds everything that was found, in SI."""
+    """What ``tinygc.explain`` gives; ``explanation`` holds everything that was found, in SI; ``discovery`` what the search beyond the
+    catalogue answers, None where nobody asked."""
 
     explanation: Explanation | TruthExplanation
+    discovery: Discovery | None = None
 
     def __repr__(self) -> str:
         named = ", ".join(effect.id for effect in self.effects)
@@ -68,7 +73,18 @@ class Why:
     @cached_property
     def table(self) -> dict:
         """``tinygc-explain/1`` (docs/formats.md)."""
-        return truth_to_json(self.explanation) if isinstance(self.explanation, TruthExplanation) else to_json(self.explanation)
+        if isinstance(self.explanation, TruthExplanation):
+            return truth_to_json(self.explanation)
+        return to_json(self.explanation) if self._told is None else self._told.table
+
+    @cached_property
+    def _told(self) -> Told | None:
+        """What is made of the discovery, where there is one; nothing of it is loaded where there is none."""
+        if self.discovery is None or isinstance(self.explanation, TruthExplanation):
+            return None
+        from tinygc.discovery.told.told import Told
+
+        return Told(self.explanation, self.discovery)
 
     @property
     def verdict(self) -> str:
@@ -79,6 +95,11 @@ class Why:
     def p_value(self) -> float:
         """Of there being no more than noise."""
         return self.explanation.p_value
+
+    @property
+    def said_of_files(self) -> tuple[str, ...]:
+        """What to know of the effect files that ``save`` has written: which was kept as somebody edited it, which taken away."""
+        return () if self._told is None else self._told.says
 
     @cached_property
     def effects(self) -> tuple[FoundEffect, ...]:
@@ -109,7 +130,9 @@ class Why:
     @property
     def page(self) -> Group:
         """What the command prints, for rich."""
-        return truth_page(self.explanation) if isinstance(self.explanation, TruthExplanation) else explanation_page(self.explanation)
+        if isinstance(self.explanation, TruthExplanation):
+            return truth_page(self.explanation)
+        return explanation_page(self.explanation) if self._told is None else self._told.page
 
     @property
     def verdict_line(self) -> Text:
@@ -144,6 +167,10 @@ class Why:
         where, found = None if folder is None else Path(folder), self.explanation
         if isinstance(found, TruthExplanation):
             return save_truth(found, where, pictures=pictures)
+        if self._told is not None:
+            folder = self._told.save(where, pictures=pictures)
+            self.__dict__.pop("table", None)  # which says where the effect files are
+            return folder
         return save_explanation(found, where, pictures=pictures)
 
 
@@ -153,24 +180,35 @@ def explain(
     seed: int = 0,
     use_earth: bool = True,
     lot: Lot | Path | str | None = None,
+    discover: bool = False,
     progress: Progress = lambda what, done, of: None,
 ) -> Why:
     """Explain the mismatch of a session, or of a session folder: against its stills' gravity or dials, or against its truth file.
 
     seed: of the critical values, which are drawn; use_earth: whether the Earth's rotation is taken off; lot, or its file: whose
-    effects the unit may have; progress is told what is being
+    effects the unit may have; discover: search for the equation that no catalogue has (docs/discover.md); progress is told what is being
     done.  Raises CalibrationError, in one line, for what cannot be read, and for a boring cause that must be mended first.
     """
     where = session if isinstance(session, Session) else Path(session)
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
     if config.protocol.reference == "truth":
+        if discover:
+            raise CalibrationError(
+                "--discover searches turns between stills, and this session's reference is a truth file; leave it out, or record "
+                "turns between stills"
+            )
         if lot is not None:
             raise CalibrationError("--lot knows of effects between stills, and this session's reference is a truth file; leave it out")
         return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress))
     known = lot if lot is None or isinstance(lot, Lot) else read_lot(lot)
     if known is not None and known.sensor != config.sensor.model:
         raise CalibrationError(f"a lot of {known.sensor}, and the session's sensor is {config.sensor.model}; give the lot of its own model")
-    return Why(explain_session(where, seed=seed, use_earth=use_earth, progress=progress, lot=known))
+    explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, lot=known)
+    if not discover:
+        return Why(explanation)
+    from tinygc.discovery.judge.discover import discover as search
+
+    return Why(explanation, search(explanation, seed=seed, progress=progress))
 
 
 def _found(entry: dict) -> FoundEffect:

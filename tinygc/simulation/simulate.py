@@ -97,9 +97,7 @@ def _record(
     """The first ``count`` samples of the chip, log and closure run without a break."""
     gyro_rng, accel_rng, flicker_rng, temperature_rng = rngs
     odr_hz = unit.odr_hz
-    factor = sensor.oversampling(odr_hz)
-    run_up = int(np.ceil(sensor.RUN_UP_S * odr_hz))  # samples before the first, thrown away when the filters have seen them
-    t_fine = np.arange(-run_up * factor, count * factor) / (factor * odr_hz)
+    t_fine, factor, run_up = fine_grid(odr_hz, count)
     rate, force, temp_c = true_signals(options, unit, plan, t_fine)
     if distort is not None:
         rate = _checked("distort", distort(t_fine, rate, force, temp_c), rate.shape)
@@ -118,6 +116,13 @@ def _record(
         accel=sensor.registers_of(accel, options.accel_fs_g * G, units.accel_mps2),
         temp=sensor.temperature_registers(temp_c[run_up * factor :: factor], temperature_rng, units),
     )
+
+
+def fine_grid(odr_hz: float, count: int) -> tuple[np.ndarray, int, int]:
+    """Times (N,) s on which ``count`` samples are simulated, how many make a sample, and how many samples are the run-up: thrown away when
+    the filters have seen them."""
+    factor, run_up = sensor.oversampling(odr_hz), int(np.ceil(sensor.RUN_UP_S * odr_hz))
+    return np.arange(-run_up * factor, count * factor) / (factor * odr_hz), factor, run_up
 
 
 def true_signals(options: SimulationOptions, unit: SimulatedUnit, plan: Plan, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -47,6 +47,10 @@ def explain_array_folder(args: argparse.Namespace) -> int:
     """Each unit by itself, and what the others say of it."""
     if args.lot is not None:
         raise CalibrationError(f"--lot: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own")
+    if args.discover:
+        raise CalibrationError(
+            f"--discover: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own and search there"
+        )
     from tinygc.cli.console import progress_bar
     from tinygc.library.array import explain
     from tinygc.report.array_explain_text import array_verdict_line

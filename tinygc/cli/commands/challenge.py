@@ -20,8 +20,12 @@ CASES = 40
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The command's own arguments."""
-    command.add_argument(
+    kind = command.add_mutually_exclusive_group()
+    kind.add_argument(
         "--on", type=path_read, metavar="DIR", help="conceal effects in this recording, and say from what size on it tells each"
+    )
+    kind.add_argument(
+        "--discover", action="store_true", help="examine the search for laws that stand in no catalogue, which the sessions hide"
     )
     command.add_argument("--cases", type=count(1), metavar="N", help=f"sessions ({CASES}; with --on as many as it takes)")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="new folder for the truth and what was said (a temporary one)")
@@ -54,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
 def _examined(args: argparse.Namespace, folder: Path) -> tuple[Any, dict]:
     """What is printed, and the JSON."""
     from tinygc.challenge import examine
+    from tinygc.challenge.discover import examine as discover
+    from tinygc.challenge.discover.tables import law_tables
     from tinygc.challenge.on_recording import examine as on_recording
     from tinygc.challenge.on_recording.power_table import power_tables
     from tinygc.challenge.table import challenge_tables
@@ -64,5 +70,8 @@ def _examined(args: argparse.Namespace, folder: Path) -> tuple[Any, dict]:
         if args.on is not None:
             told = on_recording.examine_recording(args.on, folder, args.cases, args.seed, announce=announce, progress=progress)
             return power_tables(told), on_recording.to_json(told)
+        if args.discover:
+            laws = discover.examine_laws(folder, args.cases or CASES, args.seed, announce=announce, progress=progress)
+            return law_tables(laws), discover.to_json(laws)
         result = examine.examine(folder, args.cases or CASES, args.seed, announce=announce, progress=progress)
         return challenge_tables(result), examine.to_json(result)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from session.common.texts import shell_word
 from session.log.array_names import is_array
 from tinygc.cli.commands._array import explain_array_folder
 from tinygc.cli.commands._results import complain, output, try_destinations, verdict, write_json
@@ -19,6 +20,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     lot = "effects that many units of its kind have (lot.json): how probable they are in this one, and what they are worth"
     command.add_argument("--lot", type=path_read, metavar="FILE", help=lot)
+    search = "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/discover.md); takes longer"
+    command.add_argument("--discover", action="store_true", help=search)
     command.add_argument("--no-pictures", action="store_true", help="write no picture")
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where the result goes (explain/ in the session folder)")
     command.add_argument("--strict", action="store_true", help="exit 1 if there is a mismatch")
@@ -33,10 +36,15 @@ def run(args: argparse.Namespace) -> int:
 
     try_destinations(args, "explain")
     with progress_bar(args.quiet) as progress:
-        why = explain(args.folder, seed=args.seed, use_earth=not args.no_earth, lot=args.lot, progress=progress)
+        why = explain(args.folder, seed=args.seed, use_earth=not args.no_earth, lot=args.lot, discover=args.discover, progress=progress)
     folder = why.save(args.out, pictures=_with_pictures(args))
     output(args).print(why.page)
     output(args).print(f"written: {folder}", soft_wrap=True)
+    for line in why.said_of_files:
+        output(args).print(line, soft_wrap=True)
+    if why.discovery is not None and why.discovery.laws:
+        effects = shell_word(folder / "effects")
+        output(args).print(f"use it: calibrate.py explain OTHER --effects {effects}", soft_wrap=True, markup=False)
     verdict(args, why.verdict_line)
     write_json(args.json, why.to_json())
     return 1 if args.strict and why.verdict != "no_mismatch" else 0

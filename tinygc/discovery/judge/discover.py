@@ -11,14 +11,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from tinygc.discovery.grammar.enumeration import enumerated
 from tinygc.discovery.grammar.largest import largest_of
 from tinygc.discovery.judge.answer import Discovery
 from tinygc.discovery.judge.held_out import Unseen
 from tinygc.discovery.judge.parts import parted
+from tinygc.discovery.judge.rivals import rivals
 from tinygc.discovery.judge.search import Found, with_a_form
-from tinygc.discovery.judge.verdict import Searched, answer
+from tinygc.discovery.judge.verdict import Searched, answer, refused
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.effects import Effect
 from tinygc.explanation.naming.candidates import candidates
@@ -32,6 +34,8 @@ from tinygc.explanation.verdict.explain import Explanation
 MOST_LAWS = 2
 #: names that a law may uncover
 MOST_NAMES = 2
+#: forms that take a law's place, one after the other
+MOST_EXCHANGES = 3
 #: shapes without a name that are tried in the place of a law
 MOST_SHAPES = 2
 #: what is told of progress: steps of the whole
@@ -58,22 +62,39 @@ def discover(
     catalogue = exchanged(evidence, tried, search(evidence, tried, start))
     shapes = search(evidence, slow_candidates(twin), catalogue, most=MOST_SHAPES)
     forms = enumerated(largest_of(twin.movements))
-    bases = [catalogue, *([evidence.nothing] if catalogue.effects else [])]
+    bases = [evidence.nothing, catalogue] if catalogue.effects else [catalogue]
     rounds: list[Found] = []
-    best = catalogue
+    searched = Searched(evidence, Unseen(whole, twin), split, catalogue, shapes, catalogue, rounds, forms)
     while len(rounds) < MOST_LAWS:
         step = 1 + 2 * len(rounds)
         found = with_a_form(evidence, forms, bases, seed, lambda what, at=step: progress(f"discover: {what}", at, STEPS))
         rounds.append(found)
-        if found.best is None or found.best.score >= best.score:
+        if found.best is None or found.best.score >= searched.best.score:
             break
-        best = _beside_names(evidence, tried, found.best)
-        bases = [best]
-    progress("discover: what was put away", STEPS - 2, STEPS)
-    searched = Searched(evidence, Unseen(whole, twin), split, catalogue, shapes, best, rounds, forms)
+        further = replace(searched, best=_settled(evidence, tried, found))
+        why = next((why for law in further.laws if law in found.tried and (why := refused(further, law))), None)
+        if why is not None:
+            searched = replace(searched, why=searched.why or why)
+            break
+        searched = further
+        if not searched.leaves_something:
+            break
+        bases = [searched.best]
     return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
 
 
-def _beside_names(evidence: FormEvidence, tried: list[Effect], have: Hypothesis) -> Hypothesis:
-    """The laws with the catalogue's effects that stand beside them: those that they have made idle go, those that they uncovered come."""
-    return without_idle(evidence, exchanged(evidence, tried, search(evidence, tried, without_idle(evidence, have), most=MOST_NAMES)))
+def _settled(evidence: FormEvidence, tried: list[Effect], found: Found) -> Hypothesis:
+    """The laws with the catalogue's effects that stand beside them: those that they have made idle go, those that they uncovered come.  Of
+    forms that linear columns have misjudged the best takes the law's place."""
+    assert found.best is not None
+    have = without_idle(evidence, found.best)
+    have = without_idle(evidence, exchanged(evidence, tried, search(evidence, tried, have, most=MOST_NAMES)))
+    for _ in range(MOST_EXCHANGES):
+        law = next((effect for effect in have.effects if effect in found.tried), None)
+        if law is None:
+            break
+        nearest = next((rival for rival in rivals(evidence, have, law, found.tried) if rival.hypothesis is not None), None)
+        if nearest is None or nearest.hypothesis is None or nearest.worse >= 0:
+            break
+        have = without_idle(evidence, nearest.hypothesis)
+    return have

@@ -11,7 +11,7 @@ from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.discovery.screen.screening import Screening, screened
-from tinygc.discovery.screen.sharpen import sharpened
+from tinygc.discovery.screen.sharpen import sharpened_in
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Hypothesis
 from tinygc.explanation.naming.search import rewhitened
@@ -45,19 +45,18 @@ class Found:
 def with_a_form(
     evidence: FormEvidence, forms: Sequence[Form], bases: Sequence[Hypothesis], seed: int, progress: Callable[[str], None]
 ) -> Found:
-    """The best hypothesis with one form more than one of the bases has."""
+    """The best hypothesis with one form more than one of the bases has, the likeliest of them last."""
     whitens = [(base, whiten) for base in bases for whiten in (evidence.first_whiten, base.whiten)]
     looks = [(whiten, rewhitened(base, whiten)) for base, whiten in whitens]
-    replays = {id(base): Replay(evidence.twin, base.fit) for base in bases}
     priced = np.array([bits(form) for form in forms])
-    screening = screened(replays[id(bases[0])], forms, priced, looks, seed, progress=lambda what, done, of: progress(what))
+    screening = screened(Replay(evidence.twin, bases[-1].fit), forms, priced, looks, seed, progress=lambda what, done, of: progress(what))
     progress("sharpening the best forms")
     trials: list[tuple[float, Effect, Hypothesis]] = []
     promised: dict[str, float] = {}
     sigmas: dict[str, tuple[float, ...]] = {}
-    for number, (base, whiten) in enumerate(whitens):
+    for number, (base, _) in enumerate(whitens):
         for at in _first_of_each_shape(forms, screening.promise[number]):
-            sharp = sharpened(forms[at], *looks[number], replays[id(base)])
+            sharp = sharpened_in(forms[at], screening.all_responses, screening.all_looks[number])
             effect = evidence.effect_of(sharp.form)
             promised[effect.id] = float(screening.tested[at])
             sigmas[effect.id] = sharp.constants_sigma

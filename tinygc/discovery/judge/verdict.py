@@ -12,18 +12,21 @@ from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.grammar.words import equation, splits, what
 from tinygc.discovery.judge.added import EQUAL
-from tinygc.discovery.judge.answer import Discovery, HeldOut, Law, RunnerUp
+from tinygc.discovery.judge.answer import Beside, Discovery, HeldOut, Law, RunnerUp
 from tinygc.discovery.judge.held_out import Unseen
 from tinygc.discovery.judge.parts import Parts
 from tinygc.discovery.judge.rivals import Rival, rivals
 from tinygc.discovery.judge.search import Found
 from tinygc.discovery.judge.weigh import FORM, FormEvidence, rms_of
 from tinygc.discovery.screen.learnable import learnable, learnable_from
+from tinygc.discovery.screen.looks import Look
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Evidence, Hypothesis
+from tinygc.explanation.naming.linear_estimate import without_claim
 from tinygc.explanation.naming.naming import STAND_IN
 from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.verdict.explain import Explanation
+from tinygc.explanation.verdict.readable import readable
 
 #: searches of which chance makes one as good, at most: benchmarks/discover.py states no law where none is hidden with it
 CHANCE = 0.01
@@ -40,7 +43,7 @@ MOST_RUNNERS_UP = 4
 @dataclass(frozen=True, eq=False)
 class Searched:
     """evidence of what was seen; unseen; split; catalogue: the best hypothesis of names; shapes: with shapes that have none; best: with
-    laws; rounds of the search; forms that were tried."""
+    laws; rounds of the search; forms that were tried; why: a law was refused."""
 
     evidence: FormEvidence
     unseen: Unseen
@@ -50,6 +53,26 @@ class Searched:
     best: Hypothesis
     rounds: list[Found]
     forms: list[Form]
+    why: str = ""
+
+    @property
+    def laws(self) -> list[Effect]:
+        """The forms among the best hypothesis' effects."""
+        return [effect for effect in self.best.effects if effect.id in self.evidence.forms]
+
+    @property
+    def leaves_something(self) -> bool:
+        """Whether the best hypothesis asks for more than a sensor's own noise, or closes what was put away no better than that."""
+        removed = [test.removed for law in self.laws for test in held_out(self, law, self.without(law)) if test.removed is not None]
+        return self.best.noise.unusual or min(removed, default=1.0) < REMOVED
+
+    def without(self, law: Effect) -> Hypothesis:
+        """The best hypothesis without one of its laws."""
+        return self.evidence.of(tuple(effect for effect in self.best.effects if effect is not law), self.best)
+
+    def round_of(self, law: Effect) -> Found:
+        """That in which a law was found."""
+        return next(each for each in self.rounds if law in each.tried)
 
     @property
     def remainder_p(self) -> float:
@@ -62,7 +85,7 @@ class Searched:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """One law of the best hypothesis: why it is refused, or None; rivals that add another rate, and those that add the same."""
+    """One law of the best hypothesis; others: rivals that add another rate, same: those that add the same."""
 
     law: Effect
     form: Form
@@ -72,30 +95,29 @@ class _Judged:
     held_out: tuple[HeldOut, ...]
     others: list[Rival]
     same: list[Rival]
-    refused: str | None
 
 
 def answer(explanation: Explanation, searched: Searched, progress: Callable[[str], None]) -> Discovery:
     """The answer of a search."""
-    evidence, best = searched.evidence, searched.best
-    progress("rivals")
-    judged = [_judged(searched, effect) for effect in best.effects if effect.id in evidence.forms]
+    evidence = searched.evidence
     first = searched.rounds[0].screening
     common = {
         "forms": len(searched.forms),
-        "distinct": len(searched.forms),
+        "distinct": first.distinct,
         "chance_gain": first.chance.level(0.05),
         "best_promise": float(first.tested.max()),
     }
-    refused = next((each.refused for each in judged if each.refused), None)
-    if not judged or refused:
+    leaves_more = _leaves_more(searched)
+    if not searched.laws or leaves_more:
         progress("what could have been found")
-        why = refused or "no form takes up more than its own description costs"
-        names = tuple(effect.id for effect in searched.catalogue.effects)
-        limits = learnable(first, searched.forms, evidence.twin.movements)
+        why = leaves_more or searched.why or "no form takes up more than its own description costs"
+        names = _beside(searched.catalogue)
+        limits = learnable(first)
         return Discovery("none", why, (), names, learnable=limits, **common)
-    names = tuple(effect.id for effect in best.effects if effect.id not in evidence.forms)
+    progress("rivals")
+    judged = [_judged(searched, law) for law in searched.laws]
     whole = _on_all(explanation, searched)
+    names = _beside(whole, frozenset(evidence.forms))
     progress("from what size it could have been found")
     laws = tuple(_law(searched, each, whole, number) for number, each in enumerate(judged))
     several = next((each for each in judged if each.others), None)
@@ -104,45 +126,49 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
 
 
 def _judged(searched: Searched, law: Effect) -> _Judged:
-    evidence, best = searched.evidence, searched.best
-    form = evidence.forms[law.id]
-    round_ = next(each for each in searched.rounds if any(effect.id == law.id for effect in each.tried))
-    without = evidence.of(tuple(effect for effect in best.effects if effect is not law), best)
-    found = rivals(evidence, best, law, round_.tried)
-    near = [rival for rival in found if rival.worse < STAND_IN and rival.hypothesis is not None]
-    chance_p = round_.chance_p(law)
-    split = searched.split
-    log = None if split.log is None else searched.unseen.whole.problem.session.logs[split.log].path.name
-    tests = (searched.unseen.judged(without, best, split.parts), searched.unseen.judged(without, best, split.recording, log))
-    held_out = tuple(test for test in tests if test is not None)
+    evidence, best, round_ = searched.evidence, searched.best, searched.round_of(law)
+    without = searched.without(law)
+    near = [rival for rival in rivals(evidence, best, law, round_.tried) if rival.worse < STAND_IN and rival.hypothesis is not None]
     return _Judged(
         law,
-        form,
+        evidence.forms[law.id],
         round_,
         without.score - best.score,
-        chance_p,
-        held_out,
+        round_.chance_p(law),
+        held_out(searched, law, without),
         [rival for rival in near if rival.correlation <= EQUAL],
         [rival for rival in near if rival.correlation > EQUAL],
-        _refused(searched, without, chance_p, held_out),
     )
 
 
-def _refused(searched: Searched, without: Hypothesis, chance_p: float, held_out: tuple[HeldOut, ...]) -> str | None:
-    """Why a law is not said, or None."""
+def held_out(searched: Searched, law: Effect, without: Hypothesis) -> tuple[HeldOut, ...]:
+    """What a law makes of the parts of each recording that were put away, and of a whole one, where there are several."""
+    split, unseen = searched.split, searched.unseen
+    log = None if split.log is None else unseen.whole.problem.session.logs[split.log].path.name
+    tests = (unseen.judged(without, searched.best, split.parts), unseen.judged(without, searched.best, split.recording, log))
+    return tuple(test for test in tests if test is not None)
+
+
+def refused(searched: Searched, law: Effect) -> str | None:
+    """Why a law of the best hypothesis is not said, or None."""
     best, evidence = searched.best, searched.evidence
+    chance_p = searched.round_of(law).chance_p(law)
     if chance_p > CHANCE:
         return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches"
     if searched.catalogue.score < best.score + STAND_IN:
         return f"names of the catalogue are of equal worth: {', '.join(sorted(searched.catalogue.ids)) or 'none at all'}"
     if evidence.unpriced(searched.shapes) < evidence.unpriced(best) - STAND_IN:
         return f"a shape without a law does better: {', '.join(sorted(searched.shapes.ids))}"
-    for test in held_out:
+    for test in held_out(searched, law, searched.without(law)):
         if test.p_value > HELD_OUT_P:
             return f"the best form does not hold on what the search never saw (chance improves it as much with p = {test.p_value:.2g})"
-    removed = [test.removed for test in held_out if test.removed is not None]
-    remainder = searched.remainder_p
-    if removed and min(removed) < REMOVED and remainder < REMAINDER_P:
+    return None
+
+
+def _leaves_more(searched: Searched) -> str | None:
+    """Why all laws together are not said, or None: what they take away of the excess is too little, and the rest is no noise."""
+    removed = [test.removed for law in searched.laws for test in held_out(searched, law, searched.without(law)) if test.removed is not None]
+    if removed and min(removed) < REMOVED and searched.remainder_p < REMAINDER_P:
         return f"the best form takes away {100 * min(removed):.0f} % of what is left out, and the rest is no noise"
     return None
 
@@ -151,6 +177,12 @@ def _on_all(explanation: Explanation, searched: Searched) -> Hypothesis:
     """The best hypothesis, fitted to all that was recorded."""
     evidence = Evidence(explanation.twin)
     return evidence.of(searched.best.effects, evidence.nothing)
+
+
+def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Beside, ...]:
+    """The catalogue's effects of a hypothesis."""
+    claims = [(number, claim) for number, claim in enumerate(have.fit.state.claims) if claim.effect.id not in laws]
+    return tuple(Beside(claim.effect.id, *readable(claim, have.fit.theta_covariance(number))[1:]) for number, claim in claims)
 
 
 def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) -> Law:
@@ -172,10 +204,23 @@ def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) ->
         judged.better,
         judged.chance_p,
         judged.held_out,
-        tuple(evidence.forms[rival.effect.id] for rival in judged.same),
+        _same(judged, evidence),
         tuple(_runner_up(evidence, rival) for rival in judged.others[:MOST_RUNNERS_UP]),
-        learnable_from(judged.round.screening, form, theta),
+        learnable_from(judged.round.screening, form, theta, _look_without(searched, judged.law)),
     )
+
+
+def _same(judged: _Judged, evidence: FormEvidence) -> tuple[Form, ...]:
+    """Forms that this recording cannot tell from the law: by their columns, or by the rate that they add where they are weighed."""
+    weighed = [evidence.forms[rival.effect.id] for rival in judged.same if rival.effect.id in evidence.forms]
+    return tuple(dict.fromkeys([*judged.round.screening.same_as(judged.form), *weighed]))
+
+
+def _look_without(searched: Searched, law: Effect) -> Look:
+    """The channels as the best hypothesis sees them without a law, in the noise that is left with it."""
+    best = searched.best
+    number = next(i for i, effect in enumerate(best.effects) if effect is law)
+    return Look(searched.evidence.twin, best.whiten, without_claim(best.fit, number))
 
 
 def _form_of(searched: Searched, number: int) -> Form:

@@ -14,7 +14,7 @@ import numpy as np
 from tinygc.discovery.grammar.as_effect import as_effect
 from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
-from tinygc.discovery.screen.screening import price
+from tinygc.discovery.screen.weighing import price
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.naming.evidence import Evidence, Hypothesis
 from tinygc.explanation.twin.twin import Twin

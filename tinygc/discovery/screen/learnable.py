@@ -15,7 +15,7 @@ from tinygc.discovery.screen.passing import passed
 from tinygc.discovery.screen.plan import planned
 from tinygc.discovery.screen.responses import Responses
 from tinygc.discovery.screen.screening import Screening
-from tinygc.discovery.screen.weighing import price, promise, seen_directions
+from tinygc.discovery.screen.weighing import promise, seen_directions
 from tinygc.explanation.naming.selection import FAMILY_WISE
 
 #: draws of noise that a law is put into: half of them is then known to a tenth
@@ -43,33 +43,38 @@ class _Form:
     own: bool = False
 
 
-def learnable_factor(screening: Screening, form: Form, theta: np.ndarray, bits: float, seed: int) -> float | None:
+def learnable_from(screening: Screening, form: Form, theta: np.ndarray, look: Look | None = None) -> float | None:
     """Factor on a law's size, theta (P,) in rad/s, from which this search would have found it in half of all cases; None: not at any.
 
     Found is a law where the best of all forms is it, or says what it adds to a correlation of 0.99, and chance does as much in one case of
-    twenty.  bits: of the form.  Linear, beside the last look.
+    twenty.  Linear; look: beside which, the screening's last if none is given.  The form has the bits of those of the screening that
+    differ from it by constants alone.
     """
-    responses, look = screening.all_responses, screening.all_looks[-1]
+    responses, look = screening.all_responses, look or screening.all_looks[-1]
+    basis = basis_of(form, responses, look)
+    if not basis.shape[1]:
+        return None
     response = responses.columns(form) @ theta
     near = screening.order[:NEAR_LAW]
     near = near[np.isfinite(screening.promise.max(axis=0)[near])]
-    rivals = list(_forms(screening, near, responses, look).values())
-    own = _Form(basis_of(form, responses, look), float(price(np.array([bits]), np.array([form.size]))[0]), own=True)
-    trial = _Trial(screening, look, look.whitened(response), look.seen(response), [own, *rivals], seed)
+    own = _Form(basis, screening.price_of(form), own=True)
+    forms = [own, *_forms(screening, near, responses, look).values()]
+    trial = _Trial(screening, look, look.whitened(response), look.seen(response), forms, 0)
     return _threshold(trial, 1 / MOST_FACTOR, MOST_FACTOR)
 
 
-def learnable_sizes(screening: Screening, seed: int) -> dict[str, float | None]:
+def learnable(screening: Screening) -> dict[str, float | None]:
     """Of each quantity, the size from which a plain law of it would have been found: rad/s rms of what it adds beside a calibration; None:
-    at no plausible size."""
+    at no plausible size.  The law is that of one function of the quantity, the same for each axis, that shows best (``probes``)."""
     responses, look = screening.responses, screening.looks[-1]
     near = [_rivals(screening, number) for number in range(len(screening.probes))]
     if not near:
         return {}
     forms = _forms(screening, np.unique(np.concatenate(near)), responses, look)
     found: dict[str, float | None] = {}
-    for probe, own in zip(screening.probes, near, strict=True):
-        trial = _Trial(screening, look, probe.whitened, probe.unit, [forms[number] for number in own.tolist() if number in forms], seed)
+    for number, (probe, own) in enumerate(zip(screening.probes, near, strict=True)):
+        some = [forms[rival] for rival in own.tolist() if rival in forms]
+        trial = _Trial(screening, look, probe.whitened, probe.unit, some, 1 + number)
         factor = _threshold(trial, LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms)
         found[probe.quantity] = None if factor is None else factor * probe.rms
     return found
@@ -96,8 +101,8 @@ def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, look
 class _Trial:
     """A law's response, whitened (n,) and free (m,), among forms; noise is drawn anew, the same for every size."""
 
-    def __init__(self, screening: Screening, look: Look, whitened: np.ndarray, free: np.ndarray, forms: Sequence[_Form], seed: int):
-        generator = np.random.default_rng(seed)
+    def __init__(self, screening: Screening, look: Look, whitened: np.ndarray, free: np.ndarray, forms: Sequence[_Form], number: int):
+        generator = np.random.default_rng([screening.seed, number])
         self._look, self._level = look, max(screening.chance.level(FAMILY_WISE), 0.0)
         self._law, self._noise = look.beside(whitened), look.beside(generator.standard_normal((len(whitened), DRAWS)))
         # What all other forms would have made of noise.

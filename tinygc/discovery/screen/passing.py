@@ -13,8 +13,8 @@ from tinygc.discovery.screen.responses import Block, Responses
 
 #: bytes of partners' values at once, and products of components that are seen through a look at once (benchmarks/discover_speed.py)
 TILE_BYTES, TOGETHER = 1 << 26, 1536
-#: partners between two that are wanted, which are computed for nothing rather than apart
-GAP = 3
+#: partners between two that are wanted, which are computed for nothing rather than apart (benchmarks/discover_speed.py)
+GAP = 16
 
 Progress = Callable[[str, int, int], None]
 

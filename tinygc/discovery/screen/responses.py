@@ -1,8 +1,8 @@
 """What products of factors do to the channels: the columns of all forms at once, as ``Twin.effect_columns`` makes those of one effect.
 
 A product's rate, added to an axis, moves the closure of a segment by the sum over its samples of sensitivity times product, the mean rate
-of a still by its mean there, and no length of gravity.  Sums are single precision, which is enough for ranking: they agree with the twin's
-to 1e-6 (tests/test_discovery_screen.py), a hundredth of what ``selection.UNSEEN`` asks for.
+of a still by its mean there, and no length of gravity.  Sums over all forms are single precision, which is enough to rank by: they are
+right to some 1e-6 of the largest, where ``selection.UNSEEN`` leaves out what is below 1e-4 (tests/test_discovery_screen.py: gains to 1e-3).
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from tinygc.discovery.screen.passing import Progress, passed
 from tinygc.discovery.screen.plan import Plan, planned
 from tinygc.discovery.screen.probes import Probe, probes_of
 from tinygc.discovery.screen.responses import Responses
+from tinygc.discovery.screen.sharpen import Sharpened, sharpened_in
 from tinygc.discovery.screen.spread import spread
 from tinygc.discovery.screen.weighing import price, promise, seen_directions
 from tinygc.explanation.twin.refit import Refit
@@ -38,7 +39,7 @@ class Screening:
     tested (F,): promise, studentised, of the look that shows most, which is what ``chance`` is of; drawn (D,): the largest of these of each
     draw of noise alone; marks (F, MARKS): gains in draws, beside the last look; probes: plain laws of each quantity, shares (F, probes): of
     each one's response what a form can say; responses, looks: of the turns that all forms are screened by; noise (n, D): the draws, white;
-    all_responses, all_looks: of all turns.
+    all_responses, all_looks: of all turns; seed: of whatever else is drawn.
     """
 
     forms: Sequence[Form]
@@ -59,6 +60,7 @@ class Screening:
     noise: np.ndarray
     all_responses: Responses
     all_looks: tuple[Look, ...]
+    seed: int
 
     @cached_property
     def order(self) -> np.ndarray:
@@ -73,6 +75,18 @@ class Screening:
     def chance_p(self, promise: float) -> float:
         """Probability that noise alone gives the best of all forms such a studentised promise."""
         return self.chance.p(promise)
+
+    def price_of(self, form: Form) -> float:
+        """As ``price``, of any form: that of those which differ from it by their constants alone, the dearest's where there are none."""
+        return self._prices.get(form.shape, float(self.price.max()))
+
+    @cached_property
+    def _prices(self) -> dict[Form, float]:
+        return {form.shape: float(cost) for form, cost in zip(self.forms, self.price, strict=True)}
+
+    def sharpened(self, form: Form, look: int = -1) -> Sharpened:
+        """Its constants at their best beside one of the looks."""
+        return sharpened_in(form, self.all_responses, self.all_looks[look])
 
     @cached_property
     def leaders(self) -> np.ndarray:
@@ -144,6 +158,7 @@ def screened(
         noise=noise,
         all_responses=every,
         all_looks=all_looks,
+        seed=seed,
     )
 
 

@@ -81,21 +81,21 @@ def per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: Va
     movements = [movement.with_rate(rate) for movement, rate in zip(twin.movements, replay.rates, strict=True)]
     carried = twin.padded([CARRIERS[carrier](movement) for movement in movements])[:, :, axis]
     of_samples = replay.sensitivity[:, :, :, axis] * carried[:, :, None]
-    share, own_sigma = _projector(of_samples.sum(axis=1), sigma)
+    share, own_sigma = projector(of_samples.sum(axis=1), sigma)
     weight = np.einsum("sd,std->st", share, of_samples)
     along = _padded_scalar(e, [_along(variable, movement, axis) for movement in movements])
     mean = np.sum(weight * along, axis=1)
     unit = np.einsum("sd,sd->s", share, columns[:, :, axis])
     before, after = (np.einsum("sd,sd->s", share, angles) for angles in (without(e, claim, [axis]), left_by_turn(e)))
-    keep = _telling(own_sigma) & np.isfinite(mean)
+    keep = telling(own_sigma) & np.isfinite(mean)
     span = np.array([np.min(along[keep]), np.max(along[keep])]) if keep.any() else np.zeros(2)
     one = np.eye(3)[axis]
 
     def curve(at: np.ndarray) -> np.ndarray:
         return at_constant(claim.effect, one, movements[0], variable, axis, at, per_rate=carrier == "scale")
 
-    x, law = _standing(mean, unit, curve, span), unit * theta(e, claim)[axis]
-    keep &= _one_way(weight, along, mean)
+    x, law = standing(mean, unit, curve, span), unit * theta(e, claim)[axis]
+    keep &= one_way(weight, along, mean)
     keep[keep] &= _on_curve(unit[keep], curve(x[keep]))
     return OfTurns(x[keep], before[keep], after[keep], own_sigma[keep], law[keep])
 
@@ -124,7 +124,7 @@ def strongest(e: Explanation, claim: Claim, most: int = 3) -> list[int]:
     return sorted(int(entry) for entry in np.argsort(power)[::-1][:most])
 
 
-def _projector(column: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def projector(column: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(S, d) that gives the least-squares share of a column (S, d) in angles of these sigmas; its own sigma (S,), inf where it is none."""
     weighted = column / sigma**2
     power = np.sum(weighted * column, axis=1)
@@ -132,12 +132,12 @@ def _projector(column: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.nd
     return share, np.divide(1.0, np.sqrt(power), out=np.full(len(power), np.inf), where=power > 0)
 
 
-def _telling(sigma: np.ndarray) -> np.ndarray:
+def telling(sigma: np.ndarray) -> np.ndarray:
     """(S,) bool."""
     return sigma <= FAINT * np.quantile(sigma, 0.1)
 
 
-def _one_way(weight: np.ndarray, along: np.ndarray, mean: np.ndarray) -> np.ndarray:
+def one_way(weight: np.ndarray, along: np.ndarray, mean: np.ndarray) -> np.ndarray:
     """(S,) bool: those whose weights, of a turn there and back of either sign, still give a mean within what the variable was."""
     seen = weight != 0
     low, high = (np.max(np.where(seen, side * along, -np.inf), axis=1) for side in (-1, 1))
@@ -162,7 +162,7 @@ def _padded_scalar(e: Explanation, of_logs: list[np.ndarray]) -> np.ndarray:
     return e.twin.padded([np.repeat(values[:, None], 3, axis=1) for values in of_logs])[:, :, 0]
 
 
-def _standing(mean: np.ndarray, unit: np.ndarray, curve: Callable[[np.ndarray], np.ndarray], span: np.ndarray) -> np.ndarray:
+def standing(mean: np.ndarray, unit: np.ndarray, curve: Callable[[np.ndarray], np.ndarray], span: np.ndarray) -> np.ndarray:
     """(S,) where on a curve of one unit each turn's own unit stands, on its mean's side of zero; the mean where no curve tells it."""
     found = mean.copy()
     for side in (-1, 1):

@@ -27,8 +27,8 @@ from tinygc.explanation.verdict.where import where
 MOST_SAID = 6  #: segments that are worst
 
 
-def explanation_page(e: Explanation) -> Group:
-    """Verdict, effects with their parameters, where it lives, proof, and what to do next."""
+def explanation_page(e: Explanation, with_next: bool = True) -> Group:
+    """Verdict, effects with their parameters, where it lives, proof, and what to do next, unless another says that."""
     parts: list = [verdict_line(e), Text("")]
     # The first look's own suspicions stand before what has no name: they are the likelier cause.
     parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
@@ -67,7 +67,7 @@ def explanation_page(e: Explanation) -> Group:
     parts += [*_where(e), _proof(e)]
     if e.verdict == "no_mismatch":
         parts += [Text(line) for line in in_words(e.seen_from)]
-    if following := what_next(e):
+    if with_next and (following := what_next(e)):
         parts.append(Text.assemble(("next: ", "bold"), following))
     return Group(*parts)
 

@@ -1,0 +1,141 @@
+"""How long all forms take to be screened, step by step, and how it grows with segments and forms.
+
+    python benchmarks/discover_speed.py [--segments 20 40 80 160] [--forms 5000 10000 20000 40000] [--looks 2]
+
+Each session hides a rate that grows with the root of its cube.  Each runs in a fresh process of one thread; the times are its CPU seconds,
+as in ``explain_speed.py``, and the memory is its largest, beside what the twin alone had taken.  Forms are drawn from products of all
+quantities' functions, with lags and without, as many as are asked for; sessions beyond ``spread.MOST_TURNS`` are screened by part of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from common import markdown, progress
+from explain_speed import exponent, peak_memory_mb
+
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
+
+STEPS = ("screening", "chance and order", "forms that differ", "same as the best", "sharpening five", "learnable", "learnable from")
+
+
+def distort(t_s, rate, force, temp_c):
+    """A thousandth of it, of full scale."""
+    return rate + 1e-3 * rate * np.sqrt(np.abs(rate) / 8.7)
+
+
+def forms_of(largest: dict[str, float], count: int) -> list:
+    """The grammar's, and products beyond it until there are so many."""
+    from tinygc.discovery.grammar.enumeration import SHARES, enumerated
+    from tinygc.discovery.grammar.form import Factor, Form
+
+    forms = list(enumerated(largest))
+    names = [name for name, size in largest.items() if size > 0]
+    plain = [Factor(name, function) for name in names for function in ("itself", "size")]
+    functions = product(names, ("dead_zone", "beyond", "decay", "within"), SHARES, (None, 0.5, 5.0))
+    more = [Factor(name, function, share * largest[name], lag_s) for name, function, share, lag_s in functions]
+    generator = np.random.default_rng(0)
+    while len(forms) < count:
+        pair = plain[generator.integers(len(plain))], more[generator.integers(len(more))]
+        forms += [Form(pair, pattern) for pattern in ("each", "full") if pattern == "each" or any(factor.vector for factor in pair)]
+    order = generator.permutation(len(forms))[:count]
+    return [forms[number] for number in order]
+
+
+def timed(folder: Path, count: int, looks: int) -> dict:
+    """Seconds by step, and MB, of screening one folder in this process."""
+    from session.log.folder import read_session
+    from tinygc.discovery.screen.learnable import learnable, learnable_from
+    from tinygc.discovery.screen.screening import screened
+    from tinygc.discovery.screen.values import Values
+    from tinygc.explanation.naming.evidence import Evidence
+    from tinygc.explanation.naming.search import rewhitened
+    from tinygc.explanation.twin.replay import Replay
+    from tinygc.explanation.twin.twin import Twin
+    from tinygc.problem.build import build_problem
+
+    evidence = Evidence(Twin(build_problem(read_session(folder))))
+    nothing = evidence.nothing
+    replay = Replay(evidence.twin, nothing.fit)
+    forms = forms_of(Values(replay).largest(), count)
+    before_mb, seconds = peak_memory_mb(), {}
+
+    def step(name: str, work: Callable):
+        begun = time.process_time()
+        found = work()
+        seconds[name] = time.process_time() - begun
+        return found
+
+    whitens = [whiten for _, whiten in zip(range(looks), (nothing.whiten, evidence.first_whiten, nothing.whiten), strict=False)]
+    seen = [(whiten, rewhitened(nothing, whiten)) for whiten in whitens]
+    bits = np.full(len(forms), np.log2(len(forms)))
+    screening = step("screening", lambda: screened(replay, forms, bits, seen, 1))
+    best = step("chance and order", lambda: screening.chance.level(0.05) and forms[screening.order[0]])
+    distinct = step("forms that differ", lambda: screening.distinct)
+    step("same as the best", lambda: screening.same_as(best))
+    step("sharpening five", lambda: [screening.sharpened(forms[number]) for number in screening.order[:5]])
+    step("learnable", lambda: learnable(screening))
+    step("learnable from", lambda: learnable_from(screening, best, np.full(best.size, 1e-3)))
+    more_mb = peak_memory_mb() - before_mb
+    return {"seconds": seconds, "memory_mb": more_mb, "distinct": distinct, "products": int(screening.sizes.sum()), "best": repr(best)}
+
+
+def measured(segments: int, forms: int, looks: int) -> dict:
+    """Simulate, and screen in a fresh process."""
+    options = SimulationOptions(segments=segments, odr_hz=104.0, closure_s=0.0, warm_up_c=6.0, seed=1)
+    with tempfile.TemporaryDirectory(prefix="tinygc-") as parent:
+        folder = write_session(options, Path(parent) / "session", distort=distort)
+        environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        command = [sys.executable, __file__, "--one", str(folder), "--forms", str(forms), "--looks", str(looks)]
+        return json.loads(subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout)
+
+
+def growth(title: str, sizes: list[int], results: list[dict]) -> str:
+    """A row for each step, a column for each size, and the power that it grows with."""
+    rows = []
+    for name in (*STEPS, "total"):
+        seconds = [sum(each["seconds"].values()) if name == "total" else each["seconds"][name] for each in results]
+        power = f"{exponent(sizes, seconds):.2f}" if max(seconds) > 0.3 and len(sizes) > 2 else ""
+        rows.append((name, *(f"{each:.2f}" for each in seconds), power))
+    rows.append(("memory, MB", *(f"{each['memory_mb']:.0f}" for each in results), ""))
+    rows.append(("coefficients of all forms", *(str(each["products"]) for each in results), ""))
+    rows.append(("forms that differ", *(str(each["distinct"]) for each in results), ""))
+    return markdown((title, *map(str, sizes), "∝ size^"), rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--segments", type=int, nargs="*", default=[20, 40, 80, 160])
+    parser.add_argument("--forms", type=int, nargs="*", default=[5000, 10000, 20000, 40000])
+    parser.add_argument("--looks", type=int, default=2, help="hypotheses beside which forms are looked for")
+    parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.one:
+        print(json.dumps(timed(args.one, args.forms[0], args.looks)))
+        return
+    for title, sizes, pairs in (
+        ("forms, 40 segments: CPU seconds", args.forms, [(40, forms) for forms in args.forms]),
+        ("segments, 20000 forms: CPU seconds", args.segments, [(segments, 20000) for segments in args.segments]),
+    ):
+        results = []
+        for segments, forms in pairs:
+            progress(f"{segments} segments, {forms} forms")
+            results.append(measured(segments, forms, args.looks))
+        progress("")
+        if results:
+            print(growth(title, sizes, results), end="\n\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,235 @@
+"""What is said of a discovery: its JSON, its page, the next movement, its files; with laws that stand in hand-made answers."""
+
+import ast
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from discovery_answers import DECIDED, LAWS, NOTHING, OTHER_LOG, found, hidden, law_of, runner_up
+from formats_page import strangers
+from rich.text import Text
+
+import calibrate
+from session.common.errors import CalibrationError
+from session.common.units import DEG
+from session.files.results import json_text
+from tinygc import closure, explain
+from tinygc.closure.residual import Batch
+from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.told.fits import pairs_of
+from tinygc.discovery.told.next_step import best_trial
+from tinygc.discovery.told.page import discovery_page
+from tinygc.discovery.told.told import Told
+from tinygc.explanation.verdict.explain import explain_session
+from tinygc.library import explain as library
+from tinygc.library.text import as_text
+from tinygc.plan.requested import requested_by_explain
+from tinygc.plan.splitting import trials
+
+ZONE, CUBE = LAWS["dead zone"], Form((Factor("rate", "cube"),))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A session with a dead zone that no catalogue has.  Read only."""
+    return hidden("dead zone", tmp_path_factory.mktemp("told") / "hidden")
+
+
+@pytest.fixture(scope="module")
+def e(folder):
+    return explain_session(folder)
+
+
+def lines_of(table: dict) -> list[str]:
+    return as_text(discovery_page(table)).splitlines()
+
+
+def told_law(**changed):
+    return law_of(*ZONE, **changed)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_key_is_on_the_page_and_survives_json(e, name):
+    law = law_of(*LAWS[name], same=(CUBE,), held_out=(OTHER_LOG, OTHER_LOG))
+    table = Told(e, found(law)).table
+    assert not strangers(table)
+    assert json.loads(json_text(table))["discovery"] == table["discovery"]
+    (said,) = table["discovery"]["laws"]
+    (values,), (stds,) = said["parameters"].values(), said["std"].values()
+    assert np.ravel(values) == pytest.approx(np.ravel(LAWS[name][1]))
+    assert np.ravel(stds) == pytest.approx(0.02 * np.abs(np.ravel(LAWS[name][1])))
+    assert said["unit"].startswith("dps")
+    assert {each["value"] for each in said["constants"].values()} == set(law.form.constants)
+    assert said["file"] == f"effects/{said['id'].replace('.', '_')}.py"
+
+
+def test_what_has_no_laws_has_the_limits(e):
+    table = Told(e, NOTHING).table
+    assert not strangers(table)
+    assert table["discovery"]["laws"] == []
+    assert table["discovery"]["learnable"] == {"rate": {"size_dps": pytest.approx(0.011)}, "force": {"size_dps": pytest.approx(0.0042)}} | {
+        "vibration": {"size_dps": None}
+    }
+
+
+def test_the_page_of_a_law_says_what_a_bench_needs(e):
+    law = told_law(runners_up=(runner_up(CUBE),), same=(Form((Factor("rate", "root"),)),), held_out=(DECIDED, OTHER_LOG))
+    lines = lines_of(Told(e, replace(found(law, names=("gyro.bias_drift",)), verdict="ambiguous")).table)
+    text = "\n".join(lines)
+    assert lines[0].startswith("Beyond the catalogue: equations were found, and this recording cannot decide between them")
+    assert "(41234 forms tried, 10987 of them distinct here)" in lines[0]
+    assert "discovered.rate_dead_zone  ω_i += c_i dz(u_i, 0.1)" in text
+    assert "0.900 ± 0.018   -0.700 ± 0.014   0.500 ± 0.010" in text
+    assert "width: 0.1000 ± 0.0030 of full scale" in text
+    assert "closure 0.2100° before, 0.0131° after, floor 0.0117°; 99.5 % of the excess is gone" in text
+    assert "log0002.csv, left out whole (12 segments)" in text
+    assert "the same in this recording: ω_i += c_i √|u_i|" in text
+    assert "could else be: ω_i += c_i u_i³ (worse by 4.2, correlation 0.962)" in text
+    assert "beside it: gyro.bias_drift" in text
+    assert "from 0.21 of its size on" in text
+
+
+def test_the_page_of_nothing_says_how_much_that_is_worth(e):
+    lines = lines_of(Told(e, NOTHING).table)
+    assert lines[0] == "Beyond the catalogue: no equation of this grammar   (41234 forms tried, 10987 of them distinct here)"
+    text = " ".join(lines)
+    assert "the best form takes up 812" in text
+    assert "chance does in 34 % of such searches" in text
+    assert "force from 0.0042, rate from 0.011; not at all here: vibration" in text
+
+
+def test_there_is_one_next_step_and_the_search_says_it(e):
+    told = Told(e, found(told_law(runners_up=(runner_up(CUBE),)), verdict="ambiguous"))
+    page = [part.plain for part in told.page.renderables[0].renderables if isinstance(part, Text)]
+    assert not [line for line in page if line.startswith("next: ")]
+    assert sum(line.startswith("next: ") for line in lines_of(told.table)) == 1
+    assert told.table["next"].startswith("to tell ω_i += c_i dz(u_i, 0.1) from ω_i += c_i u_i³: from a still with ")
+    assert Told(e, found(told_law())).table["next"].startswith("record a second session")
+
+
+def test_laws_that_no_turn_tells_apart_are_told_by_the_condition(e):
+    same = runner_up(Form((Factor("rate", "dead_zone", 0.1001),)))
+    warm = law_of(*LAWS["warm"], runners_up=(runner_up(Form((Factor("temperature", "square"),))),))
+    for law in (told_law(runners_up=(same,)), warm):
+        assert Told(e, found(law, verdict="ambiguous")).table["next"].endswith(f": {same.splits}")
+
+
+def test_the_movement_that_is_asked_for_closes_as_differently_as_it_says(e):
+    """Not to first order: the turn is integrated with what each of the two corrects, the zero then fitted to its stills."""
+    (pair,) = pairs_of(e, found(told_law(runners_up=(runner_up(CUBE),))))
+    trial, sigmas = best_trial(pair.own, pair.other)
+    m = trial.movement
+    start = np.array([[1.0, 0, 0, 0]])
+    batch = Batch(m.rate[None], np.full((1, len(m.rate) - 1), m.dt_s), np.zeros_like(m.rate)[None], start, start, yaw_known=False)
+    ends = []
+    for by in (pair.own, pair.other):
+        corrected = by.fit.state.model(m.rate)
+        corrected = by.effect.correct(corrected, m.with_rate(corrected), by.theta)
+        corrected -= corrected[np.r_[trial.stills[0], trial.stills[1]]].mean(axis=0)
+        ends.append(closure.end_attitude(batch, corrected[None])[0])
+    angle = 2 * np.arccos(min(abs(float(ends[0] @ ends[1])), 1.0))
+    sigma = float(np.median(pair.own.whiten.sigma[pair.own.whiten.parts["closure"]]))
+    assert angle / sigma > 0.7 * sigmas
+    assert sigmas > 5
+
+
+def test_movements_that_are_tried_stay_within_the_scale_and_end_at_rest(e):
+    tried = trials(e.twin.movements[0])
+    assert len(tried) > 100
+    for trial in tried:
+        assert np.abs(trial.movement.rate).max() <= trial.movement.fs_rps
+        assert all(np.abs(trial.movement.rate[rows]).max() < 1e-9 for rows in trial.stills)
+        assert np.linalg.norm(trial.movement.force_g, axis=1) == pytest.approx(1.0)
+
+
+@pytest.fixture
+def asked(monkeypatch, e):
+    """``explain --discover`` with a search that answers at once."""
+
+    def answers(discovery):
+        search = SimpleNamespace(discover=lambda explanation, *, seed=0, progress=None: discovery)
+        monkeypatch.setitem(sys.modules, "tinygc.discovery.judge.discover", search)
+        monkeypatch.setattr(library, "explain_session", lambda *words, **settings: e)
+
+    return answers
+
+
+def test_the_command_writes_what_it_says_and_plan_takes_it_up(asked, folder, tmp_path, capsys):
+    asked(found(told_law(runners_up=(runner_up(CUBE),)), verdict="ambiguous"))
+    out = tmp_path / "explain"
+    assert (
+        calibrate.main(["explain", str(folder), "--discover", "--out", str(out), "--no-pictures", "--json", str(tmp_path / "x.json")]) == 0
+    )
+    written = json.loads((out / "explain.json").read_text(encoding="utf-8"))
+    assert written == json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
+    (law,) = written["discovery"]["laws"]
+    assert "EFFECT = Effect(" in (out / law["file"]).read_text(encoding="utf-8")
+    assert f"use it: calibrate.py explain OTHER --effects {out / 'effects'}" in capsys.readouterr().out
+    for log in folder.glob("log*"):
+        (tmp_path / log.name).write_bytes(log.read_bytes())
+    assert requested_by_explain(tmp_path) == written["next"]
+
+
+def test_a_file_that_somebody_edited_stays_and_the_json_names_the_new_one(asked, folder, tmp_path, capsys):
+    asked(found(told_law()))
+    words = ["explain", str(folder), "--discover", "--out", str(tmp_path), "--no-pictures"]
+    calibrate.main(words)
+    mine = tmp_path / "effects" / "discovered_rate_dead_zone.py"
+    mine.write_text("mine = True\n", encoding="utf-8")
+    capsys.readouterr()
+    calibrate.main(words)
+    (law,) = json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))["discovery"]["laws"]
+    assert mine.read_text(encoding="utf-8") == "mine = True\n"
+    assert law["file"] == "effects/discovered_rate_dead_zone_2.py"
+    assert law["id"] == "discovered.rate_dead_zone_2"
+    assert "is kept" in capsys.readouterr().out
+
+
+def test_nothing_of_a_session_folder_is_executed(asked, folder, tmp_path):
+    asked(found(told_law()))
+    effects, ran = tmp_path / "explain" / "effects", tmp_path / "ran"
+    effects.mkdir(parents=True)
+    (effects / "discovered_before.py").write_text(f"open({str(ran)!r}, 'w').close()\n", encoding="utf-8")
+    calibrate.main(["explain", str(folder), "--discover", "--out", str(tmp_path / "explain"), "--no-pictures", "--quiet"])
+    assert (effects / "discovered_rate_dead_zone.py").exists()
+    assert not ran.exists()
+
+
+def test_nothing_of_the_search_is_loaded_where_nobody_asks():
+    tree = ast.parse(Path(library.__file__).read_text(encoding="utf-8"))
+    at_once = {node.module for node in tree.body if isinstance(node, ast.ImportFrom)}
+    assert "tinygc.explanation.verdict.explain" in at_once
+    assert not [name for name in at_once if name.startswith("tinygc.discovery")]
+
+
+def test_without_the_option_the_json_has_no_such_key(e):
+    assert "discovery" not in library.Why(e).table
+
+
+def test_a_session_beside_a_truth_file_is_refused_in_one_line(folder, tmp_path):
+    text = (folder / "session.toml").read_text(encoding="utf-8")
+    place = tmp_path / "session.toml"
+    place.write_text(text.replace('reference = "gravity"', 'reference = "truth"'), encoding="utf-8")
+    assert 'reference = "truth"' in place.read_text(encoding="utf-8")
+    with pytest.raises(CalibrationError, match="--discover searches turns between stills"):
+        explain(tmp_path, discover=True)
+
+
+def test_an_array_is_refused_in_one_line(folder, tmp_path, capsys):
+    (tmp_path / "session.toml").write_bytes((folder / "session.toml").read_bytes())
+    (log,) = folder.glob("log*")
+    for unit in (1, 2):
+        (tmp_path / log.name.replace("log0001", f"log0001.unit{unit}")).write_bytes(log.read_bytes())
+    assert calibrate.main(["explain", str(tmp_path), "--discover"]) == 2
+    assert "--discover: of no use with" in (said := capsys.readouterr().err)
+    assert "give one unit a folder of its own" in said
+    assert said.count("\n") == 1
+
+
+def test_degrees_and_radians(e):
+    (law,) = Told(e, found(told_law())).table["discovery"]["laws"]
+    assert law["held_out"][0]["before_deg"] == pytest.approx(DECIDED.before_rad / DEG)

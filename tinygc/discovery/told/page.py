@@ -1,0 +1,140 @@
+"""What the terminal says of a discovery: the equation, what bears it out, what else it could be, and how to use it."""
+
+from __future__ import annotations
+
+from rich.console import Group
+from rich.text import Text
+
+from session.common.console import one_line
+from tinygc.discovery.told.as_json import briefly
+from tinygc.discovery.told.constants import PEOPLES
+from tinygc.explanation.verdict.measured import measured, p_words
+
+HEADLINES = {
+    "found": ("an equation was found", "green"),
+    "ambiguous": ("equations were found, and this recording cannot decide between them", "yellow"),
+    "none": ("no equation of this grammar", "yellow"),
+}
+MOST_RUNNERS_UP = 3
+MOST_SAME = 3
+#: quantities of which the page says from what size on a law would have been found
+MOST_LEARNABLE = 6
+
+
+def discovery_page(explained: dict) -> Group:
+    """Of the table of ``told``."""
+    table, following = explained["discovery"], explained["next"]
+    words, style = HEADLINES[table["verdict"]]
+    tried = f"   ({table['forms']} forms tried, {table['distinct']} of them distinct here)"
+    lines: list = [Text.assemble(("Beyond the catalogue: ", "bold"), (words, style), tried)]
+    for law in table["laws"]:
+        lines += [Text(""), *_law(law)]
+    if table["laws"]:
+        lines.append(Text(""))
+    if table["names"]:
+        lines.append(one_line(f"beside it: {', '.join(table['names'])}"))
+    if not table["laws"]:
+        lines.append(_best_against_chance(table))
+    if table["why"]:
+        lines.append(one_line(table["why"]))
+    if learnable := _learnable(table["learnable"]):
+        lines.append(one_line(learnable))
+    if following:
+        lines.append(Text.assemble(("next: ", "bold"), following))
+    return Group(*lines)
+
+
+def _law(law: dict) -> list[Text]:
+    lines = [
+        Text.assemble((f"{law['id']}  ", "bold cyan"), law["equation"]),
+        one_line(f"  {law['in_words']}"),
+    ]
+    lines += [Text(f"  {line}") for line in number_lines(law)]
+    lines.append(
+        one_line(
+            f"  takes up {law['chi_square']:.4g} of chi-square, and makes the recording more probable by {law['better_by']:.4g} in −2 log "
+            f"evidence; in noise alone a search finds as much with p {p_words(law['chance_p'])}"
+        )
+    )
+    lines += [one_line(f"  {held_out_words(each)}") for each in law["held_out"]]
+    if law["learnable_from"] is not None:
+        lines.append(one_line(f"  {learnable_words(law['learnable_from'])}"))
+    if law["same_here"]:
+        lines.append(Text(f"  the same in this recording: {_listed([briefly(text) for text in law['same_here']], MOST_SAME)}", "yellow"))
+    lines += [Text(f"  could else be: {runner_up_words(each)}", "yellow") for each in law["runners_up"][:MOST_RUNNERS_UP]]
+    if law["file"]:
+        lines.append(one_line(f"  written as {law['file']}"))
+    return lines
+
+
+def number_lines(law: dict) -> list[str]:
+    """``x 0.0210 ± 0.0020   y … dps``, and a line for each constant."""
+    lines: list[str] = []
+    for name, values in law["parameters"].items():
+        rows = values if values and isinstance(values[0], list) else [values]
+        spreads = law["std"][name] if rows is values else [law["std"][name]]
+        rows, spreads = _by_axis(rows, spreads)
+        for row, spread in zip(rows, spreads, strict=True):
+            numbers = "   ".join(measured(value, std) for value, std in zip(row, spread, strict=True))
+            head = f"{name} ({law['unit']}): "
+            lines.append(f"{head if not lines else ' ' * len(head)}{numbers}")
+    for name, constant in law["constants"].items():
+        unit = "of full scale" if constant["unit"] == "fraction" else constant["unit"]
+        lines.append(f"{_without_unit(name)}: {measured(constant['value'], constant['sigma'])} {unit}")
+    return lines
+
+
+def _without_unit(name: str) -> str:
+    """``width`` of ``width_share``."""
+    ending = next((f"_{unit}" for *_, unit in PEOPLES.values() if name.endswith(f"_{unit}")), "")
+    return name.removesuffix(ending).replace("_", " ")
+
+
+def _by_axis(rows: list, spreads: list) -> tuple[list, list]:
+    """A long row as three, one for each axis."""
+    if len(rows) != 1 or len(rows[0]) <= 3 or len(rows[0]) % 3:
+        return rows, spreads
+    each = len(rows[0]) // 3
+    return tuple([row[0][k : k + each] for k in range(0, 3 * each, each)] for row in (rows, spreads))  # type: ignore[return-value]
+
+
+def held_out_words(each: dict) -> str:
+    """Closure before and after, of what the search never saw."""
+    of = f"{each['segments']} segments that the search never saw"
+    if each["recording"]:
+        of = f"{each['recording']}, left out whole ({each['segments']} segments)"
+    gone = "" if each["removed"] is None else f"; {100 * each['removed']:.1f} % of the excess is gone"
+    closure = f"closure {each['before_deg']:.4f}° before, {each['after_deg']:.4f}° after, floor {each['floor_deg']:.4f}°{gone}"
+    return f"{of}: {closure} (p {p_words(each['p_value'])})"
+
+
+def learnable_words(factor: float) -> str:
+    """From what size on this search would have found the law here."""
+    if factor <= 1:
+        return f"this search would have found it here from {factor:.2g} of its size on"
+    return f"this search would have found it here without fail only from {factor:.2g} times its size on"
+
+
+def runner_up_words(each: dict) -> str:
+    """Equation, how much worse, how alike, and what would tell."""
+    name = f"{each['id']}  " if each["id"] else ""
+    return f"{name}{briefly(each['equation'])} (worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}): {each['splits']}"
+
+
+def _best_against_chance(table: dict) -> Text:
+    return one_line(
+        f"the best form takes up {table['best']:.3g}; in noise alone the best of so many takes up {table['chance']:.3g} in 1 of 20 searches"
+    )
+
+
+def _learnable(learnable: dict) -> str:
+    known = [(name.replace("_", " "), each["size_dps"]) for name, each in learnable.items() if each["size_dps"] is not None]
+    blind = [name.replace("_", " ") for name, each in learnable.items() if each["size_dps"] is None]
+    known.sort(key=lambda pair: pair[1])
+    said = ", ".join(f"{name} from {size:.2g}" for name, size in known[:MOST_LEARNABLE])
+    lines = [f"a law of one quantity alone would have been found from so many dps rms on: {said}"] if known else []
+    return "; ".join(lines + ([f"not at all here: {', '.join(blind)}"] if blind else []))
+
+
+def _listed(words: list[str], most: int) -> str:
+    return "; ".join(words[:most]) + (f"; … ({len(words)})" if len(words) > most else "")

@@ -3,9 +3,7 @@
 import io
 import json
 import shutil
-import sys
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +11,7 @@ from formats_page import CODE, section, strangers
 from rich.console import Console
 
 import calibrate
-from session.common.errors import CalibrationError
 from session.common.units import DEG
-from tinygc.challenge import worker
 from tinygc.challenge.cases import STRENGTHS, Case
 from tinygc.challenge.conceal import conceal
 from tinygc.challenge.discover import examine as examination
@@ -281,22 +277,11 @@ def test_found_laws_are_in_the_tables(product, tmp_path):
     assert "1 hide nothing: 1 with an invented law" in told
 
 
-def test_without_a_search_the_command_says_so(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(examination, "SEARCH", "tinygc_without_discovery")
-    with pytest.raises(CalibrationError, match="no search"):
-        examination.examine_laws(tmp_path / "out", 1, 0)
+def test_the_search_is_not_examined_on_a_recording(tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
         calibrate.main(["challenge", "--discover", "--on", str(tmp_path)])
     assert ended.value.code == 2
     assert "--on" in capsys.readouterr().err
-
-
-def test_the_worker_asks_the_search_with_a_seed_of_its_own(monkeypatch):
-    asked = []
-    fake = SimpleNamespace(discover=lambda explanation, seed: asked.append((explanation, seed)) or {"verdict": "none"})
-    monkeypatch.setitem(sys.modules, worker.SEARCH, fake)
-    assert worker.discovered("what explain said") == {"discovery": {"verdict": "none"}}
-    assert asked == [("what explain said", worker.SEED)]
 
 
 def test_a_copy_is_a_copy(small, tmp_path):

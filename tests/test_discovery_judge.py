@@ -1,6 +1,6 @@
 """The judge of laws: what it puts away is untouched, a law that is there is found, and what noise makes is not said."""
 
-from dataclasses import replace
+import shutil
 from functools import partial
 
 import numpy as np
@@ -8,6 +8,7 @@ import pytest
 from simulated_twins import make_twin_of
 
 from session.common.units import DEG
+from session.log.folder import read_session
 from tinygc.discovery.grammar.form import Factor, Form
 from tinygc.discovery.judge import discover as judge
 from tinygc.discovery.judge.added import beside_calibration, correlation
@@ -18,6 +19,7 @@ from tinygc.explanation.noise.components import components_of
 from tinygc.explanation.noise.undersampling import undersampling
 from tinygc.explanation.twin.twin import Twin
 from tinygc.explanation.verdict.explain import explain_session
+from tinygc.problem.build import build_problem
 from tinygc.simulation.options import SimulationOptions
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
@@ -62,17 +64,19 @@ def test_what_is_put_away_is_a_third_and_nothing_of_it_is_seen(plain):
     assert np.mean(shares) == pytest.approx(1 / 3, abs=0.02)
 
 
-def test_of_several_recordings_one_is_put_away_whole(plain):
+def test_of_several_recordings_one_is_put_away_whole(simulated_with, tmp_path):
     """Each log of two has turns of its own; the one that is left out is not searched at all."""
-    used = plain.problem.used
-    half = {id(segment): replace(segment, log=int(i >= 12)) for i, segment in enumerate(used)}
-    segments = [half.get(id(segment), segment) for segment in plain.problem.segments]
-    problem = plain.problem.changed(segments=segments, logs=[plain.problem.logs[0]] * 2)
-    split = parted(problem, 0)
-    logs = [problem.used[i].log for i in split.recording]
-    assert logs == [split.log] * 12
-    assert not set(split.parts) & set(split.recording)
-    assert all(problem.used[i].log != split.log for i in split.parts)
+    folder = tmp_path / "two"
+    shutil.copytree(simulated_with(None, segments=12), folder)
+    shutil.copy(simulated_with(None, segments=9, seed=4) / "log0001.csv.gz", folder / "log0002.csv.gz")
+    problem = build_problem(read_session(folder))
+    for seed in range(4):
+        split = parted(problem, seed)
+        logs = [problem.used[i].log for i in split.recording]
+        assert logs == [split.log] * (12, 9)[split.log]
+        assert not set(split.parts) & set(split.recording)
+        assert all(problem.used[i].log != split.log for i in split.parts)
+        assert {segment.log for segment in split.seen.used} == {1 - split.log}
 
 
 def test_a_problem_without_some_turns_is_the_same_problem_elsewhere(plain):

@@ -11,7 +11,7 @@ from tinygc.effects import catalogue
 from tinygc.explanation.naming.candidates import candidates
 from tinygc.explanation.naming.evidence import Evidence, Guess
 from tinygc.explanation.naming.naming import probabilities, rivals_of
-from tinygc.explanation.naming.search import without_idle, search
+from tinygc.explanation.naming.search import search, without_idle
 from tinygc.explanation.noise.components import STILL_RATE, TURN, WANDER
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")

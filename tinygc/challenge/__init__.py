@@ -9,5 +9,5 @@ for laws that stand in no catalogue.
 What is concealed here is computed by code of its own, on the simulation's fine grid or on its registers: the catalogue in
 ``tinygc.effects`` is not asked, only told which folders to look into.
 
-May import: session, effects, problem, explanation, simulation.
+May import: session, effects, problem, explanation, discovery, simulation.
 """

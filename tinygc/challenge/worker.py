@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     from tinygc.explanation.verdict.explain import Explanation
 
 DISCOVER = "--discover"
-#: where the search for laws is; it is asked for by its name as long as the house may be without it
-SEARCH = "tinygc.discovery"
 SEED = 0
 
 
@@ -45,8 +42,12 @@ def discovered(explanation: Explanation) -> dict:
 
     This is the one place where the examination and the search meet.
     """
-    found = import_module(SEARCH).discover(explanation, seed=SEED)
-    return {"discovery": found if isinstance(found, dict) else found.to_json()}
+    from tinygc.discovery.judge.discover import discover
+    from tinygc.discovery.told.told import Told
+
+    told = Told(explanation, discover(explanation, seed=SEED))
+    told.save(pictures=False)
+    return {"discovery": told.table["discovery"]}
 
 
 if __name__ == "__main__":

@@ -26,7 +26,12 @@ def added_by_laws(laws: Sequence[dict], folder: Path, movement: Movement) -> lis
         missing = [law["id"] for law in laws if law["id"] not in known]
         if missing:
             raise EffectError(f"{folder}: no file defines {', '.join(missing)}")
-        return [added(known[law["id"]], {**law.get("constants", {}), **law["parameters"]}, movement) for law in laws]
+        return [added(known[law["id"]], {**_constants(law), **law["parameters"]}, movement) for law in laws]
+
+
+def _constants(law: dict) -> dict:
+    """A law's constants by name, in the units of their JSON."""
+    return {name: each["value"] for name, each in law.get("constants", {}).items()}
 
 
 def added_by_names(effects: Sequence[dict], movement: Movement) -> np.ndarray | None:

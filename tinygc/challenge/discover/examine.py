@@ -6,10 +6,8 @@ import json
 import shutil
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from importlib.util import find_spec
 from pathlib import Path
 
-from session.common.errors import CalibrationError
 from tinygc.challenge.cases import Case
 from tinygc.challenge.discover.cases import draw_discover_cases
 from tinygc.challenge.discover.examination import LawExamination
@@ -17,7 +15,6 @@ from tinygc.challenge.discover.score import LawScore, score_law
 from tinygc.challenge.discover.tables import totals
 from tinygc.challenge.discover.truth import ALL, added_rate
 from tinygc.challenge.examine import OPENED, PROCESSES, SESSIONS, explained, hide, new_folder
-from tinygc.challenge.worker import SEARCH
 
 #: the copies in which the workers search and write, below the sessions; where their laws are kept
 COPIES, LAWS = "searched", "laws"
@@ -43,10 +40,7 @@ def examine_laws(
     """Examine the search for laws on ``count`` sessions in ``folder``, which must be empty or new.
 
     segments: of every session, instead of drawn; answer: what is asked of each copy; announce: shown the SHA-256 before any is asked.
-    Raises CalibrationError where there is no search.
     """
-    if answer is answered and find_spec(SEARCH) is None:
-        raise CalibrationError("this version has no search for laws to examine")
     new_folder(folder)
     cases = draw_discover_cases(count, seed, segments)
     closed = hide(folder, cases, progress, ALL)

@@ -109,13 +109,15 @@ def score_law(name: str, truth: dict, said: dict, true: AddedRate, folder: Path)
             curves = added_by_laws(laws, folder, true.movement)
             alone = [correlation(true, truth["effects"], curve) for curve in curves]
             listed = max(alone, default=None)
-            together = correlation(true, truth["effects"], sum(curves[1:], curves[0])) if curves else None
+            names = added_by_names(discovery.get("beside", []), true.movement) if curves else None
+            whole = curves if names is None else [*curves, names]
+            together = correlation(true, truth["effects"], sum(whole[1:], whole[0])) if curves else None
         except EffectError as error:
             why = str(error)
         if not laws and (by_names := added_by_names(said["effects"], true.movement)) is not None:
             together = correlation(true, truth["effects"], by_names)
     outcome = _outcome(law, verdict, bool(laws), together)
-    proofs = [each["held_out"] for each in laws]
+    proofs = [proof for each in laws for proof in each["held_out"]]
     strengths = truth.get("strengths", {})
     return LawScore(
         name=name,
@@ -129,7 +131,7 @@ def score_law(name: str, truth: dict, said: dict, true: AddedRate, folder: Path)
         misnamed=law is not None and outcome == "missed" and bool(set(named) - set(truth["effects"])),
         correlation=together,
         listed=listed,
-        removed=max((each["removed"] for each in proofs), default=None),
+        removed=max((each["removed"] for each in proofs if each["removed"] is not None), default=None),
         p_value=min((each["p_value"] for each in proofs), default=None),
         chance_p=max((each["chance_p"] for each in laws), default=None),
         seconds=said.get("seconds"),

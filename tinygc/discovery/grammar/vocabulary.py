@@ -9,40 +9,57 @@ clock (time), a field that is fixed in the world (level and world directions), a
 
 from __future__ import annotations
 
-from tinygc.discovery.grammar.grids import lags_of, places
 from tinygc.discovery.grammar.functions import FUNCTIONS
+from tinygc.discovery.grammar.grids import lags_of, places
 
 _POWERS = "itself size square signed_square cube size_cube root signed_root root_cube size_root_cube"
 _LIMITS = "dead_zone excess within soft beyond signed_beyond"
 ALONE: dict[str, tuple[str, ...]] = {
     "rate": tuple(f"{_POWERS} sign {_LIMITS} decay wave saw".split()),
-    "rate_size": tuple("itself square cube root root_cube excess soft beyond decay wave".split()),
+    "rate_size": tuple(["itself", "square", "cube", "root", "root_cube", "excess", "soft", "beyond", "decay", "wave"]),
     "force": tuple(f"{_POWERS} sign {_LIMITS} wave".split()),
     "acceleration": tuple(f"{_POWERS} sign {_LIMITS}".split()),
-    "jerk": tuple("itself size square signed_square cube root signed_root sign dead_zone excess soft beyond".split()),
-    "temperature": tuple(
-        "itself size square signed_square cube root signed_root root_cube dead_zone excess beyond decay soft wave".split()
+    "jerk": tuple(
+        ["itself", "size", "square", "signed_square", "cube", "root", "signed_root", "sign", "dead_zone", "excess", "soft", "beyond"]
     ),
-    "temperature_rate": tuple("itself size square signed_square cube root signed_root sign dead_zone beyond".split()),
-    "time": tuple("itself square cube root root_cube excess beyond decay wave clock".split()),
-    "rest": tuple("itself square root root_cube excess beyond decay".split()),
-    "vibration": tuple("itself square root root_cube excess beyond soft".split()),
-    "turned": tuple("itself size square signed_square root signed_root wave clock".split()),
+    "temperature": tuple(
+        [
+            "itself",
+            "size",
+            "square",
+            "signed_square",
+            "cube",
+            "root",
+            "signed_root",
+            "root_cube",
+            "dead_zone",
+            "excess",
+            "beyond",
+            "decay",
+            "soft",
+            "wave",
+        ]
+    ),
+    "temperature_rate": tuple(["itself", "size", "square", "signed_square", "cube", "root", "signed_root", "sign", "dead_zone", "beyond"]),
+    "time": tuple(["itself", "square", "cube", "root", "root_cube", "excess", "beyond", "decay", "wave", "clock"]),
+    "rest": tuple(["itself", "square", "root", "root_cube", "excess", "beyond", "decay"]),
+    "vibration": tuple(["itself", "square", "root", "root_cube", "excess", "beyond", "soft"]),
+    "turned": tuple(["itself", "size", "square", "signed_square", "root", "signed_root", "wave", "clock"]),
     "sense": ("itself", "size"),
     "level": ("itself",),
     "world": ("itself",),
 }
 TOGETHER: dict[str, tuple[str, ...]] = {
-    "rate": tuple("itself size square signed_square signed_root sign dead_zone beyond signed_beyond".split()),
-    "rate_size": tuple("itself square root beyond excess decay".split()),
-    "force": tuple("itself size square signed_square sign".split()),
-    "acceleration": tuple("itself size square sign".split()),
+    "rate": tuple(["itself", "size", "square", "signed_square", "signed_root", "sign", "dead_zone", "beyond", "signed_beyond"]),
+    "rate_size": tuple(["itself", "square", "root", "beyond", "excess", "decay"]),
+    "force": tuple(["itself", "size", "square", "signed_square", "sign"]),
+    "acceleration": tuple(["itself", "size", "square", "sign"]),
     "jerk": ("itself", "size"),
-    "temperature": tuple("itself square size root beyond excess".split()),
+    "temperature": tuple(["itself", "square", "size", "root", "beyond", "excess"]),
     "temperature_rate": ("itself", "size"),
-    "time": tuple("itself square root decay beyond wave".split()),
-    "rest": tuple("itself root decay beyond".split()),
-    "vibration": tuple("itself root square beyond".split()),
+    "time": tuple(["itself", "square", "root", "decay", "beyond", "wave"]),
+    "rest": tuple(["itself", "root", "decay", "beyond"]),
+    "vibration": tuple(["itself", "root", "square", "beyond"]),
     "turned": ("itself", "wave"),
     "sense": ("itself",),
     "level": ("itself",),
@@ -50,18 +67,18 @@ TOGETHER: dict[str, tuple[str, ...]] = {
 }
 #: functions that may be looked at behind a lag, alone and in a product
 LAGGED: dict[str, tuple[str, ...]] = {
-    "rate": tuple("itself size square signed_square sign cube".split()),
-    "rate_size": tuple("itself square".split()),
-    "force": tuple("itself size square".split()),
-    "acceleration": tuple("size square".split()),
+    "rate": tuple(["itself", "size", "square", "signed_square", "sign", "cube"]),
+    "rate_size": tuple(["itself", "square"]),
+    "force": tuple(["itself", "size", "square"]),
+    "acceleration": tuple(["size", "square"]),
     "temperature": ("itself", "square"),
     "temperature_rate": ("itself", "size"),
-    "vibration": tuple("itself root".split()),
+    "vibration": tuple(["itself", "root"]),
     "sense": ("itself",),
 }
 LAGGED_TOGETHER: dict[str, tuple[str, ...]] = {
-    "rate": tuple("itself size square".split()),
-    "rate_size": tuple("itself square".split()),
+    "rate": tuple(["itself", "size", "square"]),
+    "rate_size": tuple(["itself", "square"]),
     "force": ("itself",),
     "temperature": ("itself",),
     "vibration": ("itself",),

@@ -44,8 +44,8 @@ class Law:
     """One law: form, and as an effect with its id and equation; theta (P,) and covariance (P, P) SI, of all rows; constants_sigma: of the
     form's constants, in their order; bits: of the form among all; gain: chi-square that it takes up; better: -2 log evidence by which it
     is better than without it; chance_p: of the best form of all doing as much in noise; held_out: parts of each recording, and the whole
-    recording that was left out, where there are several; same: forms that this recording cannot tell from it, since they are the same in
-    it; runners_up: others, best first; learnable_from: factor on its size from which this search would have found it here, None: unknown."""
+    recording that was left out, where there are several; same: forms that are the same in this recording; runners_up: others, best first;
+    learnable_from: factor on its size from which this search would have found it here, None: not at any."""
 
     form: Form
     effect: Effect
@@ -63,19 +63,33 @@ class Law:
 
 
 @dataclass(frozen=True, eq=False)
+class Beside:
+    """An effect of the catalogue that stands beside the laws: id; parameters and their std as docs/formats.md names them."""
+
+    id: str
+    parameters: dict
+    std: dict
+
+
+@dataclass(frozen=True, eq=False)
 class Discovery:
     """verdict: "found": the laws are said; "ambiguous": each of the laws could be the one, their runners-up tell of each other; "none": no
-    equation of this grammar; why: one line, of a law that was refused, or of nothing; laws; names: ids of the catalogue's effects that
-    stand beside them; forms: how many were enumerated, distinct: how many of them differ in this recording; chance_gain: what the best
+    equation of this grammar; why: one line, of a law that was refused, or of nothing; laws; beside: the catalogue's effects that stand with
+    them, or alone; forms: how many were enumerated, distinct: how many of them differ in this recording; chance_gain: what the best
     form of all takes up in noise alone, 95 % of the time less, in the units of ``promise``; best_promise: of the recording itself;
     learnable: quantity -> size, rms rad/s, from which a law of it alone would have been found here, None where not at all."""
 
     verdict: str
     why: str
     laws: tuple[Law, ...]
-    names: tuple[str, ...]
+    beside: tuple[Beside, ...]
     forms: int
     distinct: int
     chance_gain: float
     best_promise: float
     learnable: dict[str, float | None] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Ids of the catalogue's effects that stand beside the laws."""
+        return tuple(each.id for each in self.beside)

@@ -18,6 +18,7 @@ from tinygc.discovery.grammar.largest import largest_of
 from tinygc.discovery.judge.answer import Discovery
 from tinygc.discovery.judge.held_out import Unseen
 from tinygc.discovery.judge.parts import parted
+from tinygc.discovery.judge.rivals import rivals
 from tinygc.discovery.judge.search import Found, with_a_form
 from tinygc.discovery.judge.verdict import Searched, answer, refused
 from tinygc.discovery.judge.weigh import FormEvidence
@@ -33,6 +34,8 @@ from tinygc.explanation.verdict.explain import Explanation
 MOST_LAWS = 2
 #: names that a law may uncover
 MOST_NAMES = 2
+#: forms that take a law's place, one after the other
+MOST_EXCHANGES = 3
 #: shapes without a name that are tried in the place of a law
 MOST_SHAPES = 2
 #: what is told of progress: steps of the whole
@@ -68,7 +71,7 @@ def discover(
         rounds.append(found)
         if found.best is None or found.best.score >= searched.best.score:
             break
-        further = replace(searched, best=_beside_names(evidence, tried, found.best))
+        further = replace(searched, best=_settled(evidence, tried, found))
         why = next((why for law in further.laws if law in found.tried and (why := refused(further, law))), None)
         if why is not None:
             searched = replace(searched, why=searched.why or why)
@@ -77,9 +80,21 @@ def discover(
         if not searched.leaves_something:
             break
         bases = [searched.best]
-    return answer(explanation, searched, seed, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
+    return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
 
 
-def _beside_names(evidence: FormEvidence, tried: list[Effect], have: Hypothesis) -> Hypothesis:
-    """The laws with the catalogue's effects that stand beside them: those that they have made idle go, those that they uncovered come."""
-    return without_idle(evidence, exchanged(evidence, tried, search(evidence, tried, without_idle(evidence, have), most=MOST_NAMES)))
+def _settled(evidence: FormEvidence, tried: list[Effect], found: Found) -> Hypothesis:
+    """The laws with the catalogue's effects that stand beside them: those that they have made idle go, those that they uncovered come.  Of
+    forms that linear columns have misjudged the best takes the law's place."""
+    assert found.best is not None
+    have = without_idle(evidence, found.best)
+    have = without_idle(evidence, exchanged(evidence, tried, search(evidence, tried, have, most=MOST_NAMES)))
+    for _ in range(MOST_EXCHANGES):
+        law = next((effect for effect in have.effects if effect in found.tried), None)
+        if law is None:
+            break
+        nearest = next((rival for rival in rivals(evidence, have, law, found.tried) if rival.hypothesis is not None), None)
+        if nearest is None or nearest.hypothesis is None or nearest.worse >= 0:
+            break
+        have = without_idle(evidence, nearest.hypothesis)
+    return have

@@ -22,8 +22,8 @@ MOST_EXACT = 6
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """effect in the law's place; hypothesis with it, None where only its linear columns were weighed; worse: -2 log evidence; correlation of
-    the whole rate that is added with the law's hypothesis', 0 where unknown."""
+    """effect in the law's place; hypothesis with it, None where only its linear columns were weighed; worse: -2 log evidence;
+    correlation of the whole rate that is added with the law's hypothesis', 0 where unknown."""
 
     effect: Effect
     hypothesis: Hypothesis | None

@@ -11,7 +11,7 @@ from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.discovery.screen.screening import Screening, screened
-from tinygc.discovery.screen.sharpened import sharpened_in
+from tinygc.discovery.screen.sharpen import sharpened_in
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Hypothesis
 from tinygc.explanation.naming.search import rewhitened
@@ -54,7 +54,7 @@ def with_a_form(
     trials: list[tuple[float, Effect, Hypothesis]] = []
     promised: dict[str, float] = {}
     sigmas: dict[str, tuple[float, ...]] = {}
-    for number, (base, whiten) in enumerate(whitens):
+    for number, (base, _) in enumerate(whitens):
         for at in _first_of_each_shape(forms, screening.promise[number]):
             sharp = sharpened_in(forms[at], screening.all_responses, screening.all_looks[number])
             effect = evidence.effect_of(sharp.form)

@@ -12,18 +12,21 @@ from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.grammar.words import equation, splits, what
 from tinygc.discovery.judge.added import EQUAL
-from tinygc.discovery.judge.answer import Discovery, HeldOut, Law, RunnerUp
+from tinygc.discovery.judge.answer import Beside, Discovery, HeldOut, Law, RunnerUp
 from tinygc.discovery.judge.held_out import Unseen
 from tinygc.discovery.judge.parts import Parts
 from tinygc.discovery.judge.rivals import Rival, rivals
 from tinygc.discovery.judge.search import Found
 from tinygc.discovery.judge.weigh import FORM, FormEvidence, rms_of
-from tinygc.discovery.screen.learnable import learnable_factor, learnable_sizes
+from tinygc.discovery.screen.learnable import learnable, learnable_from
+from tinygc.discovery.screen.looks import Look
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Evidence, Hypothesis
+from tinygc.explanation.naming.linear_estimate import without_claim
 from tinygc.explanation.naming.naming import STAND_IN
 from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.verdict.explain import Explanation
+from tinygc.explanation.verdict.readable import readable
 
 #: searches of which chance makes one as good, at most: benchmarks/discover.py states no law where none is hidden with it
 CHANCE = 0.01
@@ -94,9 +97,9 @@ class _Judged:
     same: list[Rival]
 
 
-def answer(explanation: Explanation, searched: Searched, seed: int, progress: Callable[[str], None]) -> Discovery:
+def answer(explanation: Explanation, searched: Searched, progress: Callable[[str], None]) -> Discovery:
     """The answer of a search."""
-    evidence, best = searched.evidence, searched.best
+    evidence = searched.evidence
     first = searched.rounds[0].screening
     common = {
         "forms": len(searched.forms),
@@ -108,15 +111,15 @@ def answer(explanation: Explanation, searched: Searched, seed: int, progress: Ca
     if not searched.laws or leaves_more:
         progress("what could have been found")
         why = leaves_more or searched.why or "no form takes up more than its own description costs"
-        names = tuple(effect.id for effect in searched.catalogue.effects)
-        limits = learnable_sizes(first, seed)
+        names = _beside(searched.catalogue)
+        limits = learnable(first)
         return Discovery("none", why, (), names, learnable=limits, **common)
     progress("rivals")
     judged = [_judged(searched, law) for law in searched.laws]
-    names = tuple(effect.id for effect in best.effects if effect.id not in evidence.forms)
     whole = _on_all(explanation, searched)
+    names = _beside(whole, frozenset(evidence.forms))
     progress("from what size it could have been found")
-    laws = tuple(_law(searched, each, whole, number, seed) for number, each in enumerate(judged))
+    laws = tuple(_law(searched, each, whole, number) for number, each in enumerate(judged))
     several = next((each for each in judged if each.others), None)
     why = "" if several is None else f"{len(several.others) + 1} forms of equal worth add different rates"
     return Discovery("ambiguous" if several else "found", why, laws, names, **common)
@@ -176,7 +179,13 @@ def _on_all(explanation: Explanation, searched: Searched) -> Hypothesis:
     return evidence.of(searched.best.effects, evidence.nothing)
 
 
-def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int, seed: int) -> Law:
+def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Beside, ...]:
+    """The catalogue's effects of a hypothesis."""
+    claims = [(number, claim) for number, claim in enumerate(have.fit.state.claims) if claim.effect.id not in laws]
+    return tuple(Beside(claim.effect.id, *readable(claim, have.fit.theta_covariance(number))[1:]) for number, claim in claims)
+
+
+def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) -> Law:
     evidence, form = searched.evidence, judged.form
     at = next(i for i, effect in enumerate(whole.effects) if effect is judged.law)
     claims = whole.fit.state.claims
@@ -197,7 +206,7 @@ def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int, se
         judged.held_out,
         _same(judged, evidence),
         tuple(_runner_up(evidence, rival) for rival in judged.others[:MOST_RUNNERS_UP]),
-        learnable_factor(judged.round.screening, form, theta, bits(form), seed),
+        learnable_from(judged.round.screening, form, theta, _look_without(searched, judged.law)),
     )
 
 
@@ -205,6 +214,13 @@ def _same(judged: _Judged, evidence: FormEvidence) -> tuple[Form, ...]:
     """Forms that this recording cannot tell from the law: by their columns, or by the rate that they add where they are weighed."""
     weighed = [evidence.forms[rival.effect.id] for rival in judged.same if rival.effect.id in evidence.forms]
     return tuple(dict.fromkeys([*judged.round.screening.same_as(judged.form), *weighed]))
+
+
+def _look_without(searched: Searched, law: Effect) -> Look:
+    """The channels as the best hypothesis sees them without a law, in the noise that is left with it."""
+    best = searched.best
+    number = next(i for i, effect in enumerate(best.effects) if effect is law)
+    return Look(searched.evidence.twin, best.whiten, without_claim(best.fit, number))
 
 
 def _form_of(searched: Searched, number: int) -> Form:

@@ -43,13 +43,14 @@ class _Form:
     own: bool = False
 
 
-def learnable_from(screening: Screening, form: Form, theta: np.ndarray) -> float | None:
+def learnable_from(screening: Screening, form: Form, theta: np.ndarray, look: Look | None = None) -> float | None:
     """Factor on a law's size, theta (P,) in rad/s, from which this search would have found it in half of all cases; None: not at any.
 
     Found is a law where the best of all forms is it, or says what it adds to a correlation of 0.99, and chance does as much in one case of
-    twenty.  Linear, beside the last look.  The form has the bits of those of the screening that differ from it by constants alone.
+    twenty.  Linear; look: beside which, the screening's last if none is given.  The form has the bits of those of the screening that
+    differ from it by constants alone.
     """
-    responses, look = screening.all_responses, screening.all_looks[-1]
+    responses, look = screening.all_responses, look or screening.all_looks[-1]
     basis = basis_of(form, responses, look)
     if not basis.shape[1]:
         return None

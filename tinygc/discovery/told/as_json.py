@@ -23,6 +23,7 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
         "why": discovery.why,
         "laws": [_law(law, file) for law, file in zip(discovery.laws, files, strict=True)],
         "names": list(discovery.names),
+        "beside": [vars(each) for each in discovery.beside],
         "forms": discovery.forms,
         "distinct": discovery.distinct,
         "chance": discovery.chance_gain,

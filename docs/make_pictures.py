@@ -1,6 +1,7 @@
 """Make the pictures of the README again: python docs/make_pictures.py
 
-Conceals a thermal bias in a simulated session, lets `explain` look at it, and keeps its page; and the pages of the Xsens recording and of
+Conceals a thermal bias in a simulated session, lets `explain` look at it, and keeps its page; conceals a law that no catalogue has, and
+keeps what `explain --discover` draws of it; and the pages of the Xsens recording and of
 EuRoC's MH_02, where they are beside the checkout.
 """
 
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.common.units import DEG
+from session.common.units import DEG, G
 from session.public.euroc import write_sequences
 from tinygc.cli.console import output
 from tinygc.explanation.save import save_explanation
@@ -21,12 +22,19 @@ from tinygc.explanation.truth.explain import explain_truth
 from tinygc.explanation.truth.result import save_truth
 from tinygc.explanation.verdict.explain import explain_session
 from tinygc.explanation.verdict.pages import explanation_page
+from tinygc.library.explain import explain
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 XSENS, EUROC = SHARED / "xsens", SHARED / "euroc"
 CONCEALED_DPS_PER_C = np.array([0.014, -0.037, 0.018])
+CONCEALED_PER_G = np.array([0.002, -0.0015, 0.0018])
+
+
+def leaning(t_s, rate, force, temp_c):
+    """The sensitivity of an axis follows the specific force along it (docs/discover.md)."""
+    return rate + CONCEALED_PER_G * rate * force / G
 
 
 def main() -> None:
@@ -41,6 +49,11 @@ def main() -> None:
         explanation = explain_session(folder)
         output().print(explanation_page(explanation))
         shutil.copy(save_explanation(explanation) / "explain.png", Path(__file__).parent / "explain.png")
+        options = SimulationOptions(seed=5, segments=40, closure_s=0.0)
+        folder = write_session(options, Path(parent) / "hidden", distort=leaning)
+        why = explain(folder, discover=True)
+        output().print(why.page)
+        shutil.copy(why.save() / "discover.png", Path(__file__).parent / "discover.png")
         if XSENS.is_dir():
             there = save_explanation(explain_session(XSENS), Path(parent) / "xsens")
             shutil.copy(there / "explain.png", Path(__file__).parent / "explain-xsens.png")

@@ -39,7 +39,7 @@ def law_of(form: Form, dps, **changed) -> Law:
     theta = np.array(dps) * DEG
     covariance = np.diag((0.02 * theta) ** 2)
     law = Law(form, effect, theta, covariance, tuple(0.03 * value for value in form.constants), 17.4, 5123.0, 4870.0, 0.0005, (DECIDED,))
-    return replace(law, learnable_from=0.21, **changed)
+    return replace(law, **{"learnable_from": 0.21, **changed})
 
 
 def runner_up(form: Form, worse: float = 4.2, correlation: float = 0.962) -> RunnerUp:

@@ -91,6 +91,8 @@ def test_the_page_of_a_law_says_what_a_bench_needs(e):
     assert "could else be: ω_i += c_i u_i³ (worse by 4.2, correlation 0.962)" in text
     assert "beside it: gyro.bias_drift" in text
     assert "from 0.21 of its size on" in text
+    assert "a search finds as much with p = 0.0005" in text
+    assert "a search finds as much with p < 0.0001" in "\n".join(lines_of(Told(e, found(told_law(chance_p=0.0))).table))
 
 
 def test_the_page_of_nothing_says_how_much_that_is_worth(e):
@@ -108,7 +110,8 @@ def test_there_is_one_next_step_and_the_search_says_it(e):
     assert not [line for line in page if line.startswith("next: ")]
     assert sum(line.startswith("next: ") for line in lines_of(told.table)) == 1
     assert told.table["next"].startswith("to tell ω_i += c_i dz(u_i, 0.1) from ω_i += c_i u_i³: from a still with ")
-    assert Told(e, found(told_law())).table["next"].startswith("record a second session")
+    for rivals in ((), (runner_up(CUBE, worse=40.0),)):  # what is so much worse is drawn, and asks for nothing
+        assert Told(e, found(told_law(runners_up=rivals))).table["next"].startswith("record a second session")
 
 
 def test_laws_that_no_turn_tells_apart_are_told_by_the_condition(e):

@@ -11,10 +11,11 @@ from math import ceil
 import numpy as np
 
 from tinygc.discovery.grammar.words import equation
-from tinygc.discovery.judge.answer import Discovery
+from tinygc.discovery.judge.answer import Discovery, Law
 from tinygc.discovery.told.as_json import briefly, other_equation
 from tinygc.discovery.told.fits import Fitted, Pair
 from tinygc.effects import Movement
+from tinygc.explanation.naming.naming import STAND_IN
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.next_step import what_next
 from tinygc.plan.splitting import Trial, trials
@@ -25,10 +26,15 @@ TOLD_APART = 5.0
 MOST_TURNS = 25
 
 
+def is_open(law: Law) -> bool:
+    """Whether something else could still stand in the law's place."""
+    return bool(law.runners_up) and law.runners_up[0].worse < STAND_IN
+
+
 def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | None:
-    """What to record next; None where nothing is open.  pairs: of the laws that have a runner-up."""
+    """What to record next; None where nothing is left to tell.  pairs: of the laws, where one is open."""
     for law in discovery.laws:
-        if law.runners_up:
+        if is_open(law):
             between = f"to tell {briefly(equation(law.form))} from {briefly(other_equation(law.runners_up[0]))}: "
             return between + _splitting(next(pair for pair in pairs if pair.law is law))
     if discovery.verdict == "found":

@@ -17,6 +17,8 @@ HEADLINES = {
 }
 MOST_RUNNERS_UP = 3
 MOST_SAME = 3
+#: of chance: what noise was drawn for tells of no smaller one
+LEAST_P = 1e-4
 #: quantities of which the page says from what size on a law would have been found
 MOST_LEARNABLE = 6
 
@@ -53,7 +55,7 @@ def _law(law: dict) -> list[Text]:
     lines.append(
         one_line(
             f"  takes up {law['chi_square']:.4g} of chi-square, and makes the recording more probable by {law['better_by']:.4g} in −2 log "
-            f"evidence; in noise alone a search finds as much with p {p_words(law['chance_p'])}"
+            f"evidence; in noise alone a search finds as much with p {p_words(max(law['chance_p'], LEAST_P), law['chance_p'] < LEAST_P)}"
         )
     )
     lines += [one_line(f"  {held_out_words(each)}") for each in law["held_out"]]

@@ -18,7 +18,7 @@ from tinygc.discovery.told.as_json import to_json
 from tinygc.discovery.told.effect_folder import FOLDER, save_laws
 from tinygc.discovery.told.evidence_text import Where
 from tinygc.discovery.told.fits import Pair, pairs_of
-from tinygc.discovery.told.next_step import next_of
+from tinygc.discovery.told.next_step import is_open, next_of
 from tinygc.discovery.told.page import discovery_page
 from tinygc.discovery.told.pictures import figure_of
 from tinygc.explanation.pictures.canvas import save as save_figure
@@ -48,8 +48,8 @@ class Told:
 
     @cached_property
     def _following(self) -> str | None:
-        is_open = any(law.runners_up for law in self.discovery.laws)
-        return next_of(self.explanation, self.discovery, self.pairs if is_open else [])
+        pairs = self.pairs if any(map(is_open, self.discovery.laws)) else []
+        return next_of(self.explanation, self.discovery, pairs)
 
     @property
     def table(self) -> dict:

@@ -8,9 +8,8 @@ import numpy as np
 from session.common.units import DEG, G
 from tinygc.discovery.grammar.as_effect import as_effect
 from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.grammar.words import equation
+from tinygc.discovery.grammar.words import equation, what
 from tinygc.discovery.judge.answer import Discovery, HeldOut, Law, RunnerUp
-from tinygc.discovery.told.said import what
 from tinygc.effects import Movement
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session

@@ -19,10 +19,8 @@ from tinygc.discovery.judge.rivals import Rival, rivals
 from tinygc.discovery.judge.search import Found
 from tinygc.discovery.judge.weigh import FORM, FormEvidence, rms_of
 from tinygc.discovery.screen.learnable import learnable, learnable_from
-from tinygc.discovery.screen.looks import Look
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Evidence, Hypothesis
-from tinygc.explanation.naming.linear_estimate import without_claim
 from tinygc.explanation.naming.naming import STAND_IN
 from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.verdict.explain import Explanation
@@ -206,7 +204,7 @@ def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) ->
         judged.held_out,
         _same(judged, evidence),
         tuple(_runner_up(evidence, rival) for rival in judged.others[:MOST_RUNNERS_UP]),
-        learnable_from(judged.round.screening, form, theta, _look_without(searched, judged.law)),
+        learnable_from(judged.round.screening, form, theta, searched.best.whiten),
     )
 
 
@@ -214,13 +212,6 @@ def _same(judged: _Judged, evidence: FormEvidence) -> tuple[Form, ...]:
     """Forms that this recording cannot tell from the law: by their columns, or by the rate that they add where they are weighed."""
     weighed = [evidence.forms[rival.effect.id] for rival in judged.same if rival.effect.id in evidence.forms]
     return tuple(dict.fromkeys([*judged.round.screening.same_as(judged.form), *weighed]))
-
-
-def _look_without(searched: Searched, law: Effect) -> Look:
-    """The channels as the best hypothesis sees them without a law, in the noise that is left with it."""
-    best = searched.best
-    number = next(i for i, effect in enumerate(best.effects) if effect is law)
-    return Look(searched.evidence.twin, best.whiten, without_claim(best.fit, number))
 
 
 def _form_of(searched: Searched, number: int) -> Form:

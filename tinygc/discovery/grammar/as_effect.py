@@ -8,7 +8,7 @@ from session.common.units import DEG
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.grammar.words import equation as equation_of
 from tinygc.discovery.grammar.words import regime, splits
-from tinygc.effects import Effect, Movement, NoC, Parameter, Reach, signals
+from tinygc.effects import Effect, Movement, NoC, Parameter, Reach
 
 #: rad/s: a prior, not a bar: beyond the zero-rate level of any good part (3 dps)
 PLAUSIBLE_RPS = 5 * DEG
@@ -29,10 +29,8 @@ def columns_of(form: Form, movement: Movement) -> np.ndarray:
 
 def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
     """The form as an effect; rms: of its products in the recording, by which its plausible size is known."""
-    lags = [signals.lag_reach(factor.lag_s) for factor in form.factors if factor.lag_s is not None]
-    memory = any(factor.through.memory for factor in form.factors)
-    reach = sum([*(factor.of.reach for factor in form.factors), *lags, *([signals.WHOLE] if memory else [])], Reach())
-    named = [name for factor in form.factors for name in factor.of.inputs] + (["time"] if memory else [])
+    reach = sum((factor.reach for factor in form.factors), Reach())
+    inputs = tuple(dict.fromkeys(name for factor in form.factors for name in factor.inputs))
     unit, said = form.coefficient_unit, equation or equation_of(form)
     return Effect(
         id=name,
@@ -43,7 +41,7 @@ def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equati
         says=lambda theta: f"follows {said} (up to {np.abs(theta).max() / DEG:.3g} {unit})",
         splits=splits(form),
         regime=regime(form),
-        inputs=tuple(dict.fromkeys(named)),
+        inputs=inputs,
         reach=reach,
         device=NoC("no C has been written for it"),
     )

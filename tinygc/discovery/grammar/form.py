@@ -11,7 +11,7 @@ import numpy as np
 from tinygc.discovery.grammar.functions import FUNCTIONS, Function
 from tinygc.discovery.grammar.quantities import QUANTITIES, Quantity
 from tinygc.discovery.grammar.units import RATE, Unit, UnitError, product, text_of, unit_of
-from tinygc.effects import Movement, signals
+from tinygc.effects import Movement, Reach, signals
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,17 @@ class Factor:
     def unit(self) -> Unit:
         """Of its values."""
         return product((unit_of(self.of.unit), self.through.power))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """What it reads beside the rate, as an ``Effect`` declares it."""
+        return tuple(dict.fromkeys([*self.of.inputs, *(["time"] if self.through.memory else [])]))
+
+    @property
+    def reach(self) -> Reach:
+        """How far around a sample it looks, its lag and its function's memory counted."""
+        late = Reach() if self.lag_s is None else signals.lag_reach(self.lag_s)
+        return self.of.reach + late + (signals.WHOLE if self.through.memory else Reach())
 
     @property
     def of(self) -> Quantity:

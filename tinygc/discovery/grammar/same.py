@@ -13,61 +13,88 @@ import numpy as np
 from tinygc.discovery.grammar.form import Factor, Form
 from tinygc.effects import Movement
 
-#: rows of the movement that are looked at: a form has up to 36 columns beside the four of a calibration
+#: rows that are looked at first: a form has up to 36 columns of an axis beside the four of a calibration
 ROWS = 96
 #: of a column's size, from which on what a calibration leaves is more than rounding; likewise of its neighbours
 LEFT = 1e-9
 #: of a look's size, within which two are the same: a hundred times what rounding makes of columns that are nearly alike
 SAME = 1e-6
-#: forms at once
-AT_ONCE = 2048
+#: that columns of forms have at once
+MOST_NUMBERS = 2_000_000
 
 
 def told_apart(forms: Sequence[Form], movement: Movement) -> list[Form]:
-    """Of forms in the order of preference, the first of each that are the same; those that a calibration holds are left out."""
-    looks = looked_at(forms, movement)
+    """Of forms in the order of preference, the first of each that are the same; those that a calibration holds are left out.
+
+    All are looked at in some rows.  Those that are there like others, or like nothing, are looked at in every row.
+    """
+    values = Values(movement)
+    groups = _groups(looked_at(forms, values, ROWS))
+    found = [group[0] for group in groups if len(group) == 1]
+    doubtful = np.sort(np.setdiff1d(np.arange(len(forms)), found))
+    again = looked_at([forms[number] for number in doubtful], values, len(movement.rate))
+    found += [int(doubtful[group[0]]) for group in _groups(again)]
+    return [forms[number] for number in sorted(found)]
+
+
+def _groups(looks: np.ndarray) -> list[list[int]]:
+    """Numbers, rising, of looks (F, R) that are the same; those that are nothing are in none."""
     there = np.flatnonzero(np.linalg.norm(looks, axis=1) > SAME)
     order = there[np.argsort(looks[there, 0], kind="stable")]
     edges = np.flatnonzero(np.diff(looks[order, 0]) > SAME) + 1
-    kept: list[int] = []
-    for group in np.split(order, edges):
-        own: list[int] = []
-        for number in np.sort(group).tolist():
-            if not own or np.abs(looks[own] - looks[number]).max(axis=1).min() > SAME:
-                own.append(number)
-        kept += own
-    return [forms[number] for number in sorted(kept)]
+    found: list[list[int]] = []
+    for near in np.split(order, edges):
+        own: list[list[int]] = []
+        for number in np.sort(near).tolist():
+            home = next((group for group in own if np.abs(looks[group[0]] - looks[number]).max() < SAME), None)
+            if home is None:
+                own.append([number])
+            else:
+                home.append(number)
+        found += own
+    return found
 
 
-def looked_at(forms: Sequence[Form], movement: Movement) -> np.ndarray:
-    """(F, ROWS): a drawn vector as the span of the first axis' columns projects it; zero where a calibration holds them all.
+class Values:
+    """Of factors in a movement, each computed once."""
+
+    def __init__(self, movement: Movement):
+        self.movement = movement
+        rate = movement.rate / movement.fs_rps
+        self.calibration = np.concatenate([rate, np.ones((len(rate), 1))], axis=1)
+        self._values: dict[Factor, np.ndarray] = {}
+
+    def of(self, factor: Factor) -> np.ndarray:
+        """(components, N)."""
+        if factor not in self._values:
+            self._values[factor] = np.ascontiguousarray(factor.values(self.movement).T)
+        return self._values[factor]
+
+
+def looked_at(forms: Sequence[Form], values: Values, count: int) -> np.ndarray:
+    """(F, count): a drawn vector, in so many rows, as the span of the first axis' columns projects it; zero where a calibration holds all.
 
     The patterns treat all axes alike, so the first stands for all.
     """
-    rng = np.random.default_rng(len(movement.rate))
-    rows = np.sort(rng.choice(len(movement.rate), ROWS, replace=False))
-    drawn = rng.standard_normal(ROWS)
-    return projections(forms, movement, rows, 0, drawn / np.linalg.norm(drawn))
+    samples = len(values.calibration)
+    rng = np.random.default_rng(count)
+    rows = np.sort(rng.choice(samples, count, replace=False))
+    drawn = rng.standard_normal(count)
+    return projections(forms, values, rows, 0, drawn / np.linalg.norm(drawn))
 
 
-def projections(forms: Sequence[Form], movement: Movement, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
+def projections(forms: Sequence[Form], values: Values, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
     """(F, R): drawn (R,), in these rows (R,) of a movement, as the span of an axis' columns projects it beside what a calibration holds."""
-    rate = movement.rate[rows] / movement.fs_rps
-    held = np.linalg.qr(np.concatenate([rate, np.ones((len(rows), 1))], axis=1))[0]
-    numbers: dict[Factor, int] = {}
-    values: list[np.ndarray] = []
-    for form in forms:
-        for factor in form.factors:
-            if factor not in numbers:
-                numbers[factor] = len(values)
-                values.append(factor.values(movement)[rows].T)
+    held = np.linalg.qr(values.calibration[rows])[0]
+    own = {factor: values.of(factor)[:, rows] for factor in dict.fromkeys(factor for form in forms for factor in form.factors)}
     found = np.zeros((len(forms), len(rows)))
     for members, parts in _alike_built(forms, axis):
-        for first in range(0, len(members), AT_ONCE):
-            some = members[first : first + AT_ONCE]
+        at_once = max(MOST_NUMBERS // (len(parts[0]) * len(rows)), 1)
+        for first in range(0, len(members), at_once):
+            some = members[first : first + at_once]
             columns = np.ones((len(some), len(parts[0]), len(rows)))
             for place, components in enumerate(parts):
-                columns *= np.stack([values[numbers[forms[number].factors[place]]][components] for number in some])
+                columns *= np.stack([own[forms[number].factors[place]][components] for number in some])
             found[some] = _projected(columns, held, drawn)
     return found
 

@@ -1,4 +1,8 @@
-"""A drawn movement, of no recording: by it, forms are told apart that any movement would tell apart."""
+"""A drawn movement, of no recording: by it, forms are told apart that any movement would tell apart.
+
+Every quantity takes values all over its range and of both signs, independent of the others, so that steps at neighbouring thresholds
+differ in a few samples.
+"""
 
 from __future__ import annotations
 
@@ -7,34 +11,43 @@ import numpy as np
 from session.common.units import DEG
 from tinygc.effects import Movement
 
-SAMPLES, RATE_HZ, PARTS = 600, 10.0, 24
+SAMPLES, RATE_HZ, FULL_SCALE = 2400, 10.0, 500 * DEG
+#: of a sampling period, by which samples stray, so that no time is a multiple of it; samples of the longest turn or rest
+STRAY, LONGEST = 0.2, 240
 
 
 def some_movement(seed: int) -> Movement:
-    """A minute of turns and rests, warming up and cooling down, vibrated; begun some time after switch-on."""
+    """Four minutes of turns and rests of many lengths, warming up and cooling down, vibrated."""
     rng = np.random.default_rng(seed)
-    t_s = np.arange(SAMPLES) / RATE_HZ
-    turning = np.repeat(rng.uniform(size=PARTS) > 0.4, SAMPLES // PARTS)[:, None]
-    rate = turning * _wandering(rng, 3) * 150 * DEG
-    force = rng.standard_normal(3) + _wandering(rng, 3)
+    t_s = (np.arange(SAMPLES) + rng.uniform(0, STRAY, SAMPLES)) / RATE_HZ
+    force = _wandering(rng, 3)
     return Movement(
-        t_s=rng.uniform(0.5, 3.0) + t_s,
+        t_s=rng.uniform(0.1, 0.5) + t_s,
         dt_s=1 / RATE_HZ,
-        rate=rate,
-        force_g=force / np.linalg.norm(force, axis=1, keepdims=True) * rng.uniform(0.9, 1.1, (SAMPLES, 1)),
-        temp_c=25 + 3 * _wandering(rng, 1)[:, 0],
-        vibration_g2=rng.uniform(0.01, 0.2, SAMPLES),
-        duration_s=SAMPLES / RATE_HZ + 3.0,
-        fs_rps=500 * DEG,
-        first_temp_c=25.0 + rng.uniform(-1, 1),
+        rate=0.8 * FULL_SCALE * _turning(rng)[:, None] * _wandering(rng, 3),
+        force_g=force / np.linalg.norm(force, axis=1, keepdims=True) * rng.uniform(0.8, 1.2, (SAMPLES, 1)),
+        temp_c=25 + 10 * _wandering(rng, 1)[:, 0],
+        vibration_g2=rng.uniform(0.0, 0.2, SAMPLES),
+        duration_s=SAMPLES / RATE_HZ + 1.0,
+        fs_rps=FULL_SCALE,
+        first_temp_c=25.0,
     )
 
 
+def _turning(rng: np.random.Generator) -> np.ndarray:
+    """(SAMPLES,) 0 in rests, and a swell up to 1 in turns; in a turn from the first sample on."""
+    found, first, turns = np.zeros(SAMPLES), 0, True
+    while first < SAMPLES:
+        length = int(np.exp(rng.uniform(np.log(10), np.log(LONGEST))))
+        if turns:
+            swell = np.sin(np.pi * (np.arange(length) + 0.5) / length) if first else np.cos(np.pi / 2 * np.arange(length) / length)
+            found[first : first + length] = swell[: SAMPLES - first]
+        first, turns = first + length, not turns
+    return found
+
+
 def _wandering(rng: np.random.Generator, axes: int) -> np.ndarray:
-    """(SAMPLES, axes) smooth over a second or so, of size one, of both signs."""
-    steps = np.cumsum(rng.standard_normal((SAMPLES, axes)), axis=0)
-    slow = np.cumsum(steps, axis=0)
-    beside = 10
-    smooth = (slow[beside:] - slow[:-beside])[np.linspace(0, SAMPLES - beside - 1, SAMPLES).astype(int)]
-    smooth = smooth - smooth.mean(axis=0)
-    return smooth / smooth.std(axis=0)
+    """(SAMPLES, axes) smooth over a second or so, even over −1 to 1."""
+    noise = rng.standard_normal((SAMPLES + 20, axes))
+    smooth = np.stack([np.convolve(column, np.hanning(22)[1:], mode="valid") for column in noise.T], axis=1)
+    return 2 * np.argsort(np.argsort(smooth, axis=0), axis=0) / (SAMPLES - 1) - 1

@@ -2,9 +2,10 @@
 
     python benchmarks/discover_speed.py [--segments 20 40 80 160] [--forms 5000 10000 20000 40000] [--looks 2]
 
-Each session hides a rate that grows with the root of its cube.  Each runs in a fresh process of one thread; the times are its CPU seconds,
-as in ``explain_speed.py``, and the memory is its largest, beside what the twin alone had taken.  Forms are drawn from products of all
-quantities' functions, with lags and without, as many as are asked for; sessions beyond ``spread.MOST_TURNS`` are screened by part of them.
+Each session hides a law that no catalogue has, the root of the rate's cube.  Each runs in a fresh process of one thread; the times are its
+CPU seconds, as in ``explain_speed.py``, and the memory is its largest, beside what the twin alone had taken.  Forms are drawn from the
+grammar's and, where more are asked for, from further products of functions, with lags and without; sessions beyond
+``spread.MOST_TURNS`` are screened by part of them.
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from explain_speed import exponent, peak_memory_mb
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
+#: of a quantity's largest size, and s: constants and lags of forms beyond the grammar's
+SHARES, LAGS_S = (0.02, 0.05, 0.1, 0.2, 0.4, 0.7), (None, 0.5, 5.0)
 STEPS = ("screening", "chance and order", "forms that differ", "same as the best", "sharpening five", "learnable", "learnable from")
 
 
@@ -37,13 +40,13 @@ def distort(t_s, rate, force, temp_c):
 
 def forms_of(largest: dict[str, float], count: int) -> list:
     """The grammar's, and products beyond it until there are so many."""
-    from tinygc.discovery.grammar.enumeration import SHARES, enumerated
+    from tinygc.discovery.grammar.enumeration import enumerated
     from tinygc.discovery.grammar.form import Factor, Form
 
     forms = list(enumerated(largest))
     names = [name for name, size in largest.items() if size > 0]
     plain = [Factor(name, function) for name in names for function in ("itself", "size")]
-    functions = product(names, ("dead_zone", "beyond", "decay", "within"), SHARES, (None, 0.5, 5.0))
+    functions = product(names, ("dead_zone", "beyond", "decay", "within"), SHARES, LAGS_S)
     more = [Factor(name, function, share * largest[name], lag_s) for name, function, share, lag_s in functions]
     generator = np.random.default_rng(0)
     while len(forms) < count:
@@ -56,9 +59,9 @@ def forms_of(largest: dict[str, float], count: int) -> list:
 def timed(folder: Path, count: int, looks: int) -> dict:
     """Seconds by step, and MB, of screening one folder in this process."""
     from session.log.folder import read_session
+    from tinygc.discovery.grammar.largest import largest_of
     from tinygc.discovery.screen.learnable import learnable, learnable_from
     from tinygc.discovery.screen.screening import screened
-    from tinygc.discovery.screen.values import Values
     from tinygc.explanation.naming.evidence import Evidence
     from tinygc.explanation.naming.search import rewhitened
     from tinygc.explanation.twin.replay import Replay
@@ -68,7 +71,7 @@ def timed(folder: Path, count: int, looks: int) -> dict:
     evidence = Evidence(Twin(build_problem(read_session(folder))))
     nothing = evidence.nothing
     replay = Replay(evidence.twin, nothing.fit)
-    forms = forms_of(Values(replay).largest(), count)
+    forms = forms_of(largest_of(evidence.twin.movements), count)
     before_mb, seconds = peak_memory_mb(), {}
 
     def step(name: str, work: Callable):

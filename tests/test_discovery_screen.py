@@ -220,4 +220,16 @@ def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
     assert len(some.noise) == len(part.rows)
     best = every.order[:20]
     assert np.allclose(some.promise[:, best], every.promise[:, best], rtol=1e-3, atol=1e-3)
-    assert seen.forms[some.order[0]] == ROOT_CUBE
+    assert some.order[0] == every.order[0]
+
+
+def test_a_sign_of_the_rate_says_nothing_of_rests(seen):
+    """At rest a reading's sign is that of its noise, whose mean is the very residual of the still: a law of it would be found in noise."""
+    columns = seen.responses.columns(Form((Factor("rate", "sign"),)))
+    stills = columns[seen.whiten.parts["still"]]
+    assert np.any(columns[seen.whiten.parts["closure"]])
+    # What a hand still does as a rest begins and ends is left of it.
+    noisy = np.concatenate(
+        [np.sign(rate[still.start : still.stop]).mean(axis=0) for log, still in seen.twin.stills for rate in [seen.replay.rates[log]]]
+    )
+    assert np.sum(stills**2) < 0.01 * np.sum(noisy**2)

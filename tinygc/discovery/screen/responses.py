@@ -76,7 +76,7 @@ class Responses:
         (wiring,) = plan.wirings
         block = self.block(*(self.values.of(plan.factors[which[0]]) for which in (plan.hub, plan.partner)))
         s, q = len(self.segments), len(self.stills)
-        closure = block.closure[:, :, wiring.axis, wiring.hub, wiring.partner].reshape(s * self.angles, -1)
+        closure = block.closure[:, :, wiring.axis, wiring.hub, wiring.partner].reshape(s * self.angles, wiring.size)
         still = np.zeros((q, 3, wiring.size))
         still[:, wiring.axis, np.arange(wiring.size)] = block.still[:, wiring.hub, wiring.partner]
-        return np.concatenate([closure, still.reshape(3 * q, -1), np.zeros((q, wiring.size))])
+        return np.concatenate([closure, still.reshape(3 * q, wiring.size), np.zeros((q, wiring.size))])

@@ -112,11 +112,11 @@ class _File:
         form, shape = self.form, self.code.shape
         size = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
         plausible = PLAUSIBLE * float(np.sqrt(np.mean(self.law.theta**2))) / DEG
-        unit, reach, own = form.coefficient_unit, self._reach(None), "" if self.scanned is None else "lambda m: "
+        (unit, parameter), reach, own = said.unit_of(form), self._reach(None), "" if self.scanned is None else "lambda m: "
         lines = [
             f'id="discovered.{self.name}",',
             *_text("equation=", equation(form), ","),
-            f'parameter=Parameter("{said.parameter_name(form)}", {size}, "{unit}", DEG, plausible={plausible:.{DIGITS}g} * DEG),',
+            f'parameter=Parameter("{parameter}", {size}, "{unit}", DEG, plausible={plausible:.{DIGITS}g} * DEG),',
             f"seen_in={_tuple(said.seen_in(form))},",
             f"columns={own}_columns(m)," if own else "columns=_columns,",
             "says=lambda theta: (",

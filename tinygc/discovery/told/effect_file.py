@@ -52,12 +52,11 @@ class _File:
 
     def _imports(self) -> str:
         rest = "\n".join([*self.code.lines, self._correct(), self._at(), self._effect(), self.device.functions])
-        names = [name for name in USED if re.search(rf"\b{name}[(.]", rest) or (name == "NEIGHBOURS" and name in rest)]
+        names = [name for name in USED if re.search(rf"\b{name}[(.]", rest) or (name in ("NEIGHBOURS", "Conditions") and name in rest)]
         lines = ["from dataclasses import replace\n"] if "replace(" in rest else []
-        units = "DEG, G" if " G}" in rest or " G," in rest or "/ G" in rest else "DEG"
         lines += [
             "import numpy as np\n",
-            f"from session.common.units import {units}",
+            "from session.common.units import DEG",
             *_from("tinygc.effects", ["Effect", "Movement", *names]),
         ]
         lines += ["from tinygc.effects.jumps import JUMPS_REACH, undone_with_jumps"] if said.jumps(self.form) else []
@@ -99,6 +98,8 @@ class _File:
         given = [f"columns=lambda m: _columns(m, {word})"]
         given += [f"reach={self._reach(word)}"] if self.scanned.lag else []
         given += [f"exact_correct=lambda measured, m, theta: _correct(measured, m, theta, {word})"] if said.jumps(self.form) else []
+        if self.device.functions:
+            given += [f"device=replace(EFFECT.device, constants=lambda theta, known: _constants(theta, known, {word}))"]
         made = f"replace(EFFECT, {', '.join(given)})"
         if len(made) > WIDTH - 20:
             made = "replace(\n" + indent(",\n".join(["EFFECT", *given]) + ",\n", 8 * " ") + "    )"
@@ -112,11 +113,11 @@ class _File:
         form, shape = self.form, self.code.shape
         size = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
         plausible = PLAUSIBLE * float(np.sqrt(np.mean(self.law.theta**2))) / DEG
-        unit, reach, own = form.coefficient_unit, self._reach(None), "" if self.scanned is None else "lambda m: "
+        (unit, parameter), reach, own = said.unit_of(form), self._reach(None), "" if self.scanned is None else "lambda m: "
         lines = [
             f'id="discovered.{self.name}",',
             *_text("equation=", equation(form), ","),
-            f'parameter=Parameter("{said.parameter_name(form)}", {size}, "{unit}", DEG, plausible={plausible:.{DIGITS}g} * DEG),',
+            f'parameter=Parameter("{parameter}", {size}, "{unit}", DEG, plausible={plausible:.{DIGITS}g} * DEG),',
             f"seen_in={_tuple(said.seen_in(form))},",
             f"columns={own}_columns(m)," if own else "columns=_columns,",
             "says=lambda theta: (",
@@ -139,7 +140,7 @@ class _File:
             lines += [f'scan=Scan("{self.scanned.json}", "{self.scanned.unit or "fraction"}", make=_at{si}, grid=_grid, smooth=True),']
         lines += [f"known_to={known_to},"] if (known_to := said.known_to(form)) else []
         lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
-        lines += [f"device={self.device.source},"]
+        lines += f"device={self.device.source},".split("\n")
         return "EFFECT = Effect(\n" + indent("\n".join(lines), "    ") + "\n)"
 
     def _reach(self, lag: str | None) -> str:
@@ -156,7 +157,22 @@ class _File:
 
 #: of ``tinygc.effects``, what a file may use beside ``Effect`` and ``Movement``
 USED = (
-    *("NEIGHBOURS", "Cost", "NoC", "Parameter", "PerAxisC", "Reach", "Scan", "StageC", "axis_of", "before", "behind", "cross", "diagonal"),
+    *(
+        "NEIGHBOURS",
+        "Conditions",
+        "Cost",
+        "NoC",
+        "Parameter",
+        "PerAxisC",
+        "Reach",
+        "Scan",
+        "StageC",
+        "axis_of",
+        "before",
+        "behind",
+        "cross",
+        "diagonal",
+    ),
     *("full", "largest", "rows", "signals", "without_vibration"),
 )
 
@@ -203,9 +219,9 @@ def reaches_of(form: Form) -> list[Reach]:
 def _source(reach: Reach) -> str:
     """Python of it."""
     named = {signals.SLOPE: "signals.SLOPE", signals.WHOLE: "signals.WHOLE", NEIGHBOURS: "NEIGHBOURS"}
-    around = {"samples": reach.before_samples, "seconds": reach.before_s}
-    given = vars(reach) if Reach.around(**around) != reach else around
-    call = "Reach" if given is not around else "Reach.around"
+    around = Reach.around(reach.before_samples, reach.before_s) == reach
+    given = {"samples": reach.before_samples, "seconds": reach.before_s} if around else vars(reach)
+    call = "Reach.around" if around else "Reach"
     return named.get(reach) or f"{call}({', '.join(f'{name}={value!r}' for name, value in given.items() if value)})"
 
 

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+
+import numpy as np
+
 from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.grammar.functions import FUNCTIONS
 from tinygc.discovery.grammar.words import equation, in_words
 
 #: quantities that are zero at rest, and functions that are not zero there
@@ -11,8 +16,8 @@ OF_TURNS, NOT_AT_ZERO = ("rate", "rate_size", "acceleration", "jerk"), ("decay",
 OF_THE_RATE = ("rate", "rate_size", "acceleration", "jerk")
 #: of the energy that the accelerometer passes (gyro.vibration_rectification, benchmarks/vibration.py)
 VIBRATION_KNOWN_TO = 0.1
-#: functions that jump
-JUMPS = ("beyond", "signed_beyond", "sign", "saw")
+#: of all that a function gives between minus and plus three, what it changes by from one of so many steps to the next where it jumps
+JUMP, STEPS = 0.1, 30_001
 #: quantities that jump, whatever the function, when a turn begins or turns over
 JUMPING = ("sense", "rest")
 #: signs of a unit and what a name has for them
@@ -33,12 +38,12 @@ LETTERS = (
 LONGEST = 230
 
 
-def parameter_name(form: Form) -> str:
-    """Of the coefficients in the JSON: ``dps_per_c``."""
-    name = form.coefficient_unit
+def unit_of(form: Form) -> tuple[str, str]:
+    """Of a coefficient, as a person reads it, and the coefficients' name in the JSON: dps/°C, ``dps_per_c``."""
+    unit = name = form.coefficient_unit
     for sign, letters in LETTERS:
         name = name.replace(sign, letters)
-    return name.replace(".", "_")
+    return unit, name.replace(".", "_")
 
 
 def follows(form: Form) -> str:
@@ -67,4 +72,13 @@ def jumps(form: Form) -> bool:
 def _jumps(factor: Factor) -> bool:
     if factor.lag_s is not None:
         return False
-    return factor.quantity in JUMPING or (factor.quantity in OF_THE_RATE and factor.function in JUMPS)
+    return factor.quantity in JUMPING or (factor.quantity in OF_THE_RATE and function_jumps(factor.function))
+
+
+@cache
+def function_jumps(name: str) -> bool:
+    """Whether a function jumps somewhere: a threshold, a sign, a rounding."""
+    if FUNCTIONS[name].memory:
+        return False
+    values = FUNCTIONS[name].of(np.linspace(-3.0, 3.0, STEPS), 1.0)
+    return bool(np.abs(np.diff(values, axis=0)).max() > JUMP * np.ptp(values))

@@ -108,6 +108,28 @@ def last_sense(movement: Movement) -> np.ndarray:
     return np.take_along_axis(np.where(turning, np.sign(movement.rate), 0.0), rows, axis=0)
 
 
+def play(values: np.ndarray, width: float) -> np.ndarray:
+    """(N, …) follows the values as a gear with a play of ±width does: it stands until they are that far off, and then is drawn along.
+
+    At first it is as near to zero as the values allow.  Each row is a stop: what is below its low end is held there, what is above its high
+    end, too.  Stops one after the other are a stop, so rows are taken together in runs, and then run after run.
+    """
+    count, shape = len(values), np.shape(values)[1:]
+    length = max(int(np.sqrt(count)), 1)
+    runs = -(-count // length)
+    padded = np.concatenate([values, np.broadcast_to(values[-1:], (runs * length - count, *shape))]).reshape(runs, length, *shape)
+    low, high = padded - width, padded + width
+    for row in range(1, length):  # the stop of a run's rows so far, together
+        own_low, own_high = low[:, row].copy(), high[:, row].copy()
+        low[:, row] = np.clip(low[:, row - 1], own_low, own_high)
+        high[:, row] = np.clip(high[:, row - 1], own_low, own_high)
+    found, state = np.empty_like(low), np.zeros(shape)
+    for run in range(runs):
+        found[run] = np.clip(state, low[run], high[run])
+        state = found[run, -1]
+    return found.reshape(-1, *shape)[:count]
+
+
 def angle_turned(movement: Movement) -> np.ndarray:
     """(N, 3) rad, the rate of each axis integrated since the log began."""
     rate, dt_s = movement.rate, np.diff(movement.t_s)[:, None]

@@ -20,7 +20,7 @@ def columns_of(form: Form, movement: Movement) -> np.ndarray:
     terms = form.terms()
     found = np.zeros((len(movement.rate), 3, len(terms)))
     for number, term in enumerate(terms):
-        product = 1.0
+        product = np.ones(len(movement.rate))
         for factor, component in term.parts:
             product = product * values[factor][:, component]
         found[:, term.axis, number] = product
@@ -30,8 +30,9 @@ def columns_of(form: Form, movement: Movement) -> np.ndarray:
 def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
     """The form as an effect; rms: of its products in the recording, by which its plausible size is known."""
     lags = [signals.lag_reach(factor.lag_s) for factor in form.factors if factor.lag_s is not None]
-    reach = sum([*(factor.of.reach for factor in form.factors), *lags], Reach())
-    inputs = tuple(dict.fromkeys(name for factor in form.factors for name in factor.of.inputs))
+    memory = any(factor.through.memory for factor in form.factors)
+    reach = sum([*(factor.of.reach for factor in form.factors), *lags, *([signals.WHOLE] if memory else [])], Reach())
+    named = [name for factor in form.factors for name in factor.of.inputs] + (["time"] if memory else [])
     unit, said = form.coefficient_unit, equation or equation_of(form)
     return Effect(
         id=name,
@@ -42,7 +43,7 @@ def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equati
         says=lambda theta: f"follows {said} (up to {np.abs(theta).max() / DEG:.3g} {unit})",
         splits=splits(form),
         regime=regime(form),
-        inputs=inputs,
+        inputs=tuple(dict.fromkeys(named)),
         reach=reach,
         device=NoC("no C has been written for it"),
     )

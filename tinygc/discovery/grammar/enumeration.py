@@ -14,7 +14,7 @@ from itertools import combinations_with_replacement
 from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Factor, Form, patterns_of
 from tinygc.discovery.grammar.functions import FUNCTIONS
-from tinygc.discovery.grammar.grids import constant_at
+from tinygc.discovery.grammar.grids import FADING, constant_at
 from tinygc.discovery.grammar.largest import largest_of
 from tinygc.discovery.grammar.quantities import QUANTITIES
 from tinygc.discovery.grammar.same import told_apart
@@ -89,14 +89,19 @@ def _products(names: tuple[str, ...]) -> Iterator[Plan]:
 
 
 def _sensible(one: Place, other: Place) -> bool:
-    """Whether not both have a value on a grid, unless one fades with time and the other lags or has a threshold: what a motion leaves
-    behind, and what a supply does as it settles, are such products; of others, two grids would be two searches in one."""
+    """Whether a product is worth its place.
+
+    A wave multiplies a quantity as it is.  Of two factors with a value on a grid one fades with time: what a motion leaves behind, and what
+    a supply does as it settles, are such products; of others, two grids would be two searches in one.
+    """
+    if "wave" in (one[1], other[1]):
+        return "itself" in (one[1], other[1]) and None in (one[3] or one[2], other[3] or other[2])
     searched = [any(value is not None for value in place[2:]) for place in (one, other)]
     return not all(searched) or (one[0] != other[0] and (_fades(one) or _fades(other)))
 
 
 def _fades(place: Place) -> bool:
-    return place[0] in ("time", "rest") and place[1] == "decay"
+    return place[0] in ("time", "rest") and place[1] in FADING
 
 
 @cache

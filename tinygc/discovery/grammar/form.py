@@ -89,8 +89,9 @@ class Term:
     parts: tuple[tuple[Factor, int], ...]
 
 
-#: each: axis i follows what axis i has; full: what any axis has, by a matrix; cross: what any other axis has; next, last: the first
-#: factor of the axis behind times the second of the one before, or the other way round; leant: own first factor times any second
+#: each: axis i follows what axis i has; full: what any axis has, by a matrix; cross: what any other axis has; next, last: the first factor
+#: of the axis behind times the second of the one before, or the other way round; leant: own first factor times any axis' second, by a
+#: matrix
 PATTERNS = ("each", "full", "cross", "next", "last", "leant")
 
 

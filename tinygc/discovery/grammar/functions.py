@@ -8,6 +8,8 @@ from fractions import Fraction
 
 import numpy as np
 
+from tinygc.effects import signals
+
 #: of a square wave with any phase, the first three of its harmonics have 97 % of its size
 HARMONICS = (1, 3, 5)
 
@@ -18,7 +20,8 @@ class Function:
 
     of(x, c) -> the same shape, or with ``phases`` numbers for each as a further last axis; source: Python of ``x`` and ``c``;
     constant: the constant's name in JSON where it has one, which has the quantity's unit; odd: whether it changes sign with x;
-    power: of the quantity's unit, that of what it makes: 0 where it divides by its constant or asks for a sign.
+    power: of the quantity's unit, that of what it makes: 0 where it divides by its constant or asks for a sign; memory: whether it
+    looks back over the whole log, whose samples are the first axis.
     """
 
     name: str
@@ -30,6 +33,7 @@ class Function:
     odd: bool = True
     phases: int = 1
     power: Fraction = Fraction(0)
+    memory: bool = False
 
 
 def _wave(x: np.ndarray, c: float) -> np.ndarray:
@@ -152,11 +156,56 @@ _WITH_CONSTANT = (
         constant="threshold",
     ),
     Function(
+        "above",
+        "[{x} > {c}]",
+        "a step that is there while {x} is above {c}",
+        lambda x, c: (x > c).astype(float),
+        "(x > c).astype(float)",
+        constant="threshold",
+        odd=False,
+    ),
+    Function(
+        "hinge",
+        "max({x} − {c}, 0)",
+        "how far {x} is above {c}",
+        lambda x, c: np.maximum(x - c, 0.0),
+        "np.maximum(x - c, 0.0)",
+        constant="threshold",
+        odd=False,
+        power=Fraction(1),
+    ),
+    Function(
+        "band",
+        "{x}[|{x}| < {c}]",
+        "{x} where its size is below {c}, and nothing elsewhere",
+        lambda x, c: x * (np.abs(x) < c),
+        "x * (np.abs(x) < c)",
+        constant="width",
+        power=Fraction(1),
+    ),
+    Function(
         "decay",
         "exp(−|{x}| / {c})",
         "what fades as {x} grows, by a factor e in each {c}",
         lambda x, c: np.exp(-np.abs(x) / c),
         "np.exp(-np.abs(x) / c)",
+        constant="scale",
+        odd=False,
+    ),
+    Function(
+        "signed_decay",
+        "sign({x}) exp(−|{x}| / {c})",
+        "the sign of {x}, fading as {x} grows by a factor e in each {c}",
+        lambda x, c: np.sign(x) * np.exp(-np.abs(x) / c),
+        "np.sign(x) * np.exp(-np.abs(x) / c)",
+        constant="scale",
+    ),
+    Function(
+        "settle",
+        "(1 − exp(−|{x}| / {c}))",
+        "what settles as {x} grows, by a factor e in each {c}",
+        lambda x, c: -np.expm1(-np.abs(x) / c),
+        "-np.expm1(-np.abs(x) / c)",
         constant="scale",
         odd=False,
     ),
@@ -187,6 +236,16 @@ _WITH_CONSTANT = (
         _saw,
         "x / c - np.round(x / c)",
         constant="step",
+    ),
+    Function(
+        "play",
+        "play({x}, {c})",
+        "{x}, followed with a play of ±{c} as a loose gear follows, so that it lags on the way up and on the way down",
+        signals.play,
+        "signals.play(x, c)",
+        constant="play",
+        power=Fraction(1),
+        memory=True,
     ),
 )
 FUNCTIONS: dict[str, Function] = {function.name: function for function in _PLAIN + _WITH_CONSTANT}

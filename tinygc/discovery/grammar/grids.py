@@ -11,6 +11,8 @@ import numpy as np
 
 #: of the quantity's largest size: thresholds, dead zones, limits; in products fewer
 SHARES, FEW_SHARES = (0.01, 0.025, 0.05, 0.1, 0.2, 0.35, 0.55, 0.8), (0.03, 0.1, 0.3, 0.6)
+#: likewise, of a step, of which a calibration leaves no more than what is near it: a step a fourth off is still half like it
+STEPS = tuple((0.02 * 1.3 ** np.arange(15)).tolist())
 #: likewise, of what fades: from a settling of seconds in a session of minutes to one that is hardly more than a slope
 FADES, FEW_FADES = (0.001, 0.003, 0.008, 0.02, 0.05, 0.12, 0.3, 0.7, 1.6, 4.0), (0.008, 0.03, 0.1, 0.3, 1.0)
 #: s: from what a filter does to what a package remembers; of what warms up slowly
@@ -22,13 +24,13 @@ FEW_LAGS_S, FEW_SLOW_LAGS_S = (0.15, 0.5, 1.5, 5.0, 15.0, 50.0), (5.0, 15.0, 50.
 CYCLES, FEW_CYCLES = tuple(np.arange(1.0, 12.5, 0.5).tolist()), (1.0, 2.0, 4.0)
 #: cycles over the session, of a line: closer than half of what it tells apart they are sharpened; of a square wave; in products
 LINES = tuple(np.arange(0.5, 200.25, 0.5).tolist())
-CLOCKS, FEW_LINES = LINES[1:40], (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 30.0)
+CLOCKS, FEW_LINES = LINES[1:40], LINES[:40]
 #: times in a full turn
 TIMES_A_TURN = (0.5, 1.0, 2.0, 3.0, 4.0, 6.0)
-#: steps over the largest size
-STEPS = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
+#: of a register, over the largest size: half a step more or less moves the last by no more
+COUNTS = tuple(np.arange(2.0, 32.25, 0.5).tolist())
 
-PERIODIC = ("wave", "clock")
+PERIODIC, FADING, STEPPED = ("wave", "clock"), ("decay", "signed_decay", "settle"), ("beyond", "signed_beyond", "above", "band")
 
 
 def places(quantity: str, function: str, few: bool = False) -> tuple[float, ...]:
@@ -40,9 +42,11 @@ def places(quantity: str, function: str, few: bool = False) -> tuple[float, ...]
     if function in PERIODIC:
         return FEW_CYCLES if few else CYCLES
     if function == "saw":
-        return STEPS
-    if function == "decay":
+        return COUNTS
+    if function in FADING:
         return FEW_FADES if few else FADES
+    if function in STEPPED and not few:
+        return STEPS
     return FEW_SHARES if few else SHARES
 
 

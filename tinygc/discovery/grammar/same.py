@@ -40,16 +40,20 @@ def told_apart(forms: Sequence[Form], movement: Movement) -> list[Form]:
 
 
 def looked_at(forms: Sequence[Form], movement: Movement) -> np.ndarray:
-    """(F, ROWS): three drawn vectors as the span of the first axis' columns projects them; zero where a calibration holds them all.
+    """(F, ROWS): a drawn vector as the span of the first axis' columns projects it; zero where a calibration holds them all.
 
     The patterns treat all axes alike, so the first stands for all.
     """
     rng = np.random.default_rng(len(movement.rate))
     rows = np.sort(rng.choice(len(movement.rate), ROWS, replace=False))
-    rate = movement.rate[rows] / movement.fs_rps
-    held = np.linalg.qr(np.concatenate([rate, np.ones((ROWS, 1))], axis=1))[0]
     drawn = rng.standard_normal(ROWS)
-    drawn /= np.linalg.norm(drawn)
+    return projections(forms, movement, rows, 0, drawn / np.linalg.norm(drawn))
+
+
+def projections(forms: Sequence[Form], movement: Movement, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
+    """(F, R): drawn (R,), in these rows (R,) of a movement, as the span of an axis' columns projects it beside what a calibration holds."""
+    rate = movement.rate[rows] / movement.fs_rps
+    held = np.linalg.qr(np.concatenate([rate, np.ones((len(rows), 1))], axis=1))[0]
     numbers: dict[Factor, int] = {}
     values: list[np.ndarray] = []
     for form in forms:
@@ -57,33 +61,32 @@ def looked_at(forms: Sequence[Form], movement: Movement) -> np.ndarray:
             if factor not in numbers:
                 numbers[factor] = len(values)
                 values.append(factor.values(movement)[rows].T)
-    found = np.zeros((len(forms), ROWS))
-    for members, parts in _alike_built(forms):
+    found = np.zeros((len(forms), len(rows)))
+    for members, parts in _alike_built(forms, axis):
         for first in range(0, len(members), AT_ONCE):
             some = members[first : first + AT_ONCE]
-            columns = np.ones((len(some), len(parts[0]), ROWS))
+            columns = np.ones((len(some), len(parts[0]), len(rows)))
             for place, components in enumerate(parts):
-                stack = [values[numbers[forms[number].factors[place]]][components] for number in some]
-                columns *= np.stack(stack)
+                columns *= np.stack([values[numbers[forms[number].factors[place]]][components] for number in some])
             found[some] = _projected(columns, held, drawn)
     return found
 
 
-def _alike_built(forms: Sequence[Form]) -> list[tuple[list[int], list[list[int]]]]:
-    """Numbers of forms whose terms are the same components, and these of each factor, of the first axis."""
+def _alike_built(forms: Sequence[Form], axis: int) -> list[tuple[list[int], list[list[int]]]]:
+    """Numbers of forms whose terms are the same components, and these of each factor, of one axis."""
     groups: dict[tuple, list[int]] = {}
     for number, form in enumerate(forms):
         key = (form.pattern, *((factor.of.components, factor.through.phases) for factor in form.factors))
         groups.setdefault(key, []).append(number)
     found = []
     for members in groups.values():
-        terms = [term for term in forms[members[0]].terms() if term.axis == 0]
+        terms = [term for term in forms[members[0]].terms() if term.axis == axis]
         found.append((members, [[term.parts[place][1] for term in terms] for place in range(len(terms[0].parts))]))
     return found
 
 
 def _projected(columns: np.ndarray, held: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-    """(F, ROWS), of columns (F, P, ROWS), beside held (ROWS, 4)."""
+    """(F, R), of columns (F, P, R), beside held (R, 4)."""
     size = np.linalg.norm(columns, axis=2, keepdims=True)
     for _ in range(2):  # the second takes off what rounding left of the first
         columns = columns - (columns @ held) @ held.T

@@ -4,7 +4,7 @@ What a Coriolis gyroscope and its package are known to do, or could: the drive's
 zones of the rate), one axis' motion in another's channel (rate products, angular acceleration, jerk of a mode that rings), a mass that
 hangs askew (force, its products, force times rate), strain of the package (temperature, its rate, its lag), heat and charge that a motion
 leaves behind (lags of the rate's size and square, the sense of the last turn, which fades), a supply that settles or is loaded to a
-clock (time), a field that is fixed in the world (level and world directions), and a register that rounds (saw).
+clock (time), hysteresis (play), a field that is fixed in the world (level and world directions), and a register that rounds (saw).
 """
 
 from __future__ import annotations
@@ -13,76 +13,59 @@ from tinygc.discovery.grammar.functions import FUNCTIONS
 from tinygc.discovery.grammar.grids import lags_of, places
 
 _POWERS = "itself size square signed_square cube size_cube root signed_root root_cube size_root_cube"
-_LIMITS = "dead_zone excess within soft beyond signed_beyond"
-ALONE: dict[str, tuple[str, ...]] = {
-    "rate": tuple(f"{_POWERS} sign {_LIMITS} decay wave saw".split()),
-    "rate_size": tuple(["itself", "square", "cube", "root", "root_cube", "excess", "soft", "beyond", "decay", "wave"]),
-    "force": tuple(f"{_POWERS} sign {_LIMITS} wave".split()),
-    "acceleration": tuple(f"{_POWERS} sign {_LIMITS}".split()),
-    "jerk": tuple(
-        ["itself", "size", "square", "signed_square", "cube", "root", "signed_root", "sign", "dead_zone", "excess", "soft", "beyond"]
-    ),
-    "temperature": tuple(
-        [
-            "itself",
-            "size",
-            "square",
-            "signed_square",
-            "cube",
-            "root",
-            "signed_root",
-            "root_cube",
-            "dead_zone",
-            "excess",
-            "beyond",
-            "decay",
-            "soft",
-            "wave",
-        ]
-    ),
-    "temperature_rate": tuple(["itself", "size", "square", "signed_square", "cube", "root", "signed_root", "sign", "dead_zone", "beyond"]),
-    "time": tuple(["itself", "square", "cube", "root", "root_cube", "excess", "beyond", "decay", "wave", "clock"]),
-    "rest": tuple(["itself", "square", "root", "root_cube", "excess", "beyond", "decay"]),
-    "vibration": tuple(["itself", "square", "root", "root_cube", "excess", "beyond", "soft"]),
-    "turned": tuple(["itself", "size", "square", "signed_square", "root", "signed_root", "wave", "clock"]),
-    "sense": ("itself", "size"),
-    "level": ("itself",),
-    "world": ("itself",),
+_LIMITS = "dead_zone excess within soft beyond signed_beyond band"
+_KINKS = "dead_zone excess hinge beyond above"
+#: of each quantity, names of functions with a space between
+ALONE: dict[str, str] = {
+    "rate": f"{_POWERS} sign {_LIMITS} decay signed_decay wave saw play",
+    "rate_size": "itself square cube root root_cube excess soft beyond decay wave",
+    "force": f"{_POWERS} sign {_LIMITS} wave play",
+    "acceleration": f"{_POWERS} sign {_LIMITS}",
+    "jerk": "itself size square signed_square cube root signed_root sign dead_zone excess soft beyond",
+    "temperature": f"itself size square signed_square cube root signed_root root_cube {_KINKS} decay soft wave play",
+    "temperature_rate": "itself size square signed_square cube root signed_root sign dead_zone beyond",
+    "time": "itself square cube root root_cube excess beyond decay wave clock",
+    "rest": "itself square root root_cube excess beyond decay",
+    "vibration": "itself square root root_cube excess beyond soft",
+    "turned": "itself size square signed_square root signed_root wave clock play",
+    "sense": "itself",
+    "level": "itself",
+    "world": "itself",
 }
-TOGETHER: dict[str, tuple[str, ...]] = {
-    "rate": tuple(["itself", "size", "square", "signed_square", "signed_root", "sign", "dead_zone", "beyond", "signed_beyond"]),
-    "rate_size": tuple(["itself", "square", "root", "beyond", "excess", "decay"]),
-    "force": tuple(["itself", "size", "square", "signed_square", "sign"]),
-    "acceleration": tuple(["itself", "size", "square", "sign"]),
-    "jerk": ("itself", "size"),
-    "temperature": tuple(["itself", "square", "size", "root", "beyond", "excess"]),
-    "temperature_rate": ("itself", "size"),
-    "time": tuple(["itself", "square", "root", "decay", "beyond", "wave"]),
-    "rest": tuple(["itself", "root", "decay", "beyond"]),
-    "vibration": tuple(["itself", "root", "square", "beyond"]),
-    "turned": ("itself", "wave"),
-    "sense": ("itself",),
-    "level": ("itself",),
-    "world": (),
+TOGETHER: dict[str, str] = {
+    "rate": "itself size square signed_square cube root_cube signed_root sign dead_zone beyond signed_beyond",
+    "rate_size": "itself square root beyond excess decay",
+    "force": "itself size square signed_square sign",
+    "acceleration": "itself size square sign",
+    "jerk": "itself size",
+    "temperature": "itself square size root beyond excess",
+    "temperature_rate": "itself size",
+    "time": "itself square root decay settle beyond wave",
+    "rest": "itself root decay settle beyond",
+    "vibration": "itself root square beyond",
+    "turned": "itself wave",
+    "sense": "itself",
+    "level": "itself",
+    "world": "",
 }
 #: functions that may be looked at behind a lag, alone and in a product
-LAGGED: dict[str, tuple[str, ...]] = {
-    "rate": tuple(["itself", "size", "square", "signed_square", "sign", "cube"]),
-    "rate_size": tuple(["itself", "square"]),
-    "force": tuple(["itself", "size", "square"]),
-    "acceleration": tuple(["size", "square"]),
-    "temperature": ("itself", "square"),
-    "temperature_rate": ("itself", "size"),
-    "vibration": tuple(["itself", "root"]),
-    "sense": ("itself",),
+LAGGED: dict[str, str] = {
+    "rate": "itself size square signed_square sign cube",
+    "rate_size": "itself square",
+    "force": "itself size square",
+    "acceleration": "size square",
+    "temperature": "itself square",
+    "temperature_rate": "itself size",
+    "vibration": "itself root",
+    "sense": "itself",
 }
-LAGGED_TOGETHER: dict[str, tuple[str, ...]] = {
-    "rate": tuple(["itself", "size", "square"]),
-    "rate_size": tuple(["itself", "square"]),
-    "force": ("itself",),
-    "temperature": ("itself",),
-    "vibration": ("itself",),
-    "sense": ("itself",),
+LAGGED_TOGETHER: dict[str, str] = {
+    "rate": "itself size square",
+    "rate_size": "itself square",
+    "force": "itself",
+    "temperature": "itself",
+    "vibration": "itself",
+    "sense": "itself",
 }
 
 
@@ -90,7 +73,7 @@ def offered(quantity: str, few: bool) -> list[tuple[str, float | None, float | N
     """(function, its constant's place on the grid, lag in s) of a quantity, alone or, few, in a product."""
     plain, late = (TOGETHER, LAGGED_TOGETHER) if few else (ALONE, LAGGED)
     found: list[tuple[str, float | None, float | None]] = []
-    for function in plain[quantity]:
+    for function in plain[quantity].split():
         grid: tuple[float | None, ...] = (None,) if FUNCTIONS[function].constant is None else places(quantity, function, few)
         found += [(function, place, None) for place in grid]
-    return found + [(function, None, lag_s) for function in late.get(quantity, ()) for lag_s in lags_of(quantity, few)]
+    return found + [(function, None, lag_s) for function in late.get(quantity, "").split() for lag_s in lags_of(quantity, few)]

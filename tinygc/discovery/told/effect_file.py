@@ -2,112 +2,184 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from textwrap import dedent, indent
+from textwrap import dedent, indent, wrap
+
+import numpy as np
 
 from session.common.units import DEG
 from tinygc.discovery.grammar.form import Form
+from tinygc.discovery.grammar.words import equation, regime, splits, what
 from tinygc.discovery.judge.answer import Law
 from tinygc.discovery.told import said
 from tinygc.discovery.told.constants import Constant, constants_of, rounded
+from tinygc.discovery.told.device_code import device_code
 from tinygc.discovery.told.evidence_text import Where, docstring
-from tinygc.discovery.told.law_code import LawCode, law_code
-from tinygc.effects import NEIGHBOURS, Effect, Reach, signals
+from tinygc.discovery.told.law_code import law_code
+from tinygc.effects import NEIGHBOURS, Reach, signals
 
 #: digits of the plausible size: a prior, not a bar
 DIGITS = 2
+#: of the size that was found, the plausible one: what proves an effect (``tinygc.effects.testing``) hides it at a twentieth of that
+PLAUSIBLE = 20.0
 #: of the constant that was found: where another unit's own is looked for
 GRID = "0.5, 0.63, 0.8, 1, 1.25, 1.6, 2"
+#: columns of a line
+WIDTH = 120
 
 
 def written(law: Law, where: Where, name: str | None = None) -> str:
     """The file of a law; name: behind ``discovered.`` in its id, where it is another than the form's own."""
-    form = rounded(law.form, law.constants_sigma)
-    constants = constants_of(law.form, law.constants_sigma)
-    scanned = constants[0] if len(constants) == 1 else None
-    code = law_code(form, scanned)
-    parts = [f'"""{docstring(law, where)}\n"""', _imports(form, code, scanned), _constants(constants)]
-    parts += [_columns(code, scanned), _at(form, scanned), _effect(law.effect, form, code, scanned, name or said.what(form))]
-    return "\n\n".join(part for part in parts[:3] if part) + "\n\n\n" + "\n\n\n".join(part for part in parts[3:] if part) + "\n"
+    form, constants = rounded(law.form, law.constants_sigma), constants_of(law.form, law.constants_sigma)
+    return _File(law, form, constants, name or what(form)).text(where)
 
 
-def _imports(form: Form, code: LawCode, scanned: Constant | None) -> str:
-    names = {"Effect", "Movement", "NoC", "Parameter", "axis_of", "largest", *code.helpers}
-    names |= {"signals"} if "signals." in "".join(code.lines) + _reach(form, None) else set()
-    names |= {"Scan"} if scanned is not None else set()
-    names |= {name for name in ("Reach", "NEIGHBOURS") if name in _reach(form, None)}
-    lines = ["from dataclasses import replace\n"] if scanned is not None else []
-    lines += [
-        "import numpy as np\n",
-        "from session.common.units import DEG",
-        f"from tinygc.effects import {', '.join(sorted(names, key=_order))}",
-    ]
-    lines += ["from tinygc.effects.picture import SCALE_LAW"] if _is_scale_law(form) else []
-    return "\n".join(lines)
+class _File:
+    """The parts of one file."""
+
+    def __init__(self, law: Law, form: Form, constants: list[Constant], name: str):
+        self.law, self.form, self.constants, self.name = law, form, constants, name
+        self.scanned = constants[0] if len(constants) == 1 else None
+        self.code = law_code(form, self.scanned)
+        self.device = device_code(form, constants, name)
+
+    def text(self, where: Where) -> str:
+        """All of it."""
+        head = [f'"""{docstring(self.law, where)}\n"""', self._imports(), self._constants()]
+        body = [self._columns(), self._correct(), self.device.functions, self._at(), self._effect()]
+        return "\n\n".join(part for part in head if part) + "\n\n\n" + "\n\n\n".join(part for part in body if part) + "\n"
+
+    def _imports(self) -> str:
+        rest = "\n".join([*self.code.lines, self._correct(), self._at(), self._effect(), self.device.functions])
+        names = [name for name in USED if re.search(rf"\b{name}[(.]", rest) or (name == "NEIGHBOURS" and name in rest)]
+        lines = ["from dataclasses import replace\n"] if "replace(" in rest else []
+        units = "DEG, G" if " G}" in rest or " G," in rest or "/ G" in rest else "DEG"
+        lines += [
+            "import numpy as np\n",
+            f"from session.common.units import {units}",
+            *_from("tinygc.effects", ["Effect", "Movement", *names]),
+        ]
+        lines += ["from tinygc.effects.jumps import JUMPS_REACH, undone_with_jumps"] if said.jumps(self.form) else []
+        lines += ["from tinygc.effects.picture import SCALE_LAW"] if _is_scale_law(self.form) else []
+        return "\n".join(lines)
+
+    def _constants(self) -> str:
+        lines = []
+        for constant in self.constants:
+            unit = constant.unit or "of full scale"
+            sigma = "sigma not known" if constant.sigma is None else f"sigma {constant.sigma:.2g}"
+            lines += [f"#: {unit}, {sigma}", f"{constant.python} = {constant.source}"]
+        return "\n".join(lines)
+
+    @property
+    def _given(self) -> str:
+        return "" if self.scanned is None else f", {self.scanned.word}: float = {self.scanned.python}"
+
+    def _columns(self) -> str:
+        head = [
+            f"def _columns(m: Movement{self._given}) -> np.ndarray:",
+            f'    """(N, 3, {self.form.size}): what one of each coefficient adds."""',
+        ]
+        return "\n".join(head) + "\n" + indent("\n".join(self.code.lines), "    ")
+
+    def _correct(self) -> str:
+        if not said.jumps(self.form):
+            return ""
+        own = "" if self.scanned is None else f", {self.scanned.word}"
+        return dedent(f'''\
+            def _correct(measured: np.ndarray, m: Movement, theta: np.ndarray{self._given}) -> np.ndarray:
+                """Where it jumps, a reading may belong to two rates: the one that goes on smoothly."""
+                return undone_with_jumps(measured, m, lambda moved: _columns(moved{own}) @ theta)''')
+
+    def _at(self) -> str:
+        if self.scanned is None:
+            return ""
+        word = self.scanned.word
+        given = [f"columns=lambda m: _columns(m, {word})"]
+        given += [f"reach={self._reach(word)}"] if self.scanned.lag else []
+        given += [f"exact_correct=lambda measured, m, theta: _correct(measured, m, theta, {word})"] if said.jumps(self.form) else []
+        made = f"replace(EFFECT, {', '.join(given)})"
+        if len(made) > WIDTH - 20:
+            made = "replace(\n" + indent(",\n".join(["EFFECT", *given]) + ",\n", 8 * " ") + "    )"
+        head = f'def _at({word}: float) -> Effect:\n    """The law with another {word}."""\n    return {made}\n\n\n'
+        return head + dedent(f'''\
+            def _grid(movements) -> np.ndarray:
+                """Where another unit's own {word} is looked for."""
+                return {self.scanned.python} * np.array([{GRID}])''')
+
+    def _effect(self) -> str:
+        form, shape = self.form, self.code.shape
+        size = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+        plausible = PLAUSIBLE * float(np.sqrt(np.mean(self.law.theta**2))) / DEG
+        (unit, parameter), reach, own = said.unit_of(form), self._reach(None), "" if self.scanned is None else "lambda m: "
+        lines = [
+            f'id="discovered.{self.name}",',
+            *_text("equation=", equation(form), ","),
+            f'parameter=Parameter("{parameter}", {size}, "{unit}", DEG, plausible={plausible:.{DIGITS}g} * DEG),',
+            f"seen_in={_tuple(said.seen_in(form))},",
+            f"columns={own}_columns(m)," if own else "columns=_columns,",
+            "says=lambda theta: (",
+            f'    f"{{abs(largest(theta)) / DEG:.3g}} {unit} on {{axis_of(theta)}}: "',
+            *(f"    {line}" for line in _pieces(said.follows(form))),
+            "),",
+            *_text("splits=", splits(form), ","),
+        ]
+        lines += [f"inputs={_tuple(inputs)},"] if (inputs := inputs_of(form)) else []
+        lines += [f"reach={reach},"] if reach else []
+        if said.jumps(form):
+            lines += (
+                ["exact_correct=_correct,"]
+                if self.scanned is None
+                else ["exact_correct=lambda measured, m, theta: _correct(measured, m, theta),"]
+            )
+        lines += [f"regime={_tuple(regime(form))},"]
+        if self.scanned is not None:
+            si = f", si={self.scanned.times.removeprefix(' * ')}" if self.scanned.times else ""
+            lines += [f'scan=Scan("{self.scanned.json}", "{self.scanned.unit or "fraction"}", make=_at{si}, grid=_grid, smooth=True),']
+        lines += [f"known_to={known_to},"] if (known_to := said.known_to(form)) else []
+        lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
+        lines += [f"device={self.device.source},"]
+        return "EFFECT = Effect(\n" + indent("\n".join(lines), "    ") + "\n)"
+
+    def _reach(self, lag: str | None) -> str:
+        """Python of how far it looks around; lag: the name that its lag has there, else its constant's."""
+        parts = [f"signals.lag_reach({lag or constant.python})" for constant in self.constants if constant.lag]
+        parts += [_source(reach) for reach in reaches_of(self.form)]
+        parts = list(dict.fromkeys(parts))
+        if not said.jumps(self.form):
+            return " + ".join(parts)
+        # What is gone through again and again looks back each time; to the log's beginning it does at once.
+        parts = ["signals.WHOLE"] if "signals.WHOLE" in parts else [f"{part}.times(5)" for part in parts]
+        return " + ".join([*parts, "JUMPS_REACH"])
 
 
-def _order(name: str) -> tuple[bool, bool, str]:
-    return (not name.isupper(), not name[0].isupper(), name)
+#: of ``tinygc.effects``, what a file may use beside ``Effect`` and ``Movement``
+USED = (
+    *("NEIGHBOURS", "Cost", "NoC", "Parameter", "PerAxisC", "Reach", "Scan", "StageC", "axis_of", "before", "behind", "cross", "diagonal"),
+    *("full", "largest", "rows", "signals", "without_vibration"),
+)
 
 
-def _constants(constants: Sequence[Constant]) -> str:
-    lines = []
-    for constant in constants:
-        unit = constant.unit or "of full scale"
-        sigma = "sigma not known" if constant.sigma is None else f"sigma {constant.sigma:.2g}"
-        lines += [f"#: {unit}, {sigma}", f"{constant.python} = {constant.source}"]
-    return "\n".join(lines)
+def _from(module: str, names: Sequence[str]) -> list[str]:
+    """An import, names as a formatter sorts them."""
+    ordered = sorted(names, key=lambda name: (not name.isupper(), not name[0].isupper(), name))
+    line = f"from {module} import {', '.join(ordered)}"
+    if len(line) <= WIDTH:
+        return [line]
+    return [f"from {module} import (", *(f"    {name}," for name in ordered), ")"]
 
 
-def _columns(code: LawCode, scanned: Constant | None) -> str:
-    given = "" if scanned is None else f", {scanned.word}: float = {scanned.python}"
-    size = code.shape[0] if len(code.shape) == 1 else code.shape[0] * code.shape[1]
-    head = f'def _columns(m: Movement{given}) -> np.ndarray:\n    """(N, 3, {size}): what one unit of each coefficient adds."""'
-    return head + "\n" + indent("\n".join(code.lines), "    ")
+def _text(name: str, text: str, end: str) -> list[str]:
+    """An argument that is a text: in one line, or in brackets."""
+    pieces = _pieces(text)
+    return [f"{name}{pieces[0]}{end}"] if len(pieces) == 1 else [f"{name}(", *(f"    {piece}" for piece in pieces), f"){end}"]
 
 
-def _at(form: Form, scanned: Constant | None) -> str:
-    if scanned is None:
-        return ""
-    further = f", reach={_reach(form, scanned.word)}" if scanned.lag else ""
-    return dedent(f'''\
-        def _at({scanned.word}: float) -> Effect:
-            """The law with another {scanned.word}."""
-            return replace(EFFECT, columns=lambda m: _columns(m, {scanned.word}){further})
-
-
-        def _grid(movements) -> np.ndarray:
-            """Where another unit's own {scanned.word} is looked for."""
-            return {scanned.python} * np.array([{GRID}])''')
-
-
-def _effect(effect: Effect, form: Form, code: LawCode, scanned: Constant | None, name: str) -> str:
-    unit, parameter = said.unit_of(form)
-    shape = f"({', '.join(map(str, code.shape))}{',' if len(code.shape) == 1 else ''})"
-    plausible = f"{effect.parameter.plausible / DEG:.{DIGITS}g} * DEG"
-    inputs = tuple(dict.fromkeys(each for factor in form.factors for each in factor.of.inputs))
-    lines = [
-        f'id="discovered.{name}",',
-        f'equation="{said.equation(form)}",',
-        f'parameter=Parameter("{parameter}", {shape}, "{unit}", DEG, plausible={plausible}),',
-        f"seen_in={_tuple(said.seen_in(form))},",
-        "columns=_columns," if scanned is None else "columns=lambda m: _columns(m),",
-        "says=lambda theta: (",
-        f'    f"the rate\'s error on {{axis_of(theta)}} follows {said.in_words(form)}, "',
-        f'    f"by {{abs(largest(theta)) / DEG:.3g}} {unit}: {said.splits(form)} to be sure of it"',
-        "),",
-        f'splits="{said.splits(form)}",',
-    ]
-    lines += [f"inputs={_tuple(inputs)},"] if inputs else []
-    lines += [f"reach={reach},"] if (reach := _reach(form, None)) else []
-    lines += [f"regime={_tuple(said.regime(form))},"]
-    if scanned is not None:
-        smooth = "" if form.factors[scanned.of].function == "beyond" and not scanned.lag else ", smooth=True"
-        size = f", si={scanned.times.removeprefix(' * ')}" if scanned.times else ""
-        lines += [f'scan=Scan("{scanned.json}", "{scanned.unit or "fraction"}", make=_at{size}, grid=_grid{smooth}),']
-    lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
-    lines += [f'device=NoC("{_why_no_c(form)}"),']
-    return "EFFECT = Effect(\n" + indent("\n".join(lines), "    ") + "\n)"
+def _pieces(text: str) -> list[str]:
+    """Strings that stand one after the other."""
+    lines = wrap(text, WIDTH - 20)
+    return [f'"{line}{" " if number < len(lines) - 1 else ""}"' for number, line in enumerate(lines)]
 
 
 def _tuple(names: Sequence[str]) -> str:
@@ -115,46 +187,30 @@ def _tuple(names: Sequence[str]) -> str:
     return f"({inside}{',' if len(names) == 1 else ''})"
 
 
-def _reach(form: Form, lag: str | None) -> str:
-    """Python of how far it looks around; lag: the name that its lag has there, else its constant's."""
-    parts = []
-    for constant in constants_of(form):
-        if constant.lag:
-            parts.append(f"signals.lag_reach({lag or constant.python})")
-    parts += [_source(factor.of.reach) for factor in form.factors if factor.of.reach]
-    return " + ".join(dict.fromkeys(parts))
+def inputs_of(form: Form) -> tuple[str, ...]:
+    """What an effect of it declares."""
+    found = [name for factor in form.factors for name in factor.of.inputs]
+    found += ["time"] if any(getattr(factor.through, "memory", False) for factor in form.factors) else []
+    return tuple(dict.fromkeys(found))
+
+
+def reaches_of(form: Form) -> list[Reach]:
+    """Of its quantities and functions, but for its lags."""
+    found = [factor.of.reach for factor in form.factors if factor.of.reach]
+    return found + ([signals.WHOLE] if any(getattr(factor.through, "memory", False) for factor in form.factors) else [])
 
 
 def _source(reach: Reach) -> str:
     """Python of it."""
     named = {signals.SLOPE: "signals.SLOPE", signals.WHOLE: "signals.WHOLE", NEIGHBOURS: "NEIGHBOURS"}
-    given = {name: value for name, value in vars(reach).items() if value}
-    return named.get(reach) or f"Reach({', '.join(f'{name}={value!r}' for name, value in given.items())})"
+    around = {"samples": reach.before_samples, "seconds": reach.before_s}
+    given = vars(reach) if Reach.around(**around) != reach else around
+    call = "Reach" if given is not around else "Reach.around"
+    return named.get(reach) or f"{call}({', '.join(f'{name}={value!r}' for name, value in given.items() if value)})"
 
 
 def _is_scale_law(form: Form) -> bool:
     """Whether each axis has one coefficient that multiplies its own rate, without a memory."""
-    if form.pattern != "each" or form.size != 3 or _reach(form, None):
+    if form.pattern != "each" or form.size != 3 or reaches_of(form) or any(factor.lag_s is not None for factor in form.factors):
         return False
     return sum(factor.quantity == "rate" and factor.through.odd for factor in form.factors) == 1
-
-
-def _why_no_c(form: Form) -> str:
-    for factor in form.factors:
-        if factor.quantity in WHY_NO_C:
-            return WHY_NO_C[factor.quantity]
-    return "no C has been written for it"
-
-
-WHY_NO_C = {
-    "level": "it follows the heading, which the device does not know",
-    "acceleration": "it needs samples that are yet to come",
-    "jerk": "it needs samples that are yet to come",
-    "force": "it needs samples that are yet to come",
-    "time": "it belongs to the time of that one session",
-    "turned": "it follows the angle turned since its session began",
-    "rest": "it follows its session from the beginning",
-    "sense": "it follows its session from the beginning",
-    "vibration": "it needs samples that are yet to come",
-    "temperature_rate": "it follows the last ten seconds of the temperature, and C is not told the data rate",
-}

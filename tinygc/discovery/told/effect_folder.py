@@ -19,8 +19,8 @@ from session.common.texts import printable
 from session.files.reading import MB, read_bytes
 from session.files.results import write_text_whole
 from session.files.writing import naming, result_folder
+from tinygc.discovery.grammar.words import what
 from tinygc.discovery.judge.answer import Law
-from tinygc.discovery.told import said
 from tinygc.discovery.told.effect_file import written
 from tinygc.discovery.told.evidence_text import Where
 
@@ -52,7 +52,7 @@ def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> Saved:
     if laws:
         with result_folder(folder):
             for law in laws:
-                first = said.what(law.form)
+                first = what(law.form)
                 name = _free(folder, first, earlier, files)
                 files.append(folder / f"discovered_{name}.py")
                 write_text_whole(files[-1], sealed(written(law, where, name)))

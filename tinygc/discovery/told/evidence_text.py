@@ -8,8 +8,8 @@ from textwrap import wrap
 
 from session.common.texts import printable
 from session.common.units import DEG
+from tinygc.discovery.grammar.words import equation, in_words
 from tinygc.discovery.judge.answer import HeldOut, Law, RunnerUp
-from tinygc.discovery.told.said import equation, in_words
 
 WIDTH, INDENT = 110, 12
 #: signs of a name that came from a file
@@ -48,7 +48,7 @@ def docstring(law: Law, where: Where) -> str:
         parts[f"Else{' ' * number}"] = _runner_up(other)
     if law.learnable_from is not None:
         parts["Learnable"] = f"the search would have found it in that recording from {law.learnable_from:.2g} of its size"
-    first = f"A law found in a recording: the rate's error follows {in_words(law.form)}."
+    first = f"A law found in a recording.  {in_words(law.form)}"
     lines = ["\n".join(wrap(first, WIDTH)), ""]
     for name, text in parts.items():
         lines += wrap(f"{name.strip():<{INDENT}}{text}", WIDTH, subsequent_indent=" " * INDENT, break_long_words=False)

@@ -37,9 +37,9 @@ def law_code(form: Form, scanned: Constant | None = None) -> LawCode:
         if factor.lag_s is not None:
             made = f"signals.lagged({made}, {own[True]}, m.t_s)"
         lines.append(f"{variable} = {made}")
-    columns = _one(form) if single else _two(form)
+    more, columns = ([], _one(form)) if single else _two(form)
+    lines, columns = _shorter([*lines, *more], columns)
     text = "\n".join([*lines, f"return {columns}"])
-    lines, columns = _shorter(lines, columns, form)
     per_axis = form.size // 3
     helpers = tuple(name for name in HELPERS if re.search(rf"\b{name}\(", text))
     libraries = tuple(name for name in ("np", "signals") if re.search(rf"\b{name}\.", text))
@@ -53,11 +53,12 @@ def _unit(factor: Factor) -> str:
     return "" if factor.of.unit in ("", "1") else f", {factor.of.unit}"
 
 
-def _shorter(lines: list[str], columns: str, form: Form) -> tuple[list[str], str]:
-    """Without the names of what is used once, right as it is."""
+def _shorter(lines: list[str], columns: str) -> tuple[list[str], str]:
+    """Without a name for what has one already and is used in the last line alone."""
     for variable in ("law", ONE, OTHER):
         plain = next((line for line in lines if re.fullmatch(rf"{variable} = \w+", line)), None)
-        if plain is not None:
+        used = sum(len(re.findall(rf"\b{variable}\b", line)) for line in lines)
+        if plain is not None and used == 1:
             lines = [line for line in lines if line != plain]
             columns = re.sub(rf"\b{variable}\b", plain.split(" = ")[1], columns)
     return lines, columns
@@ -92,29 +93,28 @@ def _by_axis(factor: Factor, name: str) -> str:
     return f"{name}[:, None]"
 
 
-def _two(form: Form) -> str:
+def _two(form: Form) -> tuple[list[str], str]:
+    """Lines before the last, and the columns."""
     one, other = form.factors
     if one.each == other.each == 1:
         if form.pattern == "leant":
-            return "rows(one[:, :, None] * other[:, None, :])"
+            return [], "rows(one[:, :, None] * other[:, None, :])"
         if form.pattern in ("next", "last"):
-            return f"diagonal({' * '.join(_neighbour(form, number, (ONE, OTHER)[number]) for number in (0, 1))})"
+            return [], f"diagonal({' * '.join(_neighbour(form, number, (ONE, OTHER)[number]) for number in (0, 1))})"
         column = {(True, False): "one * other[:, None]", (False, True): "one[:, None] * other"}
-        return f"{PLAIN[form.pattern]}({column.get((one.vector, other.vector), 'one * other')})"
+        return [], f"{PLAIN[form.pattern]}({column.get((one.vector, other.vector), 'one * other')})"
+    first, second = (_by_axis(factor, name) for factor, name in zip(form.factors, (ONE, OTHER), strict=True))
     if form.pattern in ("next", "last"):
-        sides = [_neighbour(form, number, _by_axis(factor, (ONE, OTHER)[number])) for number, factor in enumerate(form.factors)]
-    else:
-        sides = [_by_axis(factor, name) for factor, name in zip(form.factors, (ONE, OTHER), strict=True)]
+        first, second = _neighbour(form, 0, first), _neighbour(form, 1, second)
+    lines = [f"one, other = {first}, {second}  # (N, axis, numbers of each)"]
     if form.pattern == "leant":
-        product = f"{sides[0]}[:, :, None, :, None] * {sides[1]}[:, None, :, None, :]"
-        return f"rows(({product}).reshape(len(one), 3, -1))"
-    product = f"({sides[0]}[:, :, :, None] * {sides[1]}[:, :, None, :])"
-    if form.pattern == "full":
-        return f"rows({product}.reshape(len(one), 1, -1))"
+        lines += ["both = one[:, :, None, :, None] * other[:, None, :, None, :]"]
+        return lines, "rows(both.reshape(len(both), 3, -1))"
+    lines += ["both = one[:, :, :, None] * other[:, :, None, :]"]
     if form.pattern == "cross":
-        return f"rows(np.concatenate([behind({product}), before({product})], axis=2).reshape(len(one), 3, -1))"
-    axes = 3 if one.vector or other.vector else 1
-    return f"rows({product}.reshape(len(one), {axes}, -1))"
+        lines += ["both = np.concatenate([behind(both), before(both)], axis=2)"]
+    axes = 1 if form.pattern == "full" or not (one.vector or other.vector) else 3
+    return lines, f"rows(both.reshape(len(both), {axes}, -1))"
 
 
 PLAIN = {"each": "diagonal", "full": "full", "cross": "cross"}

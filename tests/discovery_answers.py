@@ -9,7 +9,7 @@ from session.common.units import DEG, G
 from tinygc.discovery.grammar.as_effect import as_effect
 from tinygc.discovery.grammar.form import Factor, Form
 from tinygc.discovery.grammar.words import equation, what
-from tinygc.discovery.judge.answer import Discovery, HeldOut, Law, RunnerUp
+from tinygc.discovery.judge.answer import Beside, Discovery, HeldOut, Law, RunnerUp
 from tinygc.effects import Movement
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
@@ -18,6 +18,7 @@ COUNTS = {"forms": 41234, "distinct": 10987, "chance_gain": 31.4, "best_promise"
 LEARNABLE = {"rate": 0.011 * DEG, "force": 0.0042 * DEG, "vibration": None}
 DECIDED = HeldOut(0.21 * DEG, 0.0131 * DEG, 0.0117 * DEG, 0.9953, 3.2e-9, 13)
 OTHER_LOG = HeldOut(0.24 * DEG, 0.0151 * DEG, 0.0121 * DEG, None, 0.0, 12, "log0002.csv")
+DRIFT = Beside("gyro.bias_drift", {"dps_over_log": [1.2, 0.4, 0.0]}, {"dps_over_log": [0.1, 0.1, 0.1]})
 
 #: name -> form and its coefficients, dps
 LAWS = {
@@ -47,9 +48,9 @@ def runner_up(form: Form, worse: float = 4.2, correlation: float = 0.962) -> Run
     return RunnerUp(form, effect, worse, correlation, "turn slowly and quickly about the same axis")
 
 
-def found(*laws: Law, verdict: str = "found", names: tuple[str, ...] = ()) -> Discovery:
+def found(*laws: Law, verdict: str = "found", beside: tuple[Beside, ...] = ()) -> Discovery:
     """An answer with laws."""
-    return Discovery(verdict, "", laws, names, **COUNTS)
+    return Discovery(verdict, "", laws, beside, **COUNTS)
 
 
 NOTHING = Discovery("none", "the best form does no more than chance does in 34 % of such searches", (), (), **COUNTS, learnable=LEARNABLE)

@@ -3,13 +3,12 @@
 import ast
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from discovery_answers import DECIDED, LAWS, NOTHING, OTHER_LOG, found, hidden, law_of, runner_up
+from discovery_answers import DECIDED, DRIFT, LAWS, NOTHING, OTHER_LOG, found, hidden, law_of, runner_up
 from formats_page import strangers
 from rich.text import Text
 
@@ -55,7 +54,7 @@ def told_law(**changed):
 @pytest.mark.parametrize("name", LAWS)
 def test_every_key_is_on_the_page_and_survives_json(e, name):
     law = law_of(*LAWS[name], same=(CUBE,), held_out=(OTHER_LOG, OTHER_LOG))
-    table = Told(e, found(law)).table
+    table = Told(e, found(law, beside=(DRIFT,))).table
     assert not strangers(table)
     assert json.loads(json_text(table))["discovery"] == table["discovery"]
     (said,) = table["discovery"]["laws"]
@@ -78,7 +77,7 @@ def test_what_has_no_laws_has_the_limits(e):
 
 def test_the_page_of_a_law_says_what_a_bench_needs(e):
     law = told_law(runners_up=(runner_up(CUBE),), same=(Form((Factor("rate", "root"),)),), held_out=(DECIDED, OTHER_LOG))
-    lines = lines_of(Told(e, replace(found(law, names=("gyro.bias_drift",)), verdict="ambiguous")).table)
+    lines = lines_of(Told(e, found(law, verdict="ambiguous", beside=(DRIFT,))).table)
     text = "\n".join(lines)
     assert lines[0].startswith("Beyond the catalogue: equations were found, and this recording cannot decide between them")
     assert "(41234 forms tried, 10987 of them distinct here)" in lines[0]
@@ -89,7 +88,7 @@ def test_the_page_of_a_law_says_what_a_bench_needs(e):
     assert "log0002.csv, left out whole (12 segments)" in text
     assert "the same in this recording: ω_i += c_i √|u_i|" in text
     assert "could else be: ω_i += c_i u_i³ (worse by 4.2, correlation 0.962)" in text
-    assert "beside it: gyro.bias_drift" in text
+    assert "beside it: gyro.bias_drift  dps_over_log: 1.20 ± 0.10   0.40 ± 0.10   0.00 ± 0.10" in text
     assert "from 0.21 of its size on" in text
     assert "a search finds as much with p = 0.0005" in text
     assert "a search finds as much with p < 0.0001" in "\n".join(lines_of(Told(e, found(told_law(chance_p=0.0))).table))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 from rich.console import Group
 from rich.text import Text
 
@@ -17,6 +20,8 @@ HEADLINES = {
 }
 MOST_RUNNERS_UP = 3
 MOST_SAME = 3
+#: of an effect beside the laws
+MOST_NUMBERS = 9
 #: of chance: what noise was drawn for tells of no smaller one
 LEAST_P = 1e-4
 #: quantities of which the page says from what size on a law would have been found
@@ -33,8 +38,7 @@ def discovery_page(explained: dict) -> Group:
         lines += [Text(""), *_law(law)]
     if table["laws"]:
         lines.append(Text(""))
-    if table["names"]:
-        lines.append(one_line(f"beside it: {', '.join(table['names'])}"))
+    lines += [one_line(f"{'beside it' if table['laws'] else 'of the catalogue'}: {_beside(each)}") for each in table["beside"]]
     if not table["laws"]:
         lines.append(_best_against_chance(table))
     if table["why"]:
@@ -90,6 +94,19 @@ def _without_unit(name: str) -> str:
     """``width`` of ``width_share``."""
     ending = next((f"_{unit}" for *_, unit in PEOPLES.values() if name.endswith(f"_{unit}")), "")
     return name.removesuffix(ending).replace("_", " ")
+
+
+def _beside(each: dict) -> str:
+    """An effect of the catalogue with its numbers, in a line."""
+    numbers = [f"{name}: {_numbers(value, each['std'].get(name))}" for name, value in each["parameters"].items()]
+    return "  ".join([each["id"], *numbers])
+
+
+def _numbers(value: Any, std: Any) -> str:
+    flat, spread = np.ravel(value), np.ravel([] if std is None else std)
+    if flat.dtype.kind not in "if" or len(flat) > MOST_NUMBERS:
+        return str(value) if len(flat) == 1 else f"{len(flat)} numbers"
+    return "   ".join(measured(float(x), float(spread[i]) if i < len(spread) else None) for i, x in enumerate(flat))
 
 
 def _by_axis(rows: list, spreads: list) -> tuple[list, list]:

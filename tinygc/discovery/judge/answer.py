@@ -16,13 +16,15 @@ VERDICTS = ("found", "ambiguous", "none")
 class HeldOut:
     """Of what the search never saw: closure (tilt, rms) rad with the names alone, with the law as well, and the noise's; removed: share of
     the excess over the noise that the law takes away, None where there was none to speak of; p_value: of chance improving it as much;
-    segments: how many; recording: the log that was left out whole, None where these are parts of each."""
+    noise_p: of the sensor's own noise leaving as much as the law leaves; segments: how
+    many; recording: the log that was left out whole, None where these are parts of each."""
 
     before_rad: float
     after_rad: float
     floor_rad: float
     removed: float | None
     p_value: float
+    noise_p: float
     segments: int
     recording: str | None = None
 

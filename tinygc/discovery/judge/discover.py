@@ -66,8 +66,7 @@ def discover(
     rounds: list[Found] = []
     searched = Searched(evidence, Unseen(whole, twin), split, catalogue, shapes, catalogue, rounds, forms)
     while len(rounds) < MOST_LAWS:
-        step = 1 + 2 * len(rounds)
-        found = with_a_form(evidence, forms, bases, seed, lambda what, at=step: progress(f"discover: {what}", at, STEPS))
+        found = with_a_form(evidence, forms, bases, seed, _told(progress, 1 + 2 * len(rounds)))
         rounds.append(found)
         if found.best is None or found.best.score >= searched.best.score:
             break
@@ -81,6 +80,10 @@ def discover(
             break
         bases = [searched.best]
     return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
+
+
+def _told(progress: Callable[[str, int, int], None], step: int) -> Callable[[str], None]:
+    return lambda what: progress(f"discover: {what}", step, STEPS)
 
 
 def _settled(evidence: FormEvidence, tried: list[Effect], found: Found) -> Hypothesis:

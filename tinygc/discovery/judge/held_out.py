@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
+from tinygc.closure.probability import chi_square_above
 from tinygc.discovery.judge.answer import HeldOut
 from tinygc.explanation.naming.evidence import Hypothesis
 from tinygc.explanation.noise.session_noise import SessionNoise, first_noise
@@ -25,6 +26,7 @@ class Unseen:
     def __init__(self, whole: Twin, seen: Twin):
         self.whole, self.white = whole, Whitener(whole)
         self._first = first_noise(whole, self.white)
+        self._sensor_sigma = self.white.with_more(self._first.covariance).sigma
         in_seen = {(log, still.start) for log, still in seen.stills}
         self._left_out = np.array([(log, still.start) not in in_seen for log, still in whole.stills], dtype=bool)
 
@@ -45,7 +47,12 @@ class Unseen:
         rms = [tilt_rms(each.closure[held]) for each in (before, after)]
         excess = rms[0] ** 2 - floor**2
         removed = None if excess < LEAST_EXCESS * floor**2 else 1 - max(rms[1] ** 2 - floor**2, 0.0) / excess
-        return HeldOut(rms[0], rms[1], floor, removed, p_value, len(held), recording)
+        return HeldOut(rms[0], rms[1], floor, removed, p_value, self._noise_p(after.stacked(), held), len(held), recording)
+
+    def _noise_p(self, after: np.ndarray, held: np.ndarray) -> float:
+        """Of white noise and the bias instability of the sensor: nothing that the law leaves counts as noise because it is there."""
+        closure = (after / self._sensor_sigma)[self.white.parts["closure"]].reshape(len(self.whole.segments), -1)[held]
+        return chi_square_above(float(np.sum(closure**2)), closure.size)
 
     def _tilt_variance(self) -> np.ndarray:
         """(S,) rad^2 of both angles of tilt, by white noise alone."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -30,10 +31,10 @@ from tinygc.explanation.verdict.readable import readable
 CHANCE = 0.01
 #: of chance, that what was put away improves as much: one-sided, as ``explain``'s own veto
 HELD_OUT_P = 0.05
-#: of the excess over the noise, that a law must take away where what it leaves is more than chance
-REMOVED = 0.9
-#: chance, below which what a law leaves is asked for by another form
-REMAINDER_P = 0.01
+#: of the excess over the noise, that laws must take away where what they leave is more than noise.  Stand-ins remove about half
+REMOVED = 0.95
+#: chance that noise leaves as much as laws leave, below which something is left
+NOISE_P = 0.01
 #: runners-up that are told
 MOST_RUNNERS_UP = 4
 
@@ -61,8 +62,12 @@ class Searched:
     @property
     def leaves_something(self) -> bool:
         """Whether the best hypothesis asks for more than a sensor's own noise, or closes what was put away no better than that."""
-        removed = [test.removed for law in self.laws for test in held_out(self, law, self.without(law)) if test.removed is not None]
-        return self.best.noise.unusual or min(removed, default=1.0) < REMOVED
+        return self.best.noise.unusual or any(test.removed is not None and test.removed < REMOVED for test in self.held_out)
+
+    @property
+    def held_out(self) -> list[HeldOut]:
+        """The tests of all laws on what was put away."""
+        return [test for law in self.laws for test in held_out(self, law, self.without(law))]
 
     def without(self, law: Effect) -> Hypothesis:
         """The best hypothesis without one of its laws."""
@@ -71,14 +76,6 @@ class Searched:
     def round_of(self, law: Effect) -> Found:
         """That in which a law was found."""
         return next(each for each in self.rounds if law in each.tried)
-
-    @property
-    def remainder_p(self) -> float:
-        """Probability that noise alone promises as much as what the laws leave; 0 where nobody has looked."""
-        last = self.rounds[-1]
-        if any(effect in self.best.effects for effect in last.tried):
-            return 0.0
-        return min((last.chance_p(effect) for effect in last.tried), default=1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +96,7 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
     """The answer of a search."""
     evidence = searched.evidence
     first = searched.rounds[0].screening
-    common = {
+    common: dict[str, Any] = {
         "forms": len(searched.forms),
         "distinct": first.distinct,
         "chance_gain": first.chance.level(0.05),
@@ -165,9 +162,10 @@ def refused(searched: Searched, law: Effect) -> str | None:
 
 def _leaves_more(searched: Searched) -> str | None:
     """Why all laws together are not said, or None: what they take away of the excess is too little, and the rest is no noise."""
-    removed = [test.removed for law in searched.laws for test in held_out(searched, law, searched.without(law)) if test.removed is not None]
-    if removed and min(removed) < REMOVED and searched.remainder_p < REMAINDER_P:
-        return f"the best form takes away {100 * min(removed):.0f} % of what is left out, and the rest is no noise"
+    for test in searched.held_out:
+        if test.removed is not None and test.removed < REMOVED and test.noise_p < NOISE_P:
+            said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
+            return f"the best form takes away {100 * test.removed:.0f} % of what is left out, and the rest is no noise: {said}"
     return None
 
 

@@ -64,7 +64,7 @@ def discover(
     forms = enumerated(largest_of(twin.movements))
     bases = [evidence.nothing, catalogue] if catalogue.effects else [catalogue]
     rounds: list[Found] = []
-    searched = Searched(evidence, Unseen(whole, twin), split, catalogue, shapes, catalogue, rounds, forms)
+    searched = Searched(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, forms)
     while len(rounds) < MOST_LAWS:
         found = with_a_form(evidence, forms, bases, seed, _told(progress, 1 + 2 * len(rounds)))
         rounds.append(found)

@@ -22,30 +22,36 @@ MOST_EXACT = 6
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """effect in the law's place; hypothesis with it, None where only its linear columns were weighed; worse: -2 log evidence;
-    correlation of the whole rate that is added with the law's hypothesis', 0 where unknown."""
+    """effect in the law's place; hypothesis with it, None where only its linear columns were weighed; worse: -2 log evidence; fits_worse:
+    the same, had neither paid for its description; correlation of the whole rate that is added with the law's hypothesis', 0 where it is
+    unknown."""
 
     effect: Effect
     hypothesis: Hypothesis | None
     worse: float
+    fits_worse: float
     correlation: float
+
+    @property
+    def nearest(self) -> float:
+        """How much worse it is by whichever is less: bits may decide what to search, and no more."""
+        return min(self.worse, self.fits_worse)
 
 
 def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[Effect]) -> list[Rival]:
     """Of the others, those that were weighed in the place of ``law`` and come nearest, the best first."""
     rest = [other for other in others if other.id != law.id and other.id not in best.ids]
-    guessed = sorted(
-        ((evidence.guess(best, without=law, add=other).score, number) for number, other in enumerate(rest)), key=lambda g: g[0]
-    )
+    fits = evidence.unpriced(best)
+    guessed = [evidence.guess(best, without=law, add=other) for other in rest]
+    nearest = [min(guess.score - best.score, evidence.unpriced(guess) - fits) for guess in guessed]
     own, found = whole_added(evidence.twin, best), list[Rival]()
-    for place, (score, number) in enumerate(guessed):
-        other, hypothesis = rest[number], None
-        if place < MOST_EXACT and score < best.score + STAND_IN + MARGIN:
+    for place, number in enumerate(np.argsort(nearest, kind="stable")):
+        other, weighed, hypothesis, alike = rest[number], guessed[number], None, 0.0
+        if place < MOST_EXACT and nearest[number] < STAND_IN + MARGIN:
             effects = (*(effect for effect in best.effects if effect is not law), other)
-            hypothesis = evidence.of(effects, best)
-            score = hypothesis.score
-        alike = 0.0 if hypothesis is None else correlation(own, whole_added(evidence.twin, hypothesis))
-        found.append(Rival(other, hypothesis, score - best.score, alike))
+            hypothesis = weighed = evidence.of(effects, best)
+            alike = correlation(own, whole_added(evidence.twin, hypothesis))
+        found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, alike))
     return sorted(found, key=lambda rival: rival.worse)
 
 

@@ -64,11 +64,12 @@ def with_a_form(
     trials.sort(key=lambda trial: trial[0])
     progress("refitting the best forms exactly")
     exact: list[Hypothesis] = []
-    for score, effect, base in _once(trials)[:MOST_EXACT]:
+    trials = _best_of_each_shape(evidence, trials)
+    for score, effect, base in trials[:MOST_EXACT]:
         if not exact or score < trials[0][0] + NEAR:
             exact.append(evidence.of((*base.effects, effect), base))
     best = min(exact, key=lambda h: h.score, default=None)
-    return Found(best, screening, [effect for _, effect, _ in _once(trials)], promised, sigmas)
+    return Found(best, screening, [effect for _, effect, _ in trials], promised, sigmas)
 
 
 def _first_of_each_shape(forms: Sequence[Form], promise: np.ndarray) -> list[int]:
@@ -81,7 +82,9 @@ def _first_of_each_shape(forms: Sequence[Form], promise: np.ndarray) -> list[int
     return list(found.values())
 
 
-def _once(trials: list[tuple[float, Effect, Hypothesis]]) -> list[tuple[float, Effect, Hypothesis]]:
-    """The first of each effect."""
-    seen: set[str] = set()
-    return [trial for trial in trials if not (trial[1].id in seen or seen.add(trial[1].id))]  # type: ignore[func-returns-value]
+def _best_of_each_shape(evidence: FormEvidence, trials: list[tuple[float, Effect, Hypothesis]]) -> list[tuple[float, Effect, Hypothesis]]:
+    """Of sorted trials, the first of those that differ by their constants, or by what they stand beside."""
+    found: dict[Form, tuple[float, Effect, Hypothesis]] = {}
+    for trial in trials:
+        found.setdefault(evidence.forms[trial[1].id].shape, trial)
+    return list(found.values())

@@ -35,18 +35,22 @@ HELD_OUT_P = 0.05
 REMOVED = 0.95
 #: chance that noise leaves as much as laws leave, below which something is left
 NOISE_P = 0.01
+#: chi-square that a law must take up to be told from any other whose added rate correlates less than EQUAL with its own: that much of it
+#: the other would leave, whether the grammar can say the other or not
+TOLD_APART = STAND_IN / (1 - EQUAL**2)
 #: runners-up that are told
 MOST_RUNNERS_UP = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Searched:
-    """evidence of what was seen; unseen; split; catalogue: the best hypothesis of names; shapes: with shapes that have none; best: with
-    laws; rounds of the search; forms that were tried; why: a law was refused."""
+    """evidence of what was seen; unseen; split; names: the catalogue's effects; catalogue: the best hypothesis of them; shapes: with shapes
+    that have none; best: with laws; rounds of the search; forms that were tried; why: a law was refused."""
 
     evidence: FormEvidence
     unseen: Unseen
     split: Parts
+    names: list[Effect]
     catalogue: Hypothesis
     shapes: Hypothesis
     best: Hypothesis
@@ -115,15 +119,28 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
     names = _beside(whole, frozenset(evidence.forms))
     progress("from what size it could have been found")
     laws = tuple(_law(searched, each, whole, number) for number, each in enumerate(judged))
+    why = _undecided(judged, laws)
+    return Discovery("ambiguous" if why else "found", why, laws, names, **common)
+
+
+def _undecided(judged: list[_Judged], laws: tuple[Law, ...]) -> str:
+    """Why the laws are not found and no more is said than which they could be; empty where they are."""
     several = next((each for each in judged if each.others), None)
-    why = "" if several is None else f"{len(several.others) + 1} forms of equal worth add different rates"
-    return Discovery("ambiguous" if several else "found", why, laws, names, **common)
+    if several is not None:
+        return f"{len(several.others) + 1} forms of equal worth add different rates"
+    faint = min(laws, key=lambda law: law.gain)
+    if faint.gain < TOLD_APART:
+        return (
+            f"too little is seen of it to tell it from an equation that nobody has thought of: chi-square {faint.gain:.0f}, "
+            f"and {TOLD_APART:.0f} would tell it from all that add less than {100 * EQUAL:.0f} % the same rate"
+        )
+    return ""
 
 
 def _judged(searched: Searched, law: Effect) -> _Judged:
     evidence, best, round_ = searched.evidence, searched.best, searched.round_of(law)
     without = searched.without(law)
-    near = [rival for rival in rivals(evidence, best, law, round_.tried) if rival.worse < STAND_IN and rival.hypothesis is not None]
+    near = [rival for rival in rivals(evidence, best, law, round_.tried) if rival.nearest < STAND_IN and rival.hypothesis is not None]
     return _Judged(
         law,
         evidence.forms[law.id],
@@ -152,6 +169,9 @@ def refused(searched: Searched, law: Effect) -> str | None:
         return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches"
     if searched.catalogue.score < best.score + STAND_IN:
         return f"names of the catalogue are of equal worth: {', '.join(sorted(searched.catalogue.ids)) or 'none at all'}"
+    name = next(iter(rivals(evidence, best, law, searched.names)), None)
+    if name is not None and name.worse < STAND_IN:
+        return f"a name of the catalogue is of equal worth beside the rest: {name.effect.id}"
     if evidence.unpriced(searched.shapes) < evidence.unpriced(best) - STAND_IN:
         return f"a shape without a law does better: {', '.join(sorted(searched.shapes.ids))}"
     for test in held_out(searched, law, searched.without(law)):
@@ -187,6 +207,8 @@ def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) ->
     claims = whole.fit.state.claims
     theta, part = claims[at].theta, claim_slice(claims, at)
     covariance = whole.fit.covariance[part, part]
+    gain = float(theta @ np.linalg.solve(covariance, theta))
+    shown = learnable_from(judged.round.screening, form, theta, searched.best.whiten)
     name = f"{FORM}{what(form)}" + (f"_{number + 1}" if number and what(form) == what(_form_of(searched, 0)) else "")
     effect = as_effect(form, name, rms_of(form, evidence.twin.movements), equation(form))
     return Law(
@@ -196,13 +218,13 @@ def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) ->
         covariance,
         judged.round.constants_sigma.get(judged.law.id, ()),
         bits(form),
-        float(theta @ np.linalg.solve(covariance, theta)),
+        gain,
         judged.better,
         judged.chance_p,
         judged.held_out,
         _same(judged, evidence),
         tuple(_runner_up(evidence, rival) for rival in judged.others[:MOST_RUNNERS_UP]),
-        learnable_from(judged.round.screening, form, theta, searched.best.whiten),
+        None if shown is None else max(shown, float(np.sqrt(TOLD_APART / gain))),
     )
 
 

@@ -16,7 +16,7 @@ from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.screen.weighing import price
 from tinygc.effects import Effect, Movement
-from tinygc.explanation.naming.evidence import Evidence, Hypothesis
+from tinygc.explanation.naming.evidence import Evidence, Guess, Hypothesis
 from tinygc.explanation.twin.twin import Twin
 
 #: what is weighed and is no name of the catalogue
@@ -44,7 +44,7 @@ class FormEvidence(Evidence):
         form = self.forms.get(effect.id)
         return super().price(effect) if form is None else float(price(np.array(bits(form)), np.array(effect.parameter.size)))
 
-    def unpriced(self, have: Hypothesis) -> float:
+    def unpriced(self, have: Hypothesis | Guess) -> float:
         """The score of a hypothesis as if nothing had been paid for its description but its coefficients: how well it fits."""
         return have.score - sum(self.price(effect) - effect.parameter.size for effect in have.effects)
 

@@ -31,8 +31,9 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class RunnerUp:
-    """A form that was weighed in the law's place, or a name of the catalogue: equation; worse: -2 log evidence by which it is worse;
-    correlation of the rate that it adds with the law's, beside what a calibration takes up; splits: what would tell them apart."""
+    """A form that was weighed in the law's place, or a name of the catalogue: equation; worse: -2 log evidence by which it is worse, with
+    the price of descriptions or without, whichever is less; correlation of the rate that it adds with the law's, beside what a
+    calibration takes up; splits: what would tell them apart."""
 
     form: Form | None
     effect: Effect

@@ -37,7 +37,7 @@ REMOVED = 0.95
 NOISE_P = 0.01
 #: chi-square that a law must take up to be told from any other whose added rate correlates less than EQUAL with its own: that much of it
 #: the other would leave, whether the grammar can say the other or not
-TOLD_APART = STAND_IN / (1 - EQUAL**2)
+DECISIVE = STAND_IN / (1 - EQUAL**2)
 #: runners-up that are told
 MOST_RUNNERS_UP = 4
 
@@ -129,10 +129,10 @@ def _undecided(judged: list[_Judged], laws: tuple[Law, ...]) -> str:
     if several is not None:
         return f"{len(several.others) + 1} forms of equal worth add different rates"
     faint = min(laws, key=lambda law: law.gain)
-    if faint.gain < TOLD_APART:
+    if faint.gain < DECISIVE:
         return (
             f"too little is seen of it to tell it from an equation that nobody has thought of: chi-square {faint.gain:.0f}, "
-            f"and {TOLD_APART:.0f} would tell it from all that add less than {100 * EQUAL:.0f} % the same rate"
+            f"and {DECISIVE:.0f} would tell it from all that add less than {100 * EQUAL:.0f} % the same rate"
         )
     return ""
 
@@ -140,7 +140,8 @@ def _undecided(judged: list[_Judged], laws: tuple[Law, ...]) -> str:
 def _judged(searched: Searched, law: Effect) -> _Judged:
     evidence, best, round_ = searched.evidence, searched.best, searched.round_of(law)
     without = searched.without(law)
-    near = [rival for rival in rivals(evidence, best, law, round_.tried) if rival.nearest < STAND_IN and rival.hypothesis is not None]
+    weighed = sorted(rivals(evidence, best, law, round_.tried), key=lambda rival: rival.nearest)
+    near = [rival for rival in weighed if rival.nearest < STAND_IN and rival.hypothesis is not None]
     return _Judged(
         law,
         evidence.forms[law.id],
@@ -224,7 +225,7 @@ def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) ->
         judged.held_out,
         _same(judged, evidence),
         tuple(_runner_up(evidence, rival) for rival in judged.others[:MOST_RUNNERS_UP]),
-        None if shown is None else max(shown, float(np.sqrt(TOLD_APART / gain))),
+        None if shown is None else max(shown, float(np.sqrt(DECISIVE / gain))),
     )
 
 
@@ -241,6 +242,6 @@ def _form_of(searched: Searched, number: int) -> Form:
 def _runner_up(evidence: FormEvidence, rival: Rival) -> RunnerUp:
     form = evidence.forms.get(rival.effect.id)
     if form is None:
-        return RunnerUp(None, rival.effect, rival.worse, rival.correlation, rival.effect.splits)
+        return RunnerUp(None, rival.effect, rival.nearest, rival.correlation, rival.effect.splits)
     effect = replace(rival.effect, id=f"{FORM}{what(form)}", equation=equation(form), splits=splits(form))
-    return RunnerUp(form, effect, rival.worse, rival.correlation, splits(form))
+    return RunnerUp(form, effect, rival.nearest, rival.correlation, splits(form))

@@ -10,8 +10,9 @@ from math import ceil
 
 import numpy as np
 
-from tinygc.discovery.grammar.words import equation
+from tinygc.discovery.grammar.words import equation, splits
 from tinygc.discovery.judge.answer import Discovery, Law
+from tinygc.discovery.judge.verdict import DECISIVE
 from tinygc.discovery.told.as_json import briefly, other_equation
 from tinygc.discovery.told.fits import Fitted, Pair
 from tinygc.effects import Movement
@@ -39,6 +40,10 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
             return between + _splitting(next(pair for pair in pairs if pair.law is law))
     if discovery.verdict == "found":
         return "record a second session with other movement, and explain it with the effect file: a law that is named there holds"
+    if discovery.verdict == "ambiguous":
+        faint = min(discovery.laws, key=lambda law: law.gain)
+        more = ceil(DECISIVE / faint.gain + 0.5)
+        return f"record {more} times as many turns, or turns in which it is larger: {splits(faint.form)}"
     return what_next(e)
 
 

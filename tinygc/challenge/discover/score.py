@@ -33,7 +33,8 @@ class LawScore:
     give the truth's curve; ``ambiguous``; ``wrong``: a law with another curve; ``missed``: none was said.  Without a law: ``silent``,
     ``ambiguous`` or ``invented``.  correlation: of all laws that were said, together (of the names, where there is no law); listed: the
     best of the single ones; why: what is wrong with the files, if anything; misnamed: a law is hidden, none was said, and names of the
-    catalogue that add something else were; removed, p_value, chance_p: what the answer says of its own proof.
+    catalogue that add something else were; removed, p_value, chance_p: what the answer says of its own
+    proof, the least of its laws.
     """
 
     name: str
@@ -131,8 +132,8 @@ def score_law(name: str, truth: dict, said: dict, true: AddedRate, folder: Path)
         misnamed=law is not None and outcome == "missed" and bool(set(named) - set(truth["effects"])),
         correlation=together,
         listed=listed,
-        removed=max((each["removed"] for each in proofs if each["removed"] is not None), default=None),
-        p_value=min((each["p_value"] for each in proofs), default=None),
+        removed=min((each["removed"] for each in proofs if each["removed"] is not None), default=None),
+        p_value=max((each["p_value"] for each in proofs), default=None),
         chance_p=max((each["chance_p"] for each in laws), default=None),
         seconds=said.get("seconds"),
         why=why or said.get("why"),

@@ -22,8 +22,10 @@ from scipy.stats import binomtest
 
 from tinygc.challenge.discover.examine import examine_laws, to_json
 
-RIGHT = ("found", "catalogue_equal")
+OUTCOMES = ("found", "catalogue_equal", "ambiguous", "wrong", "missed")
+RIGHT = OUTCOMES[:2]
 DRAWN = "law.random"
+OTHERS = (("nothing", "nothing"), ("catalogue", "a name of the catalogue"))
 
 
 def scores_of(cases: int, seed: int) -> list[dict]:

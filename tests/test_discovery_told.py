@@ -3,6 +3,7 @@
 import ast
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -81,7 +82,7 @@ def test_the_page_of_a_law_says_what_a_bench_needs(e):
     text = "\n".join(lines)
     assert lines[0].startswith("Beyond the catalogue: equations were found, and this recording cannot decide between them")
     assert "(41234 forms tried, 10987 of them distinct here)" in lines[0]
-    assert "discovered.rate_dead_zone  ω_i += c_i dz(u_i, 0.1)" in text
+    assert "discovered.dead_zone_rate  ω_i += c_i dz(u_i, 0.1)" in text
     assert "0.900 ± 0.018   -0.700 ± 0.014   0.500 ± 0.010" in text
     assert "width: 0.1000 ± 0.0030 of full scale" in text
     assert "closure 0.2100° before, 0.0131° after, floor 0.0117°; 99.5 % of the excess is gone" in text
@@ -180,14 +181,14 @@ def test_a_file_that_somebody_edited_stays_and_the_json_names_the_new_one(asked,
     asked(found(told_law()))
     words = ["explain", str(folder), "--discover", "--out", str(tmp_path), "--no-pictures"]
     calibrate.main(words)
-    mine = tmp_path / "effects" / "discovered_rate_dead_zone.py"
+    mine = tmp_path / "effects" / "discovered_dead_zone_rate.py"
     mine.write_text("mine = True\n", encoding="utf-8")
     capsys.readouterr()
     calibrate.main(words)
     (law,) = json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))["discovery"]["laws"]
     assert mine.read_text(encoding="utf-8") == "mine = True\n"
-    assert law["file"] == "effects/discovered_rate_dead_zone_2.py"
-    assert law["id"] == "discovered.rate_dead_zone_2"
+    assert law["file"] == "effects/discovered_dead_zone_rate_2.py"
+    assert law["id"] == "discovered.dead_zone_rate_2"
     assert "is kept" in capsys.readouterr().out
 
 
@@ -197,7 +198,7 @@ def test_nothing_of_a_session_folder_is_executed(asked, folder, tmp_path):
     effects.mkdir(parents=True)
     (effects / "discovered_before.py").write_text(f"open({str(ran)!r}, 'w').close()\n", encoding="utf-8")
     calibrate.main(["explain", str(folder), "--discover", "--out", str(tmp_path / "explain"), "--no-pictures", "--quiet"])
-    assert (effects / "discovered_rate_dead_zone.py").exists()
+    assert (effects / "discovered_dead_zone_rate.py").exists()
     assert not ran.exists()
 
 
@@ -230,6 +231,15 @@ def test_an_array_is_refused_in_one_line(folder, tmp_path, capsys):
     assert "--discover: of no use with" in (said := capsys.readouterr().err)
     assert "give one unit a folder of its own" in said
     assert said.count("\n") == 1
+
+
+def test_what_is_left_beyond_noise_is_said(e):
+    more = replace(DECIDED, noise_p=2e-5)
+    lines = lines_of(Told(e, found(told_law(held_out=(DECIDED, more)))).table)
+    assert " ".join(lines).count("the rest is more than the sensor's own noise") == 1
+    assert "sensor's own noise (p = 2e-05)" in " ".join(lines)
+    (law,) = Told(e, found(told_law(held_out=(more,)))).table["discovery"]["laws"]
+    assert law["held_out"][0]["noise_p"] == 2e-5
 
 
 def test_degrees_and_radians(e):

@@ -20,10 +20,16 @@ from session.files.results import json_text
 from tinygc import closure, explain
 from tinygc.closure.residual import Batch
 from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.told.constants import constants_of
+from tinygc.discovery.told.device_code import device_code
+from tinygc.discovery.told.effect_file import written
+from tinygc.discovery.told.evidence_text import Where
 from tinygc.discovery.told.fits import pairs_of
 from tinygc.discovery.told.next_step import best_trial
 from tinygc.discovery.told.page import discovery_page
 from tinygc.discovery.told.told import Told
+from tinygc.effects import StageC, load_folder, using
+from tinygc.effects.testing import check
 from tinygc.explanation.verdict.explain import explain_session
 from tinygc.library import explain as library
 from tinygc.library.text import as_text
@@ -245,3 +251,43 @@ def test_what_is_left_beyond_noise_is_said(e):
 def test_degrees_and_radians(e):
     (law,) = Told(e, found(told_law())).table["discovery"]["laws"]
     assert law["held_out"][0]["before_deg"] == pytest.approx(DECIDED.before_rad / DEG)
+
+
+RATE, WARMTH = Factor("rate"), Factor("temperature")
+#: laws that a device can undo: of each axis, with constants of two quantities, of neighbours, and matrices
+ON_A_DEVICE = {
+    "temperature": Form((WARMTH,)),
+    "beyond both": Form((Factor("rate", "excess", 0.3), Factor("temperature", "dead_zone", 2.0))),
+    "two clippings": Form((Factor("rate", "within", 0.2), Factor("rate", "dead_zone", 0.1)), "leant"),
+    "next": Form((Factor("rate", "size_cube"), RATE), "next"),
+    "matrix": Form((Factor("rate", "size"), WARMTH), "full"),
+}
+
+
+@pytest.mark.parametrize("name", ON_A_DEVICE)
+def test_a_law_of_sums_and_products_has_c_that_does_what_the_law_says(name, tmp_path):
+    """The C is its NumPy bit for bit, and in single precision what the effect corrects."""
+    form = ON_A_DEVICE[name]
+    dps = np.random.default_rng(3).uniform(0.3, 1.0, form.size)
+    (tmp_path / "law.py").write_text(written(law_of(form, dps), Where("here")), encoding="utf-8")
+    with using([]):
+        (effect,) = load_folder(tmp_path)
+        assert isinstance(effect.device, StageC)
+        report = check(effect, parts=("c",))
+    assert report.ok, str(report)
+
+
+@pytest.mark.parametrize(
+    ("form", "why"),
+    [
+        (Form((Factor("force"), RATE)), "samples belong that are yet to come"),
+        (Form((Factor("rate", "beyond", 0.1),)), "a reading may belong to two rates"),
+        (Form((Factor("rate", "root"),)), "last bits differ"),
+        (Form((Factor("temperature", "itself", None, 2.0),)), "lag"),
+        (Form((Factor("sense"),)), "from the beginning"),
+    ],
+)
+def test_a_law_without_c_says_why(form, why):
+    code = device_code(form, constants_of(form), "law").source
+    assert code.startswith("NoC(")
+    assert why in code

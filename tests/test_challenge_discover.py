@@ -69,14 +69,14 @@ def write_law(folder, x=PRODUCT, number=1):
 
 
 def law_said(file, at_fs, number=1):
-    proof = {"before_deg": 0.3, "after_deg": 0.02, "floor_deg": 0.012, "removed": 0.99, "p_value": 1e-6}
+    proof = {"before_deg": 0.3, "after_deg": 0.02, "floor_deg": 0.012, "removed": 0.99, "p_value": 1e-6, "segments": 12, "recording": None}
     return {
         "id": f"discovered.law_{number}",
         "equation": "w += c x",
         "parameters": {"at_fs_percent": (100 * np.array(at_fs)).tolist()},
         "std": {},
         "constants": {},
-        "held_out": proof,
+        "held_out": [proof],
         "chance_p": 0.001,
         "file": file,
         "runners_up": [],

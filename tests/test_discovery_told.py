@@ -3,6 +3,7 @@
 import ast
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,10 +20,16 @@ from session.files.results import json_text
 from tinygc import closure, explain
 from tinygc.closure.residual import Batch
 from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.told.constants import constants_of
+from tinygc.discovery.told.device_code import device_code
+from tinygc.discovery.told.effect_file import written
+from tinygc.discovery.told.evidence_text import Where
 from tinygc.discovery.told.fits import pairs_of
 from tinygc.discovery.told.next_step import best_trial
 from tinygc.discovery.told.page import discovery_page
 from tinygc.discovery.told.told import Told
+from tinygc.effects import StageC, load_folder, using
+from tinygc.effects.testing import check
 from tinygc.explanation.verdict.explain import explain_session
 from tinygc.library import explain as library
 from tinygc.library.text import as_text
@@ -81,7 +88,7 @@ def test_the_page_of_a_law_says_what_a_bench_needs(e):
     text = "\n".join(lines)
     assert lines[0].startswith("Beyond the catalogue: equations were found, and this recording cannot decide between them")
     assert "(41234 forms tried, 10987 of them distinct here)" in lines[0]
-    assert "discovered.rate_dead_zone  ω_i += c_i dz(u_i, 0.1)" in text
+    assert "discovered.dead_zone_rate  ω_i += c_i dz(u_i, 0.1)" in text
     assert "0.900 ± 0.018   -0.700 ± 0.014   0.500 ± 0.010" in text
     assert "width: 0.1000 ± 0.0030 of full scale" in text
     assert "closure 0.2100° before, 0.0131° after, floor 0.0117°; 99.5 % of the excess is gone" in text
@@ -180,14 +187,14 @@ def test_a_file_that_somebody_edited_stays_and_the_json_names_the_new_one(asked,
     asked(found(told_law()))
     words = ["explain", str(folder), "--discover", "--out", str(tmp_path), "--no-pictures"]
     calibrate.main(words)
-    mine = tmp_path / "effects" / "discovered_rate_dead_zone.py"
+    mine = tmp_path / "effects" / "discovered_dead_zone_rate.py"
     mine.write_text("mine = True\n", encoding="utf-8")
     capsys.readouterr()
     calibrate.main(words)
     (law,) = json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))["discovery"]["laws"]
     assert mine.read_text(encoding="utf-8") == "mine = True\n"
-    assert law["file"] == "effects/discovered_rate_dead_zone_2.py"
-    assert law["id"] == "discovered.rate_dead_zone_2"
+    assert law["file"] == "effects/discovered_dead_zone_rate_2.py"
+    assert law["id"] == "discovered.dead_zone_rate_2"
     assert "is kept" in capsys.readouterr().out
 
 
@@ -197,7 +204,7 @@ def test_nothing_of_a_session_folder_is_executed(asked, folder, tmp_path):
     effects.mkdir(parents=True)
     (effects / "discovered_before.py").write_text(f"open({str(ran)!r}, 'w').close()\n", encoding="utf-8")
     calibrate.main(["explain", str(folder), "--discover", "--out", str(tmp_path / "explain"), "--no-pictures", "--quiet"])
-    assert (effects / "discovered_rate_dead_zone.py").exists()
+    assert (effects / "discovered_dead_zone_rate.py").exists()
     assert not ran.exists()
 
 
@@ -232,6 +239,55 @@ def test_an_array_is_refused_in_one_line(folder, tmp_path, capsys):
     assert said.count("\n") == 1
 
 
+def test_what_is_left_beyond_noise_is_said(e):
+    more = replace(DECIDED, noise_p=2e-5)
+    lines = lines_of(Told(e, found(told_law(held_out=(DECIDED, more)))).table)
+    assert " ".join(lines).count("the rest is more than the sensor's own noise") == 1
+    assert "sensor's own noise (p = 2e-05)" in " ".join(lines)
+    (law,) = Told(e, found(told_law(held_out=(more,)))).table["discovery"]["laws"]
+    assert law["held_out"][0]["noise_p"] == 2e-5
+
+
 def test_degrees_and_radians(e):
     (law,) = Told(e, found(told_law())).table["discovery"]["laws"]
     assert law["held_out"][0]["before_deg"] == pytest.approx(DECIDED.before_rad / DEG)
+
+
+RATE, WARMTH = Factor("rate"), Factor("temperature")
+#: laws that a device can undo: of each axis, with constants of two quantities, of neighbours, and matrices
+ON_A_DEVICE = {
+    "temperature": Form((WARMTH,)),
+    "beyond both": Form((Factor("rate", "excess", 0.3), Factor("temperature", "dead_zone", 2.0))),
+    "two clippings": Form((Factor("rate", "within", 0.2), Factor("rate", "dead_zone", 0.1)), "leant"),
+    "next": Form((Factor("rate", "size_cube"), RATE), "next"),
+    "matrix": Form((Factor("rate", "size"), WARMTH), "full"),
+}
+
+
+@pytest.mark.parametrize("name", ON_A_DEVICE)
+def test_a_law_of_sums_and_products_has_c_that_does_what_the_law_says(name, tmp_path):
+    """The C is its NumPy bit for bit, and in single precision what the effect corrects."""
+    form = ON_A_DEVICE[name]
+    dps = np.random.default_rng(3).uniform(0.3, 1.0, form.size)
+    (tmp_path / "law.py").write_text(written(law_of(form, dps), Where("here")), encoding="utf-8")
+    with using([]):
+        (effect,) = load_folder(tmp_path)
+        assert isinstance(effect.device, StageC)
+        report = check(effect, parts=("c",))
+    assert report.ok, str(report)
+
+
+@pytest.mark.parametrize(
+    ("form", "why"),
+    [
+        (Form((Factor("force"), RATE)), "samples belong that are yet to come"),
+        (Form((Factor("rate", "beyond", 0.1),)), "a reading may belong to two rates"),
+        (Form((Factor("rate", "root"),)), "last bits differ"),
+        (Form((Factor("temperature", "itself", None, 2.0),)), "lag"),
+        (Form((Factor("sense"),)), "from the beginning"),
+    ],
+)
+def test_a_law_without_c_says_why(form, why):
+    code = device_code(form, constants_of(form), "law").source
+    assert code.startswith("NoC(")
+    assert why in code

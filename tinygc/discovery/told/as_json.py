@@ -22,7 +22,6 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
         "verdict": discovery.verdict,
         "why": discovery.why,
         "laws": [_law(law, file) for law, file in zip(discovery.laws, files, strict=True)],
-        "names": list(discovery.names),
         "beside": [vars(each) for each in discovery.beside],
         "forms": discovery.forms,
         "distinct": discovery.distinct,
@@ -70,6 +69,7 @@ def _held_out(each: HeldOut) -> dict:
         "floor_deg": each.floor_rad / DEG,
         "removed": each.removed,
         **p_entry("p_value", each.p_value),
+        **p_entry("noise_p", each.noise_p),
         "segments": each.segments,
         "recording": each.recording,
     }

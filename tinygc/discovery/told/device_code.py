@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import indent
 
-from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.told import said
 from tinygc.discovery.told.constants import Constant
 from tinygc.effects.device import PASSES
@@ -78,122 +78,118 @@ def device_code(form: Form, constants: Sequence[Constant], name: str) -> DeviceC
     return _Code(form, constants, name).all()
 
 
+#: what a factor is of, in C and in NumPy: the rate as a share of full scale, or the temperature since the first sample
+OF = {"rate": "u", "temperature": "t"}
+
+
 class _Code:
-    """The C of one law."""
+    """The C of one law, and its NumPy.
+
+    x and y are the factors, k the coefficients, w the rate without the law, which is found in passes where the law follows it.
+    """
 
     def __init__(self, form: Form, constants: Sequence[Constant], name: str):
-        self.form, self.name, self.c = form, name, name.upper()
+        #: other stages of a program have constants of their own: none begins like this
+        self.form, self.name, self.c = form, name, f"LAW_{name.upper()}"
         self.own = {constant.of: constant for constant in constants}
-        self.of_rate = any(factor.quantity == "rate" for factor in form.factors)
-        self.of_temperature = any(factor.quantity == "temperature" for factor in form.factors)
+        self.quantities = {factor.quantity for factor in form.factors}
+        self.passes = PASSES if "rate" in self.quantities else 1
 
     def all(self) -> DeviceCode:
-        """For one coefficient of each axis that multiplies what that axis has, a term; for any other, statements."""
-        return self._term() if self.form.pattern == "each" and self.form.size == 3 else self._stage()
+        """The stage of a law, and the functions that it names."""
+        given = [f'says="r -= the law discovered.{self.name}"', "body=_BODY", "constants=_constants", "numpy=_single"]
+        source = "\n".join(["StageC(", *(f"    {each}," for each in [*given, f"cost={self._cost()}"]), ")"])
+        body = '_BODY = """\\\n' + "\n".join(self._c()) + '"""'
+        head = 'def _single(c: dict, rate: np.ndarray, inputs) -> np.ndarray:\n    """What the C does, in single precision."""\n'
+        return DeviceCode(source, "\n\n\n".join([body, self._constants(), head + indent("\n".join(self._numpy()), "    ")]))
 
-    def _term(self) -> DeviceCode:
-        factors = [self._c(factor, number, "w") for number, factor in enumerate(self.form.factors)]
-        arrays = [self._numpy(factor, number) for number, factor in enumerate(self.form.factors)]
-        product, same = (" * ".join(parts) for parts in (factors, arrays))
-        product, same = (f"({text})" if len(factors) > 1 else text for text in (product, same))
-        lines = [f'return c["{self.c}"] * {same}']
-        costs = self._costs(1 + len(factors) - 1, 1)
-        source = "\n".join(
-            [
-                "PerAxisC(",
-                f'    name="{self.c}",',
-                f'    says="r -= the law discovered.{self.name}",',
-                *(f"    {line}" for line in _strings("term=", f"{self.c}[i] * {product}")),
-                "    constants=_constants,",
-                "    numpy=_single,",
-                f"    cost=Cost({costs}),",
-                *([] if self.of_rate else ["    passes=1,"]),
-                ")",
-            ]
-        )
-        return DeviceCode(source, f"{self._constants()}\n\n\n{self._function('w', lines)}")
+    def _c(self) -> list[str]:
+        lines = [f"const float *k = {self.c};"]
+        lines += [f"const float {a} = {self.c}_{self.own[n].python}[0];" for n, a in self._letters.items()]
+        lines += [f"const float t = in->temp_c - {self.c}_AT_C[0];"] if "temperature" in self.quantities else []
+        lines += ["float w[3] = {r[0], r[1], r[2]};"]
+        inner = [f"float {letter}[3];" for letter in "xy"[: len(self.form.factors)]]
+        if "rate" in self.quantities:
+            inner += [f"const int turns = w[0] * w[0] + w[1] * w[1] + w[2] * w[2] > {self.c}_STILL[0];"]
+        made = [f"const float u = turns ? w[i] * {self.c}_PER_FS[0] : 0.0f;"] if "rate" in self.quantities else []
+        made += [f"{'xy'[number]}[i] = {text};" for number, text in enumerate(self._factors(0))]
+        inner += ["for (int i = 0; i < 3; i++) {", *(f"    {line}" for line in made), "}"]
+        inner += [f"w[{axis}] = r[{axis}] - ({' + '.join(self._products(axis))});" for axis in range(3)]
+        lines += [f"for (int pass = 0; pass < {self.passes}; pass++) {{", *(f"    {line}" for line in inner), "}"]
+        return [*lines, "for (int i = 0; i < 3; i++)", "    r[i] = w[i];"]
 
-    def _stage(self) -> DeviceCode:
-        passes = PASSES if self.of_rate else 1
-        rows, same = [], []
-        for axis in range(3):
-            parts, others = [], []
-            for number, term in enumerate(self.form.terms()):
-                if term.axis != axis:
-                    continue
-                parts.append(f"{self.c}[{number}] * " + _product([f"{'xy'[k]}[{j}]" for k, (_, j) in enumerate(term.parts)]))
-                others.append(f'c["{self.c}"][{number}] * ' + _product([f"{'xy'[k]}[:, {j}]" for k, (_, j) in enumerate(term.parts)]))
-            rows.append(f"w[{axis}] = r[{axis}] - ({' + '.join(parts)});")
-            same.append(f"{' + '.join(others)},")
-        vectors = []
-        for number, factor in enumerate(self.form.factors):
-            letter, made = "xy"[number], self._c(factor, number, "w[i]")
-            vectors.append(f"float {letter}[3];\nfor (int i = 0; i < 3; i++)\n    {letter}[i] = {made};")
-        inner = "\n".join([*vectors, *rows])
-        body = ["float w[3] = {r[0], r[1], r[2]};", f"for (int pass = 0; pass < {passes}; pass++) {{", indent(inner, "    "), "}"]
-        body += ["for (int i = 0; i < 3; i++)", "    r[i] = w[i];"]
-        lines = ["w = rate", f"for _ in range({passes}):"]
-        for number, factor in enumerate(self.form.factors):
-            lines.append(f"    {'xy'[number]} = np.broadcast_to({self._numpy(factor, number)}, w.shape)")
-        lines += ["    added = [", *(f"        {line}" for line in same), "    ]", "    w = rate - np.stack(added, axis=1)", "return w"]
-        size = self.form.size
-        costs = self._costs(size * len(self.form.factors), size, 3, passes)
-        says = f'says="r -= the law discovered.{self.name}"'
-        given = [says, "body=_BODY", "constants=_constants", "numpy=_single", f"cost=Cost({costs})"]
-        source = "\n".join(["StageC(", *(f"    {each}," for each in given), ")"])
-        text = '_BODY = """\\\n' + "\n".join(body) + '"""'
-        return DeviceCode(source, f"{text}\n\n\n{self._constants()}\n\n\n{self._function('rate', lines)}")
+    def _products(self, axis: int) -> list[str]:
+        """Of one axis, in the order in which they are summed."""
+        numbered = [(number, term.parts) for number, term in enumerate(self.form.terms()) if term.axis == axis]
+        return [
+            f"k[{number}] * {_product([f'{letter}[{j}]' for letter, (_, j) in zip('xy', parts, strict=False)])}"
+            for number, parts in numbered
+        ]
+
+    def _numpy(self) -> list[str]:
+        lines = [f'k = c["{self.c}"]']
+        lines += [f'{a} = c["{self.c}_{self.own[n].python}"]' for n, a in self._letters.items()]
+        lines += [f't = (inputs.temp_c - c["{self.c}_AT_C"])[:, None]'] if "temperature" in self.quantities else []
+        inner = []
+        if "rate" in self.quantities:
+            size = " + ".join(f"w[:, {part}] * w[:, {part}]" for part in (":1", "1:2", "2:"))
+            inner += [f'turns = {size} > c["{self.c}_STILL"]', f'u = np.where(turns, w * c["{self.c}_PER_FS"], np.float32(0))']
+        inner += [f"{'xy'[number]} = {text}" for number, text in enumerate(self._factors(1))]
+        terms, each = self.form.terms(), self.form.size // 3
+        picked = [
+            f"{letter}[:, {[term.parts[number][1] for term in terms]}]" for number, letter in enumerate("xy"[: len(self.form.factors)])
+        ]
+        inner += [f"added = k * {_product(picked)}"]
+        inner += ["w = rate - " + ("added" if each == 1 else f"({' + '.join(f'added[:, {n}::{each}]' for n in range(each))})")]
+        if self.passes == 1:
+            return [*lines, *inner, "return w"]
+        return [*lines, "w = rate", f"for _ in range({self.passes}):", *(f"    {line}" for line in inner), "return w"]
 
     def _constants(self) -> str:
         """Name in C -> value: the coefficients, and what they multiply is made of."""
         given = [f'"{self.c}": theta']
-        given += [f'"{self.c}_PER_FS": np.array([1 / known.fs_rps])'] if self.of_rate else []
-        given += [f'"{self.c}_AT_C": np.array([known.first_temp_c])'] if self.of_temperature else []
-        arguments = "theta: np.ndarray, known: Conditions"
-        if len(self.own) == 1:
-            (one,) = self.own.values()
-            arguments += f", {one.word}: float = {one.python}"
-        given += [f'"{self.c}_{constant.python}": np.array([{self._value(constant)}])' for constant in self.own.values()]
-        return f'def _constants({arguments}) -> dict:\n    """What the C holds."""\n    return {{{", ".join(given)}}}'
+        if "rate" in self.quantities:
+            given += [f'"{self.c}_PER_FS": np.array([1 / known.fs_rps])', f'"{self.c}_STILL": np.array([signals.MOVING_RPS**2])']
+        given += [f'"{self.c}_AT_C": np.array([known.first_temp_c])'] if "temperature" in self.quantities else []
+        own, arguments = list(self.own.values()), "theta: np.ndarray, known: Conditions"
+        if len(own) == 1:
+            arguments += f", {own[0].word}: float = {own[0].python}"
+        given += [f'"{self.c}_{each.python}": np.array([{each.word if len(own) == 1 else each.python}])' for each in own]
+        head = f'def _constants({arguments}) -> dict:\n    """What the C holds."""\n    return {{\n'
+        return head + "".join(f"        {each},\n" for each in given) + "    }"
 
-    def _value(self, constant: Constant) -> str:
-        return constant.word if len(self.own) == 1 else constant.python
+    @property
+    def _letters(self) -> dict[int, str]:
+        """Number of a factor -> its constant's name in the code."""
+        return {number: "ab"[number] for number in self.own}
 
-    def _function(self, rate: str, lines: list[str]) -> str:
-        head = f"def _single(c: dict, {rate}: np.ndarray, inputs) -> np.ndarray:\n" + '    """What the C does, in single precision."""\n'
-        return head + indent("\n".join([*self._quantities(rate), *lines]), "    ")
+    def _factors(self, language: int) -> list[str]:
+        """Each through its function; language: 0 C, 1 NumPy."""
+        texts = []
+        for number, factor in enumerate(self.form.factors):
+            text = FUNCTIONS[factor.function][:2][language]
+            texts.append(text.format(x=OF[factor.quantity], k=self._letters.get(number, "")))
+        return [text[1:-1] if text.startswith("(") and text.endswith(")") and _closes(text) else text for text in texts]
 
-    def _quantities(self, rate: str) -> list[str]:
-        return [f'temperature = (inputs.temp_c - c["{self.c}_AT_C"])[:, None]'] if self.of_temperature else []
-
-    def _c(self, factor: Factor, number: int, rate: str) -> str:
-        x = f"({rate} * {self.c}_PER_FS[0])" if factor.quantity == "rate" else f"(in->temp_c - {self.c}_AT_C[0])"
-        constant = self.own.get(number)
-        return FUNCTIONS[factor.function][0].format(x=x, k="" if constant is None else f"{self.c}_{constant.python}[0]")
-
-    def _numpy(self, factor: Factor, number: int) -> str:
-        x = f'(w * c["{self.c}_PER_FS"])' if factor.quantity == "rate" else "temperature"
-        constant = self.own.get(number)
-        return FUNCTIONS[factor.function][1].format(x=x, k="" if constant is None else f'c["{self.c}_{constant.python}"]')
-
-    def _costs(self, multiply: int, add: int, times: int = 1, passes: int = 1) -> str:
-        products, sums, compares = (sum(FUNCTIONS[factor.function][2][k] for factor in self.form.factors) for k in range(3))
-        products, sums = products + self.of_rate, sums + self.of_temperature
-        numbers = [passes * (times * inner + outer) for inner, outer in ((products, multiply), (sums, add), (compares, 0))]
-        return ", ".join(map(str, numbers))
+    def _cost(self) -> str:
+        """Of one sample."""
+        products, sums, compares = (3 * sum(FUNCTIONS[factor.function][2][k] for factor in self.form.factors) for k in range(3))
+        rate, size = int("rate" in self.quantities), self.form.size
+        products += size * len(self.form.factors) + 6 * rate
+        sums, compares = sums + size + 2 * rate, compares + 4 * rate
+        warm = int("temperature" in self.quantities)
+        return f"Cost({self.passes * products}, {self.passes * sums + warm}, {self.passes * compares})"
 
 
 def _product(parts: list[str]) -> str:
     return f"({' * '.join(parts)})" if len(parts) > 1 else parts[0]
 
 
-def _strings(name: str, text: str) -> list[str]:
-    """An argument that is a text, in pieces where it is long."""
-    pieces, line = [], ""
-    for word in text.split(" "):
-        if len(line) + len(word) > 90:
-            pieces.append(line)
-            line = ""
-        line += f"{word} "
-    pieces.append(line.rstrip())
-    return [f'{name}"{pieces[0]}",'] if len(pieces) == 1 else [f"{name}(", *(f'    "{piece}"' for piece in pieces), "),"]
+def _closes(text: str) -> bool:
+    """Whether its first bracket is the partner of its last."""
+    depth = 0
+    for sign in text[:-1]:
+        depth += (sign == "(") - (sign == ")")
+        if not depth:
+            return False
+    return True

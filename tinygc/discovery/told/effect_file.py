@@ -163,7 +163,6 @@ USED = (
         "Cost",
         "NoC",
         "Parameter",
-        "PerAxisC",
         "Reach",
         "Scan",
         "StageC",

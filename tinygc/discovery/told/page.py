@@ -9,6 +9,7 @@ from rich.console import Group
 from rich.text import Text
 
 from session.common.console import one_line
+from tinygc.discovery.judge.verdict import NOISE_P
 from tinygc.discovery.told.as_json import briefly
 from tinygc.discovery.told.constants import PEOPLES
 from tinygc.explanation.verdict.measured import measured, p_words
@@ -124,7 +125,8 @@ def held_out_words(each: dict) -> str:
         of = f"{each['recording']}, left out whole ({each['segments']} segments)"
     gone = "" if each["removed"] is None else f"; {100 * each['removed']:.1f} % of the excess is gone"
     closure = f"closure {each['before_deg']:.4f}° before, {each['after_deg']:.4f}° after, floor {each['floor_deg']:.4f}°{gone}"
-    return f"{of}: {closure} (p {p_words(each['p_value'])})"
+    left = f"; the rest is more than the sensor's own noise (p {p_words(each['noise_p'])})" if each["noise_p"] < NOISE_P else ""
+    return f"{of}: {closure} (p {p_words(each['p_value'])}){left}"
 
 
 def learnable_words(factor: float) -> str:

@@ -105,7 +105,7 @@ def test_the_page_of_nothing_says_how_much_that_is_worth(e):
     lines = lines_of(Told(e, NOTHING).table)
     assert lines[0] == "Beyond the catalogue: no equation of this grammar   (41234 forms tried, 10987 of them distinct here)"
     text = " ".join(lines)
-    assert "the best form takes up 812" in text
+    assert "promises 812 in −2 log evidence" in text
     assert "chance does in 34 % of such searches" in text
     assert "force from 0.0042, rate from 0.011; not at all here: vibration" in text
 

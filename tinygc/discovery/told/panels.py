@@ -12,7 +12,7 @@ from tinygc.discovery.told import said
 from tinygc.discovery.told.fits import Fitted, Pair
 from tinygc.discovery.told.other_curve import other_curve
 from tinygc.discovery.told.points import Points
-from tinygc.discovery.told.series import Series, component_name, curve, main_of, other_of, series_of, shown_as
+from tinygc.discovery.told.series import Series, component_beside, component_name, curve, main_of, other_of, series_of, shown_as
 from tinygc.explanation.pictures.panels.palette import AXES, FLOOR
 from tinygc.explanation.pictures.panels.words import legend, plain
 from tinygc.explanation.verdict.explain import Explanation
@@ -126,7 +126,7 @@ def _level_words(law: Law, series: Series) -> str:
     """The second quantity through its function, with its unit."""
     other = other_of(law.form)
     assert other is not None
-    component = next(part for factor, part in law.form.terms()[series.entries[0]].parts if factor is other)
+    component = component_beside(law.form, law.form.terms()[series.entries[0]])
     symbol = other.of.symbol.format(i=component_name(other, component // other.through.phases))
     constant = "" if other.constant is None else f"{other.constant:.3g}"
     shown = other.through.shown.format(x=symbol, c=constant)

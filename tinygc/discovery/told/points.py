@@ -14,7 +14,7 @@ import numpy as np
 from session.common.units import DEG
 from tinygc.discovery.grammar.form import Factor
 from tinygc.discovery.told.fits import Fitted, Pair
-from tinygc.discovery.told.series import Series, curve, has_curve, main_of, other_of, values_of
+from tinygc.discovery.told.series import Series, component_beside, curve, has_curve, main_of, other_of, values_of
 from tinygc.effects import Movement
 from tinygc.explanation.pictures.turn_values import one_way, projector, telling
 from tinygc.explanation.verdict.explain import Explanation
@@ -131,7 +131,7 @@ def _level(pair: Pair, series: Series, mean: Callable[[Callable[[Movement], np.n
     beside: Factor | None = other_of(form)
     if beside is None:
         return None
-    component = next(part for factor, part in form.terms()[series.entries[0]].parts if factor is beside)
+    component = component_beside(form, form.terms()[series.entries[0]])
     return mean(lambda movement: beside.values(movement)[:, component])
 
 

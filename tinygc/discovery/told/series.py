@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.grammar.form import Factor, Form, Term
 from tinygc.effects import Movement
 
 #: quantities in units that a bench knows: how many of them one is, times full scale where it is a share of that, what it is called, unit
@@ -39,8 +39,17 @@ def main_of(form: Form) -> Factor:
 
 
 def other_of(form: Form) -> Factor | None:
-    """The factor beside the main one."""
-    return next((factor for factor in form.factors if factor is not main_of(form)), None)
+    """The factor beside the main one, which may be the same function of the same quantity once more."""
+    return form.factors[_beside(form)] if len(form.factors) == 2 else None
+
+
+def component_beside(form: Form, term: Term) -> int:
+    """Of the other factor, in a term."""
+    return term.parts[_beside(form)][1]
+
+
+def _beside(form: Form) -> int:
+    return 1 - form.factors.index(main_of(form))
 
 
 def series_of(form: Form) -> list[Series]:

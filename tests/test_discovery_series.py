@@ -1,0 +1,24 @@
+"""Which factor of a law is drawn along, and which beside it."""
+
+from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.told.series import component_beside, main_of, other_of
+
+RATE, FORCE = Factor("rate", "itself"), Factor("force", "itself")
+
+
+def test_a_factor_may_stand_beside_itself():
+    """The product of two axes' rates is no line along one of them."""
+    form = Form((RATE, RATE), "next")
+    assert other_of(form) == main_of(form) == RATE
+    # x follows y times z
+    assert component_beside(form, form.terms()[0]) == 2
+
+
+def test_a_single_factor_has_none_beside_it():
+    assert other_of(Form((FORCE,))) is None
+
+
+def test_the_factor_that_bends_is_the_main_one_wherever_it_stands():
+    form = Form((FORCE, Factor("rate", "size")), "next")
+    assert (main_of(form).quantity, other_of(form).quantity) == ("rate", "force")
+    assert component_beside(form, form.terms()[0]) == 1

@@ -31,8 +31,9 @@ from tinygc.explanation.verdict.readable import readable
 CHANCE = 0.01
 #: of chance, that what was put away improves as much: one-sided, as ``explain``'s own veto
 HELD_OUT_P = 0.05
-#: of the excess over the noise, that laws must take away where what they leave is more than noise.  Stand-ins remove about half
-REMOVED = 0.95
+#: of the excess over the noise, that laws must take away where what they leave is more than noise.  A law whose rate correlates EQUAL with
+#: the truth's leaves 1 - EQUAL^2 of its square; a dozen turns know that share to half.  Stand-ins remove about half
+REMOVED = 1 - (1 - EQUAL**2) / 2
 #: chance that noise leaves as much as laws leave, below which something is left
 NOISE_P = 0.01
 #: chi-square that a law must take up to be told from any other whose added rate correlates less than EQUAL with its own: that much of it

@@ -67,7 +67,7 @@ class Searched:
     @property
     def leaves_something(self) -> bool:
         """Whether the best hypothesis asks for more than a sensor's own noise, or closes what was put away no better than that."""
-        return self.best.noise.unusual or any(test.removed is not None and test.removed < REMOVED for test in self.held_out)
+        return self.best.noise.unusual or any(_takes_too_little(test) for test in self.held_out)
 
     @property
     def held_out(self) -> list[HeldOut]:
@@ -182,10 +182,14 @@ def refused(searched: Searched, law: Effect) -> str | None:
     return None
 
 
+def _takes_too_little(test: HeldOut) -> bool:
+    return test.removed is not None and test.removed < REMOVED and test.noise_p < NOISE_P
+
+
 def _leaves_more(searched: Searched) -> str | None:
     """Why all laws together are not said, or None: what they take away of the excess is too little, and the rest is no noise."""
     for test in searched.held_out:
-        if test.removed is not None and test.removed < REMOVED and test.noise_p < NOISE_P:
+        if test.removed is not None and _takes_too_little(test):
             said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
             return f"the best form takes away {100 * test.removed:.0f} % of what is left out, and the rest is no noise: {said}"
     return None

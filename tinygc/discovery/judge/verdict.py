@@ -191,7 +191,8 @@ def _leaves_more(searched: Searched) -> str | None:
     for test in searched.held_out:
         if test.removed is not None and _takes_too_little(test):
             said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
-            return f"the best form takes away {100 * test.removed:.0f} % of what is left out, and the rest is no noise: {said}"
+            share = f"takes away {100 * test.removed:.0f} % of" if test.removed > 0 else "adds to"
+            return f"the best form {share} what is left out, and the rest is no noise: {said}"
     return None
 
 

@@ -18,9 +18,11 @@ from tinygc.discovery.grammar.largest import largest_of
 from tinygc.discovery.judge.answer import Discovery
 from tinygc.discovery.judge.held_out import Unseen
 from tinygc.discovery.judge.parts import parted
+from tinygc.discovery.judge.refusal import leaves_something, refused
 from tinygc.discovery.judge.rivals import rivals
 from tinygc.discovery.judge.search import Found, with_a_form
-from tinygc.discovery.judge.verdict import Searched, answer, refused
+from tinygc.discovery.judge.searched import Searched
+from tinygc.discovery.judge.verdict import answer
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.effects import Effect
 from tinygc.explanation.naming.candidates import candidates
@@ -76,7 +78,7 @@ def discover(
             searched = replace(searched, why=searched.why or why)
             break
         searched = further
-        if not searched.leaves_something:
+        if not leaves_something(searched):
             break
         bases = [searched.best]
     return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))

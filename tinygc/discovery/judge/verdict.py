@@ -14,10 +14,10 @@ from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.grammar.words import equation, splits, what
 from tinygc.discovery.judge.added import EQUAL
 from tinygc.discovery.judge.answer import Beside, Discovery, HeldOut, Law, RunnerUp
-from tinygc.discovery.judge.held_out import Unseen
-from tinygc.discovery.judge.parts import Parts
+from tinygc.discovery.judge.refusal import leaves_more
 from tinygc.discovery.judge.rivals import Rival, rivals
 from tinygc.discovery.judge.search import Found
+from tinygc.discovery.judge.searched import Searched
 from tinygc.discovery.judge.weigh import FORM, FormEvidence, rms_of
 from tinygc.discovery.screen.learnable import learnable, learnable_from
 from tinygc.effects import Effect
@@ -27,60 +27,11 @@ from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.verdict.explain import Explanation
 from tinygc.explanation.verdict.readable import readable
 
-#: searches of which chance makes one as good, at most: benchmarks/discover.py states no law where none is hidden with it
-CHANCE = 0.01
-#: of chance, that what was put away improves as much: one-sided, as ``explain``'s own veto
-HELD_OUT_P = 0.05
-#: of the excess over the noise, that laws must take away where what they leave is more than noise.  A law whose rate correlates EQUAL with
-#: the truth's leaves 1 - EQUAL^2 of its square; a dozen turns know that share to half.  Stand-ins remove about half
-REMOVED = 1 - (1 - EQUAL**2) / 2
-#: chance that noise leaves as much as laws leave, below which something is left
-NOISE_P = 0.01
 #: chi-square that a law must take up to be told from any other whose added rate correlates less than EQUAL with its own: that much of it
 #: the other would leave, whether the grammar can say the other or not
 DECISIVE = STAND_IN / (1 - EQUAL**2)
 #: runners-up that are told
 MOST_RUNNERS_UP = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Searched:
-    """evidence of what was seen; unseen; split; names: the catalogue's effects; catalogue: the best hypothesis of them; shapes: with shapes
-    that have none; best: with laws; rounds of the search; forms that were tried; why: a law was refused."""
-
-    evidence: FormEvidence
-    unseen: Unseen
-    split: Parts
-    names: list[Effect]
-    catalogue: Hypothesis
-    shapes: Hypothesis
-    best: Hypothesis
-    rounds: list[Found]
-    forms: list[Form]
-    why: str = ""
-
-    @property
-    def laws(self) -> list[Effect]:
-        """The forms among the best hypothesis' effects."""
-        return [effect for effect in self.best.effects if effect.id in self.evidence.forms]
-
-    @property
-    def leaves_something(self) -> bool:
-        """Whether the best hypothesis asks for more than a sensor's own noise, or closes what was put away no better than that."""
-        return self.best.noise.unusual or any(_takes_too_little(test) for test in self.held_out)
-
-    @property
-    def held_out(self) -> list[HeldOut]:
-        """The tests of all laws on what was put away."""
-        return [test for law in self.laws for test in held_out(self, law, self.without(law))]
-
-    def without(self, law: Effect) -> Hypothesis:
-        """The best hypothesis without one of its laws."""
-        return self.evidence.of(tuple(effect for effect in self.best.effects if effect is not law), self.best)
-
-    def round_of(self, law: Effect) -> Found:
-        """That in which a law was found."""
-        return next(each for each in self.rounds if law in each.tried)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +58,7 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
         "chance_gain": first.chance.level(0.05),
         "best_promise": float(first.tested.max()),
     }
-    leaves_more = _leaves_more(searched)
+    leaves_more = leaves_more(searched)
     if not searched.laws or leaves_more:
         progress("what could have been found")
         why = leaves_more or searched.why or "no form takes up more than its own description costs"
@@ -149,51 +100,10 @@ def _judged(searched: Searched, law: Effect) -> _Judged:
         round_,
         without.score - best.score,
         round_.chance_p(law),
-        held_out(searched, law, without),
+        searched.held_out_of(law),
         [rival for rival in near if rival.correlation <= EQUAL],
         [rival for rival in near if rival.correlation > EQUAL],
     )
-
-
-def held_out(searched: Searched, law: Effect, without: Hypothesis) -> tuple[HeldOut, ...]:
-    """What a law makes of the parts of each recording that were put away, and of a whole one, where there are several."""
-    split, unseen = searched.split, searched.unseen
-    log = None if split.log is None else unseen.whole.problem.session.logs[split.log].path.name
-    tests = (unseen.judged(without, searched.best, split.parts), unseen.judged(without, searched.best, split.recording, log))
-    return tuple(test for test in tests if test is not None)
-
-
-def refused(searched: Searched, law: Effect) -> str | None:
-    """Why a law of the best hypothesis is not said, or None."""
-    best, evidence = searched.best, searched.evidence
-    chance_p = searched.round_of(law).chance_p(law)
-    if chance_p > CHANCE:
-        return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches"
-    if searched.catalogue.score < best.score + STAND_IN:
-        return f"names of the catalogue are of equal worth: {', '.join(sorted(searched.catalogue.ids)) or 'none at all'}"
-    name = next(iter(rivals(evidence, best, law, searched.names)), None)
-    if name is not None and name.worse < STAND_IN:
-        return f"a name of the catalogue is of equal worth beside the rest: {name.effect.id}"
-    if evidence.unpriced(searched.shapes) < evidence.unpriced(best) - STAND_IN:
-        return f"a shape without a law does better: {', '.join(sorted(searched.shapes.ids))}"
-    for test in held_out(searched, law, searched.without(law)):
-        if test.p_value > HELD_OUT_P:
-            return f"the best form does not hold on what the search never saw (chance improves it as much with p = {test.p_value:.2g})"
-    return None
-
-
-def _takes_too_little(test: HeldOut) -> bool:
-    return test.removed is not None and test.removed < REMOVED and test.noise_p < NOISE_P
-
-
-def _leaves_more(searched: Searched) -> str | None:
-    """Why all laws together are not said, or None: what they take away of the excess is too little, and the rest is no noise."""
-    for test in searched.held_out:
-        if test.removed is not None and _takes_too_little(test):
-            said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
-            share = f"takes away {100 * test.removed:.0f} % of" if test.removed > 0 else "adds to"
-            return f"the best form {share} what is left out, and the rest is no noise: {said}"
-    return None
 
 
 def _on_all(explanation: Explanation, searched: Searched) -> Hypothesis:

@@ -1,0 +1,56 @@
+"""What a search has come to: the best hypothesis of names, the best with laws, and what was put away."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tinygc.discovery.grammar.form import Form
+from tinygc.discovery.judge.answer import HeldOut
+from tinygc.discovery.judge.held_out import Unseen
+from tinygc.discovery.judge.parts import Parts
+from tinygc.discovery.judge.search import Found
+from tinygc.discovery.judge.weigh import FormEvidence
+from tinygc.effects import Effect
+from tinygc.explanation.naming.evidence import Hypothesis
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """evidence of what was seen; unseen; split; names: the catalogue's effects; catalogue: the best hypothesis of them; shapes: with shapes
+    that have none; best: with laws; rounds of the search; forms that were tried; why: a law was refused."""
+
+    evidence: FormEvidence
+    unseen: Unseen
+    split: Parts
+    names: list[Effect]
+    catalogue: Hypothesis
+    shapes: Hypothesis
+    best: Hypothesis
+    rounds: list[Found]
+    forms: list[Form]
+    why: str = ""
+
+    @property
+    def laws(self) -> list[Effect]:
+        """The forms among the best hypothesis' effects."""
+        return [effect for effect in self.best.effects if effect.id in self.evidence.forms]
+
+    @property
+    def held_out(self) -> list[HeldOut]:
+        """The tests of all laws on what was put away."""
+        return [test for law in self.laws for test in self.held_out_of(law)]
+
+    def held_out_of(self, law: Effect) -> tuple[HeldOut, ...]:
+        """What a law makes of the parts of each recording that were put away, and of a whole one, where there are several."""
+        split, unseen, without = self.split, self.unseen, self.without(law)
+        log = None if split.log is None else unseen.whole.problem.session.logs[split.log].path.name
+        tests = (unseen.judged(without, self.best, split.parts), unseen.judged(without, self.best, split.recording, log))
+        return tuple(test for test in tests if test is not None)
+
+    def without(self, law: Effect) -> Hypothesis:
+        """The best hypothesis without one of its laws."""
+        return self.evidence.of(tuple(effect for effect in self.best.effects if effect is not law), self.best)
+
+    def round_of(self, law: Effect) -> Found:
+        """That in which a law was found."""
+        return next(each for each in self.rounds if law in each.tried)

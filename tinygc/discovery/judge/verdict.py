@@ -58,10 +58,10 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
         "chance_gain": first.chance.level(0.05),
         "best_promise": float(first.tested.max()),
     }
-    leaves_more = leaves_more(searched)
-    if not searched.laws or leaves_more:
+    more = leaves_more(searched)
+    if not searched.laws or more:
         progress("what could have been found")
-        why = leaves_more or searched.why or "no form takes up more than its own description costs"
+        why = more or searched.why or "no form takes up more than its own description costs"
         names = _beside(searched.catalogue)
         limits = learnable(first)
         return Discovery("none", why, (), names, learnable=limits, **common)

@@ -1,6 +1,6 @@
 """``explain --discover`` on every real recording beside the checkout: what is said to be an equation, of sensors that nobody knows all of.
 
-    python benchmarks/discover_real.py [xsens mikov mimu injected euroc] [--only e1u0 …] [--seeds 1 2 3 4] [--json FILE]
+    python benchmarks/discover_real.py [xsens mikov mimu injected euroc] [--only e1u0 …] [--seeds 1 2 3 4] [--short] [--json FILE]
 
 A row for each recording.  The sets are those of ``real_recordings.py`` (docs/real-recordings.md says where they are from); one that is not
 there is skipped, and the line above the table says so.  injected is xsens with effects added: what was put in is opened after all have been
@@ -39,6 +39,8 @@ HEADER = (
     "seeds",
     "put in",
 )
+#: of docs/discover.md
+SHORT = ("recording", "put in", "names", "search", "equation, or why none", "removed", "p", "noise p")
 NOTHING = "–"
 TRUTH = Path("injected") / "truth.json"
 
@@ -56,6 +58,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_choice(parser, f"of {', '.join(SETS)} (all but euroc)")
     parser.add_argument("--seeds", type=int, nargs="*", default=[], help="more seeds of what is put away, beside 0")
+    parser.add_argument("--short", action="store_true", help="the table as docs/discover.md has it")
     parser.add_argument("--json", type=Path, metavar="FILE", help="all results")
     args = parser.parse_args()
     if wrong := set(args.sets) - set(SETS):
@@ -74,7 +77,8 @@ def main() -> None:
     results.sort(key=title)
     if args.json:
         args.json.write_text(json.dumps({"recordings": results}, indent=1) + "\n", encoding="utf-8")
-    print(markdown(HEADER, map(row, results)))
+    shown = [HEADER.index(column) for column in (SHORT if args.short else HEADER)]
+    print(markdown([HEADER[i] for i in shown], [[cells[i] for i in shown] for cells in map(row, results)]))
     print("\n" + "\n".join(summary(results)))
 
 

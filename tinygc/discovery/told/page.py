@@ -39,8 +39,9 @@ def discovery_page(explained: dict) -> Group:
         lines += [Text(""), *_law(law)]
     if table["laws"]:
         lines.append(Text(""))
-    lines += [one_line(f"{'beside it' if table['laws'] else 'of the catalogue'}: {_beside(each)}") for each in table["beside"]]
-    if not table["laws"]:
+        lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["beside"]]
+    else:
+        # Names without a law are those of a part of the recording, which nothing has proved: the explanation above has named its own.
         lines.append(_best_against_chance(table))
     if table["why"]:
         lines.append(one_line(table["why"]))

@@ -21,8 +21,8 @@ from tinygc.discovery.grammar.same import told_apart
 from tinygc.discovery.grammar.some_movement import some_movement
 from tinygc.discovery.grammar.vocabulary import offered
 
-#: of the movement by which forms are told apart
-SEED = 17
+#: of the movement by which forms are told apart: of a dozen, one that knows every form that any of the others knows
+SEED = 10
 #: numbers of one axis that a product may have: more would be a dozen coefficients
 MOST_EACH = 2
 
@@ -35,32 +35,40 @@ Plan = tuple[tuple[Place, ...], str]
 def enumerated(largest: Mapping[str, float]) -> list[Form]:
     """Every form over these quantities, by name, each with its largest size in the recording; 0 where it does not vary."""
     names = tuple(name for name in QUANTITIES if largest.get(name, 0.0) > 0)
-    made: dict[Place, Factor] = {}
-    found = []
-    for places, pattern in _plans(names):
-        for place in places:
-            if place not in made:
-                made[place] = _factor(place, largest)
-        found.append(Form(tuple(made[place] for place in places), pattern))
-    return found
+    factors = _Factors(largest)
+    return [Form(tuple(factors[place] for place in places), pattern) for places, pattern in _plans(names)]
 
 
-def _factor(place: Place, largest: Mapping[str, float]) -> Factor:
-    quantity, function, at, lag_s = place
-    return Factor(quantity, function, None if at is None else constant_at(quantity, function, at, largest[quantity]), lag_s)
+class _Factors(dict[Place, Factor]):
+    """By their place, each made once for quantities of these sizes."""
+
+    def __init__(self, largest: Mapping[str, float]):
+        super().__init__()
+        self.largest = largest
+
+    def __missing__(self, place: Place) -> Factor:
+        quantity, function, at, lag_s = place
+        constant = None if at is None else constant_at(quantity, function, at, self.largest[quantity])
+        self[place] = Factor(quantity, function, constant, lag_s)
+        return self[place]
 
 
 @cache
 def _plans(names: tuple[str, ...]) -> tuple[Plan, ...]:
     """Of all forms over these quantities, each once, the simplest first; told apart on a movement that is drawn."""
     movement = some_movement(SEED)
-    largest = largest_of([movement])
-    plans: dict[Form, Plan] = {}
-    for plan in [*_singles(names), *_products(names)]:
-        form = Form(tuple(_factor(place, largest) for place in plan[0]), plan[1])
-        plans.setdefault(form, plan)
-    forms = sorted(plans, key=bits)
-    return tuple(plans[form] for form in told_apart(forms, movement))
+    factors = _Factors(largest_of([movement]))
+    plans: dict[Form, Plan | None] = {}
+    products = list(_products(names))
+    for plan in [*_singles(names), *products]:
+        plans.setdefault(Form(tuple(factors[place] for place in plan[0]), plan[1]), plan)
+    # A product whose one factor is 1 wherever the other is not 0 is no product: it is left out for that other alone, a single law near one
+    # of the singles' own places.
+    for place in dict.fromkeys(place for places, _ in products for place in places):
+        for pattern in patterns_of((_any(*place[:2]),)):
+            plans.setdefault(Form((factors[place],), pattern), None)
+    found = (plans[form] for form in told_apart(sorted(plans, key=bits), [movement]))
+    return tuple(plan for plan in found if plan is not None)
 
 
 def _singles(names: tuple[str, ...]) -> Iterator[Plan]:

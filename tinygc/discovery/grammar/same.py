@@ -11,28 +11,32 @@ from collections.abc import Sequence
 import numpy as np
 
 from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.effects import Movement
+from tinygc.effects import Movement, signals
 
 #: rows that are looked at first: a form has up to 36 columns of an axis beside the four of a calibration
 ROWS = 96
 #: of a column's size, from which on what a calibration leaves is more than rounding; likewise of its neighbours
 LEFT = 1e-9
-#: of a look's size, within which two are the same: a hundred times what rounding makes of columns that are nearly alike
+#: of a look's size, which is about one for every row, within which two are the same: rounding leaves less of all but the faintest columns
 SAME = 1e-6
+#: the axes of a first look, and of a second: a threshold that one axis never reaches another may
+FIRST, EVERY = (0,), (0, 1, 2)
 #: that columns of forms have at once
 MOST_NUMBERS = 2_000_000
 
 
-def told_apart(forms: Sequence[Form], movement: Movement) -> list[Form]:
+def told_apart(forms: Sequence[Form], movements: Sequence[Movement]) -> list[Form]:
     """Of forms in the order of preference, the first of each that are the same; those that a calibration holds are left out.
 
-    All are looked at in some rows.  Those that are there like others, or like nothing, are looked at in every row.
+    All are looked at in some rows of the first movement, on one axis.  Those that are there like others, or like nothing, are looked at in
+    every row of every movement, on all three: few samples pass a high threshold, and what they have in common may be chance.
     """
-    values = Values(movement)
-    groups = _groups(looked_at(forms, values, ROWS))
+    values = [Values(movement) for movement in movements]
+    groups = _groups(looked_at(forms, values[0], ROWS, FIRST))
     found = [group[0] for group in groups if len(group) == 1]
     doubtful = np.sort(np.setdiff1d(np.arange(len(forms)), found))
-    again = looked_at([forms[number] for number in doubtful], values, len(movement.rate))
+    left = [forms[number] for number in doubtful]
+    again = np.concatenate([looked_at(left, every, len(every.calibration), EVERY) for every in values], axis=1)
     found += [int(doubtful[group[0]]) for group in _groups(again)]
     return [forms[number] for number in sorted(found)]
 
@@ -60,7 +64,8 @@ class Values:
 
     def __init__(self, movement: Movement):
         self.movement = movement
-        rate = movement.rate / movement.fs_rps
+        # The rate as forms have it: slower than what counts as a turn it is noise, which is no form's.
+        rate = signals.moving_rate(movement) / movement.fs_rps
         self.calibration = np.concatenate([rate, np.ones((len(rate), 1))], axis=1)
         self._values: dict[Factor, np.ndarray] = {}
 
@@ -71,16 +76,15 @@ class Values:
         return self._values[factor]
 
 
-def looked_at(forms: Sequence[Form], values: Values, count: int) -> np.ndarray:
-    """(F, count): a drawn vector, in so many rows, as the span of the first axis' columns projects it; zero where a calibration holds all.
+def looked_at(forms: Sequence[Form], values: Values, count: int, axes: Sequence[int]) -> np.ndarray:
+    """(F, axes · count): a drawn vector, in so many rows, as the span of each axis' columns projects it.
 
-    The patterns treat all axes alike, so the first stands for all.
+    It is zero where a calibration holds all.
     """
-    samples = len(values.calibration)
     rng = np.random.default_rng(count)
-    rows = np.sort(rng.choice(samples, count, replace=False))
-    drawn = rng.standard_normal(count)
-    return projections(forms, values, rows, 0, drawn / np.linalg.norm(drawn))
+    rows = np.sort(rng.choice(len(values.calibration), count, replace=False))
+    drawn = rng.standard_normal(count) * np.sqrt(count)
+    return np.concatenate([projections(forms, values, rows, axis, drawn) for axis in axes], axis=1)
 
 
 def projections(forms: Sequence[Form], values: Values, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:

@@ -12,12 +12,14 @@ from session.common.units import DEG
 from tinygc.effects import Movement
 
 SAMPLES, RATE_HZ, FULL_SCALE = 2400, 10.0, 500 * DEG
-#: of a sampling period, by which samples stray, so that no time is a multiple of it; samples of the longest turn or rest
-STRAY, LONGEST = 0.2, 240
+#: of a sampling period, by which samples stray, so that no time is a multiple of it; samples of the shortest and the longest turn or rest
+STRAY, SHORTEST, LONGEST = 0.2, 10, 240
+#: of a turn's size: 1 to 10 dps is slower than what ends a rest, and faster than noise
+CREEP = 0.015
 
 
 def some_movement(seed: int) -> Movement:
-    """Four minutes of turns and rests of many lengths, warming up and cooling down, vibrated."""
+    """Four minutes of turns, rests and creeps of many lengths, warming up and cooling down, vibrated."""
     rng = np.random.default_rng(seed)
     t_s = (np.arange(SAMPLES) + rng.uniform(0, STRAY, SAMPLES)) / RATE_HZ
     force = _wandering(rng, 3)
@@ -35,14 +37,17 @@ def some_movement(seed: int) -> Movement:
 
 
 def _turning(rng: np.random.Generator) -> np.ndarray:
-    """(SAMPLES,) 0 in rests, and a swell up to 1 in turns; in a turn from the first sample on."""
-    found, first, turns = np.zeros(SAMPLES), 0, True
+    """(SAMPLES,) a swell up to 1 in turns and to ``CREEP`` in every other rest, 0 in the others.
+
+    It begins in a turn, soon over, and with the longest rest: what settles with time is not yet settled there.
+    """
+    found, first, number = np.zeros(SAMPLES), 0, 0
     while first < SAMPLES:
-        length = int(np.exp(rng.uniform(np.log(10), np.log(LONGEST))))
-        if turns:
-            swell = np.sin(np.pi * (np.arange(length) + 0.5) / length) if first else np.cos(np.pi / 2 * np.arange(length) / length)
-            found[first : first + length] = swell[: SAMPLES - first]
-        first, turns = first + length, not turns
+        length = (SHORTEST, LONGEST)[number] if number < 2 else int(np.exp(rng.uniform(np.log(SHORTEST), np.log(LONGEST))))
+        phase = (np.arange(length) + 0.5) / length
+        swell = np.cos(np.pi / 2 * phase) if number == 0 else np.sin(np.pi * phase)
+        found[first : first + length] = ((1.0, 0.0, 1.0, CREEP)[number % 4] * swell)[: SAMPLES - first]
+        first, number = first + length, number + 1
     return found
 
 

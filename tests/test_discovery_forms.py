@@ -1,0 +1,302 @@
+"""All forms of the grammar: each once, with bits and words of its own, and laws of physics among them."""
+
+import re
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from tinygc.discovery.grammar.as_effect import columns_of
+from tinygc.discovery.grammar.bits import bits
+from tinygc.discovery.grammar.enumeration import enumerated
+from tinygc.discovery.grammar.form import PATTERNS, Factor, Form
+from tinygc.discovery.grammar.functions import FUNCTIONS
+from tinygc.discovery.grammar.grids import constant_at, places
+from tinygc.discovery.grammar.largest import largest_of
+from tinygc.discovery.grammar.quantities import QUANTITIES
+from tinygc.discovery.grammar.same import Values, projections, told_apart
+from tinygc.discovery.grammar.some_movement import some_movement
+from tinygc.discovery.grammar.vocabulary import offered
+from tinygc.discovery.grammar.words import LONGEST, equation, in_words, regime, splits, what
+from tinygc.effects import signals, without_vibration
+from tinygc.explanation.twin.variable import READ
+
+#: of movements that the enumeration has not seen
+FRESH, FRESHER = 6, 7
+#: of the added rate, beside what a calibration holds: what the issue asks of a law that is found
+ENOUGH = 0.99
+#: rows of the movement between two at which a law is compared with all forms, and with one
+FAR, NEAR = 13, 3
+
+
+@pytest.fixture(scope="module")
+def movement():
+    return some_movement(FRESH)
+
+
+@pytest.fixture(scope="module")
+def values(movement):
+    return Values(movement)
+
+
+@pytest.fixture(scope="module")
+def forms(movement):
+    return enumerated(largest_of([movement]))
+
+
+# Each form once
+
+
+def test_forms_are_many_and_none_is_another_on_any_movement(movement, forms):
+    assert 10_000 <= len(forms) <= 100_000
+    assert len(set(forms)) == len(forms)
+    # A short movement may miss what another would show, such as what is beyond a high threshold, never the other way round.
+    assert len(told_apart(forms, [movement, some_movement(FRESHER)])) == len(forms)
+
+
+#: what a search promises to try (docs/discover.md): functions of quantities as they are, and such as are looked at behind a lag
+PROMISED = {
+    "rate": "itself size root square signed_square cube dead_zone beyond signed_beyond wave sign",
+    "force": "itself size root square cube dead_zone beyond wave sign",
+    "temperature": "itself size root square cube dead_zone beyond wave decay",
+    "time": "itself root square cube beyond decay wave clock",
+    "rest": "itself root square beyond decay",
+    "acceleration": "itself size root square cube dead_zone beyond sign",
+    "jerk": "itself size root square cube dead_zone beyond sign",
+    "vibration": "itself root square beyond",
+    "turned": "itself size root square wave",
+    "sense": "itself",
+}
+PROMISED_LATE = ("rate", "rate_size", "force", "acceleration", "temperature", "vibration", "sense")
+
+
+def test_what_a_search_promises_is_a_form_or_is_held(forms):
+    own = [form.factors[0] for form in forms if len(form.factors) == 1]
+    said = {(factor.quantity, factor.function) for factor in own if factor.lag_s is None}
+    promised = {(quantity, function) for quantity, functions in PROMISED.items() for function in functions.split()}
+    # A calibration holds the rate as it is.
+    assert promised - said == {("rate", "itself")}
+    assert set(PROMISED_LATE) <= {factor.quantity for factor in own if factor.lag_s is not None}
+    patterns = {("vector" if any(factor.vector for factor in form.factors) else "scalar", form.pattern) for form in forms}
+    assert patterns == {("scalar", "each"), *(("vector", pattern) for pattern in PATTERNS)}
+
+
+def test_products_are_of_any_two_quantities(forms):
+    pairs = {frozenset(factor.quantity for factor in form.factors) for form in forms if len(form.factors) == 2}
+    # Two fields of the world would be one field of twice the frequency, with nine numbers for each axis.
+    several = set(QUANTITIES) - {"world"}
+    assert pairs >= {frozenset(pair) for pair in combinations(several, 2)}
+
+
+def test_a_product_that_is_one_of_its_factors_is_no_form(movement, forms):
+    # A sensor that turns fast is not at rest, so that what fades with the rest has not begun to fade.
+    product = Form((Factor("rate", "dead_zone", 0.5), Factor("rest", "decay", 3.0)))
+    assert told_apart([Form(product.factors[:1]), product], [movement]) == [Form(product.factors[:1])]
+    both = {("dead_zone", "rate"), ("decay", "rest")}
+    assert not any({(factor.function, factor.quantity) for factor in form.factors} == both for form in forms)
+
+
+def test_identities_are_one_form(movement):
+    same = [
+        Form((Factor("rate", "square"),)),
+        Form((Factor("rate", "size"), Factor("rate", "size"))),
+        Form((Factor("rate", "signed_square"), Factor("rate", "sign"))),
+    ]
+    assert told_apart(same, [movement]) == same[:1]
+    # A bias and a matrix hold the rest: what is held within a limit is what is not beyond it.
+    limited = [Form((Factor("rate", function, 0.2),)) for function in ("dead_zone", "within")]
+    assert told_apart(limited, [movement]) == limited[:1]
+    assert told_apart([Form((Factor("rate"),), "full"), Form((Factor("sense"), Factor("sense")))], [movement]) == []
+
+
+def test_a_small_difference_is_one(movement):
+    # A limit that is passed in a few samples of four minutes, by little.
+    near = [Form((Factor("time"),)), Form((Factor("time", "excess", 2.0),))]
+    assert told_apart(near, [movement]) == near
+
+
+def test_what_a_calibration_holds_is_no_form(forms):
+    assert not any(form.factors == (Factor("rate"),) for form in forms)
+
+
+def test_what_a_recording_has_not_is_not_asked(movement):
+    largest = largest_of([movement]) | dict.fromkeys(set(QUANTITIES) - {"force", "temperature"}, 0.0)
+    assert {factor.quantity for form in enumerated(largest) for factor in form.factors} == {"force", "temperature"}
+
+
+def test_constants_are_those_of_the_recording(movement, forms):
+    largest = largest_of([movement])
+    wide = enumerated(largest | {"vibration": 10 * largest["vibration"]})
+    asked = 0
+    for one, other in zip(forms, wide, strict=True):
+        if one.factors[0].function == "beyond" and one.factors[0].quantity == "vibration" and len(one.factors) == 1:
+            asked += 1
+            np.testing.assert_allclose(10 * one.factors[0].constant, other.factors[0].constant, rtol=1e-3)
+    assert asked == len(places("vibration", "beyond"))
+
+
+# Bits
+
+
+def test_bits_are_those_of_a_code(forms):
+    lengths = np.array([bits(form) for form in forms])
+    assert np.sum(2.0**-lengths) < 1
+    plain, product = Form((Factor("rate", "square"),)), Form((Factor("rate", "square"), Factor("vibration", "root")))
+    late = Form((Factor("rate", "square", None, 5.0),))
+    assert bits(Form((Factor("force"),))) < bits(plain) < bits(late) < bits(product)
+    assert bits(late) == bits(late.with_constants((7.0,)))
+
+
+# Words
+
+
+def test_every_form_has_words(forms):
+    shapes = {form.shape: form for form in forms}
+    names = {what(form) for form in shapes}
+    assert len(names) == len(shapes)
+    assert all(re.fullmatch(r"[a-z][a-z0-9_]*", name) and len(name) <= LONGEST for name in names)
+    for form in shapes.values():
+        said, sentence = equation(form), in_words(form)
+        assert said.startswith("ω_i += ")
+        assert not re.search(r"[{}\n]|None|nan", said + sentence)
+        assert sentence.startswith("The error of e")
+        assert sentence.endswith(".")
+        assert splits(form)
+        variable, unit = regime(form)
+        assert READ[variable][1] == unit
+
+
+def test_constants_go_round(forms):
+    for form in forms[::97]:
+        assert form.with_constants(form.constants) == form
+        assert form.with_constants(2 * np.array(form.constants)).shape == form.shape
+
+
+# Laws of physics
+
+
+def _correlation(forms, values, law, every):
+    """(F,) of what each form at its best adds with the law (N, 3), beside what a calibration holds; in one row of so many."""
+    rows = np.arange(0, len(law), every)
+    held = np.linalg.qr(values.calibration[rows])[0]
+    taken, whole = np.zeros(len(forms)), 0.0
+    for axis in range(3):
+        left = law[rows, axis] - held @ (held.T @ law[rows, axis])
+        taken += np.sum(projections(forms, values, rows, axis, left) ** 2, axis=1)
+        whole += left @ left
+    return np.sqrt(taken / whole)
+
+
+def _sharpened(form, values, law, scanned=25):
+    """(correlation, form) at the best constants, one after the other."""
+    best = _correlation([form], values, law, NEAR)[0], form
+    reach = 1.06 if {factor.function for factor in form.factors} & {"wave", "clock", "saw"} else 2.0  # to the next place of the grid
+    for spread in (reach, reach ** (3 / scanned)):
+        for number in range(len(form.constants)):
+            trials = []
+            for factor in np.geomspace(1 / spread, spread, scanned):
+                constants = np.array(best[1].constants)
+                constants[number] *= factor
+                trials.append(best[1].with_constants(constants))
+            found = _correlation(trials, values, law, NEAR)
+            best = max(best, (found.max(), trials[int(np.argmax(found))]), key=lambda each: each[0])
+    return best
+
+
+class World:
+    """What a person who writes a law on paper calls the movement."""
+
+    def __init__(self, m):
+        rng = np.random.default_rng(4)
+        self.m, self.w, self.t, self.v2, self.full_scale = m, signals.moving_rate(m), m.t_s, m.vibration_g2, m.fs_rps
+        self.f, self.warm = without_vibration(m.force_g, m.dt_s), m.temp_c - m.first_temp_c
+        self.c, self.matrix = rng.uniform(0.5, 1.5, 3) * (1, -1, 1), rng.standard_normal((3, 3))
+        self.speed, self.rest, self.sense = np.linalg.norm(m.rate, axis=1), signals.seconds_at_rest(m), signals.last_sense(m)
+
+    def to_all(self, scalar):
+        return scalar[:, None] * self.c
+
+    def after(self, values, tau_s):
+        return signals.lagged(values, tau_s, self.t)
+
+
+def _next(values):
+    return np.roll(values, -1, axis=1)
+
+
+def _last(values):
+    return np.roll(values, 1, axis=1)
+
+
+#: name -> (the law on paper, quantities that it is of)
+LAWS = {
+    "kinematic rectification": (lambda o: o.c * _next(o.w) * _last(o.w), "rate"),
+    "rectified rate of every axis": (lambda o: o.w**2 @ o.matrix.T, "rate"),
+    "anisoelasticity": (lambda o: o.c * _next(o.f) * _last(o.f), "force"),
+    "scale factor that follows the force": (lambda o: o.w * (o.f @ o.matrix.T), "rate force"),
+    "nonlinearity that follows temperature": (lambda o: o.c * o.warm[:, None] * o.w * np.abs(o.w), "rate temperature"),
+    "scale factor under vibration": (lambda o: o.c * o.v2[:, None] * o.w, "rate vibration"),
+    "soft limit": (lambda o: o.c * o.w / (1 + np.abs(o.w) / (0.7 * o.full_scale)), "rate"),
+    "hard limit": (lambda o: o.c * np.clip(o.w, -0.27 * o.full_scale, 0.27 * o.full_scale), "rate"),
+    "remnant of the last turn": (lambda o: o.c * o.sense * np.exp(-o.rest / 2.2)[:, None], "sense rest"),
+    "viscoelastic creep": (lambda o: o.c * o.after(o.w, 0.8), "rate"),
+    "heat of turning": (lambda o: o.to_all(o.after(o.speed**2, 24.0)), "rate_size"),
+    "scale factor that heat of turning moves": (lambda o: o.c * o.w * o.after(o.speed**2, 11.0)[:, None], "rate rate_size"),
+    "supply that settles": (lambda o: o.to_all(np.exp(-o.t / 4.1)), "time"),
+    "supply that settles, on the scale factor": (lambda o: o.c * o.w * np.exp(-o.t / 21.0)[:, None], "rate time"),
+    "periodic load": (lambda o: o.to_all(np.sin(2 * np.pi * o.t / 7.3 + 0.4)), "time"),
+    "magnetic field": (lambda o: signals.world_directions(o.m) @ (0.2, 0.1, -0.43), "world"),
+    "resonance far above the hand": (lambda o: o.c * np.gradient(o.m.acceleration, o.t, axis=0), "jerk"),
+    "strain of the package": (lambda o: o.to_all(signals.temperature_rate(o.m)), "temperature_rate"),
+    "thermal hysteresis": (lambda o: o.to_all(signals.play(o.warm, 2.7)), "temperature"),
+    "friction": (lambda o: o.c * np.sign(o.w) * np.exp(-np.abs(o.w) / (0.1 * o.full_scale)), "rate"),
+    "ripple of a driven table": (lambda o: o.c * np.cos(3 * signals.angle_turned(o.m) - 0.6), "turned"),
+    "load that is switched to a clock": (lambda o: o.to_all(np.where(np.sin(2 * np.pi * o.t / 19.0 + 1) > 0, 1.0, 0.0)), "time"),
+    "rate that is rounded": (lambda o: np.round(o.w / 0.7) * 0.7, "rate"),
+}
+
+
+#: of what has corners in time: the first three harmonics of a square wave have so much of it
+ENOUGH_OF = {"load that is switched to a clock": 0.96}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_of_physics_is_a_form(name, movement, values, forms, record_property):
+    law, quantities = LAWS[name]
+    added = law(World(movement))
+    own = [form for form in forms if {factor.quantity for factor in form.factors} == set(quantities.split())]
+    found = _correlation(own, values, added, FAR)
+    first = {own[number].shape: own[number] for number in np.argsort(-found)[:4][::-1]}
+    sharp = (_sharpened(form, values, added) for form in reversed(first.values()))
+    best = next((each for each in sharp if each[0] > ENOUGH_OF.get(name, ENOUGH)), None)
+    record_property("form", best and equation(best[1]))
+    assert best, [equation(form) for form in first.values()]
+
+
+def test_what_is_no_law_is_no_form(movement, values, forms):
+    noise = np.random.default_rng(8).standard_normal(movement.rate.shape)
+    assert _correlation(forms[::31], values, noise, NEAR).max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("quantity", "function"),
+    [("rate", "dead_zone"), ("rate", "beyond"), ("rate", "soft"), ("rate", "band"), ("time", "decay"), ("time", "wave"), ("rate", None)],
+)
+def test_a_constant_between_two_places_is_found_from_the_nearer(quantity, function, movement, values):
+    largest = largest_of([movement])[quantity]
+    if function is None:  # a lag
+        grid = np.array(sorted({lag_s for _, _, lag_s in offered(quantity, few=False) if lag_s is not None}))
+        made = [Form((Factor(quantity, "size", None, lag_s),)) for lag_s in grid]
+    else:
+        grid = np.array(sorted(constant_at(quantity, function, place, largest) for place in places(quantity, function)))
+        made = [Form((Factor(quantity, function, constant),)) for constant in grid]
+    for at in (len(grid) // 3, len(grid) // 2, 2 * len(grid) // 3):
+        true = made[0].with_constants((np.sqrt(grid[at] * grid[at + 1]),))
+        law = columns_of(true, movement) @ np.linspace(1, 2, true.size)
+        found = _correlation(made, values, law, NEAR)
+        assert _sharpened(made[int(np.argmax(found))], values, law)[0] > 0.98
+
+
+def test_every_function_is_offered():
+    offers = {function for name in QUANTITIES for few in (False, True) for function, _, _ in offered(name, few)}
+    assert offers == set(FUNCTIONS)

@@ -13,14 +13,15 @@ from tinygc.discovery.grammar.functions import FUNCTIONS
 from tinygc.discovery.grammar.grids import lags_of, places
 
 _POWERS = "itself size square signed_square cube size_cube root signed_root root_cube size_root_cube"
-_LIMITS = "dead_zone excess within soft beyond signed_beyond band"
+_LIMITS = "excess within soft beyond signed_beyond band"
 _KINKS = "dead_zone excess hinge beyond above"
 #: of each quantity, names of functions with a space between
 ALONE: dict[str, str] = {
+    # A dead zone is the rate less what is held within it: in its own size it leaves the scale factor alone.
     "rate": f"{_POWERS} sign {_LIMITS} decay signed_decay wave saw play",
     "rate_size": "itself square cube root root_cube excess soft beyond decay wave",
-    "force": f"{_POWERS} sign {_LIMITS} wave play",
-    "acceleration": f"{_POWERS} sign {_LIMITS}",
+    "force": f"{_POWERS} sign dead_zone {_LIMITS} wave play",
+    "acceleration": f"{_POWERS} sign dead_zone {_LIMITS}",
     "jerk": "itself size square signed_square cube root signed_root sign dead_zone excess soft beyond",
     "temperature": f"itself size square signed_square cube root signed_root root_cube {_KINKS} decay soft wave play",
     "temperature_rate": "itself size square signed_square cube root signed_root sign dead_zone beyond",

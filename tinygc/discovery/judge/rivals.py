@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tinygc.discovery.judge.added import added, beside_calibration, correlation
+from tinygc.discovery.judge.believable import believable
 from tinygc.discovery.judge.weigh import FORM, FormEvidence
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Hypothesis
@@ -49,7 +50,10 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
         other, weighed, hypothesis, alike = rest[number], guessed[number], None, 0.0
         if place < MOST_EXACT and nearest[number] < STAND_IN + MARGIN:
             effects = (*(effect for effect in best.effects if effect is not law), other)
-            hypothesis = weighed = evidence.of(effects, best)
+            weighed = evidence.of(effects, best)
+            if not believable(weighed, best):
+                continue
+            hypothesis = weighed
             alike = correlation(own, whole_added(evidence.twin, hypothesis))
         found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, alike))
     return sorted(found, key=lambda rival: rival.worse)

@@ -9,6 +9,7 @@ import numpy as np
 
 from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
+from tinygc.discovery.judge.believable import believable
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.discovery.screen.screening import Screening, screened
 from tinygc.discovery.screen.sharpen import sharpened_in
@@ -20,8 +21,8 @@ from tinygc.explanation.twin.replay import Replay
 #: shapes that are sharpened and weighed by their linear columns, of each look: benchmarks/discover.py finds the law among the first three
 #: in nearly all sessions
 MOST_SHARPENED = 14
-#: of those, refitted exactly
-MOST_EXACT = 4
+#: of those, refitted exactly and believed; and tried, where some are not
+MOST_EXACT, MOST_TRIED = 4, 12
 #: -2 log evidence within which one more is refitted exactly
 NEAR = 12.0
 
@@ -65,9 +66,11 @@ def with_a_form(
     progress("refitting the best forms exactly")
     exact: list[Hypothesis] = []
     trials = _best_of_each_shape(evidence, trials)
-    for score, effect, base in trials[:MOST_EXACT]:
-        if not exact or score < trials[0][0] + NEAR:
-            exact.append(evidence.of((*base.effects, effect), base))
+    for score, effect, base in trials[:MOST_TRIED]:
+        if len(exact) >= MOST_EXACT or (exact and score > trials[0][0] + NEAR):
+            break
+        weighed = evidence.of((*base.effects, effect), base)
+        exact += [weighed] if believable(weighed, base) else []
     best = min(exact, key=lambda h: h.score, default=None)
     return Found(best, screening, [effect for _, effect, _ in trials], promised, sigmas)
 

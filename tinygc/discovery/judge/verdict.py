@@ -14,7 +14,7 @@ from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.grammar.words import equation, splits, what
 from tinygc.discovery.judge.added import EQUAL
 from tinygc.discovery.judge.answer import Beside, Discovery, HeldOut, Law, RunnerUp
-from tinygc.discovery.judge.refusal import leaves_more
+from tinygc.discovery.judge.refusal import ALL_OF_IT, MOST_OF_IT, taken
 from tinygc.discovery.judge.rivals import Rival, rivals
 from tinygc.discovery.judge.search import Found
 from tinygc.discovery.judge.searched import Searched
@@ -58,10 +58,10 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
         "chance_gain": first.chance.level(0.05),
         "best_promise": float(first.tested.max()),
     }
-    more = leaves_more(searched)
-    if not searched.laws or more:
+    share = taken(searched)
+    if not searched.laws or share < MOST_OF_IT:
         progress("what could have been found")
-        why = more or searched.why or "no form takes up more than its own description costs"
+        why = _too_little(searched, share) or searched.why or "no form takes up more than its own description costs"
         names = _beside(searched.catalogue)
         limits = learnable(first)
         return Discovery("none", why, (), names, learnable=limits, **common)
@@ -71,11 +71,17 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
     names = _beside(whole, frozenset(evidence.forms))
     progress("from what size it could have been found")
     laws = tuple(_law(searched, each, whole, number) for number, each in enumerate(judged))
-    why = _undecided(judged, laws)
+    why = _undecided(judged, laws, share)
     return Discovery("ambiguous" if why else "found", why, laws, names, **common)
 
 
-def _undecided(judged: list[_Judged], laws: tuple[Law, ...]) -> str:
+def _too_little(searched: Searched, share: float) -> str:
+    """Why the laws that stand are not said, if there are any."""
+    said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
+    return f"{said} takes away {100 * share:.0f} % of what is left out, and the rest is no noise" if said else ""
+
+
+def _undecided(judged: list[_Judged], laws: tuple[Law, ...], share: float) -> str:
     """Why the laws are not found and no more is said than which they could be; empty where they are."""
     several = next((each for each in judged if each.others), None)
     if several is not None:
@@ -86,6 +92,9 @@ def _undecided(judged: list[_Judged], laws: tuple[Law, ...]) -> str:
             f"too little is seen of it to tell it from an equation that nobody has thought of: chi-square {faint.gain:.0f}, "
             f"and {DECISIVE:.0f} would tell it from all that add less than {100 * EQUAL:.0f} % the same rate"
         )
+    if share < ALL_OF_IT:
+        rest = "the rest is no noise: a near relative of it is left out, or something else beside it"
+        return f"{100 * share:.1f} % of the excess goes with it, and {rest}"
     return ""
 
 

@@ -79,8 +79,9 @@ def test_what_a_search_promises_is_a_form_or_is_held(forms):
     own = [form.factors[0] for form in forms if len(form.factors) == 1]
     said = {(factor.quantity, factor.function) for factor in own if factor.lag_s is None}
     promised = {(quantity, function) for quantity, functions in PROMISED.items() for function in functions.split()}
-    # A calibration holds the rate as it is.
-    assert promised - said == {("rate", "itself")}
+    # A calibration holds the rate as it is; with what is held within a limit a dead zone of the rate is said, too.
+    assert promised - said == {("rate", "itself"), ("rate", "dead_zone")}
+    assert ("rate", "within") in said
     assert set(PROMISED_LATE) <= {factor.quantity for factor in own if factor.lag_s is not None}
     patterns = {("vector" if any(factor.vector for factor in form.factors) else "scalar", form.pattern) for form in forms}
     assert patterns == {("scalar", "each"), *(("vector", pattern) for pattern in PATTERNS)}

@@ -1,7 +1,7 @@
 """The search for equations, examined: what share of laws outside the catalogue is found, by strength, and how often a wrong one is stated.
 
     python benchmarks/discover.py [--cases 100] [--seed 13]
-    python benchmarks/discover.py --scores FILE     # of calibrate.py challenge --discover --json FILE, which takes the time
+    python benchmarks/discover.py --scores FILE …     # of calibrate.py challenge --discover --json FILE, which takes the time
 
 Laws by hand are written from physics, drawn ones come from a grammar that is wider than the search's.  What is found adds the rate of the
 truth (correlation above 0.99 on the true movement, beyond a calibration); so do names of the catalogue where they are numerically equal.
@@ -88,12 +88,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=100)
     parser.add_argument("--seed", type=int, default=13)
-    parser.add_argument("--scores", type=Path, help="JSON of an examination that was run before")
+    parser.add_argument("--scores", type=Path, nargs="+", help="JSON of examinations that were run before")
     args = parser.parse_args()
     if args.scores is None:
         scores = scores_of(args.cases, args.seed)
     else:
-        scores = [each["score"] for each in json.loads(args.scores.read_text(encoding="utf-8"))["sessions"].values()]
+        said = [json.loads(file.read_text(encoding="utf-8")) for file in args.scores]
+        scores = [each["score"] for one in said for each in one["sessions"].values()]
     print(markdown(("laws", "found or equal", "found", "names equal", "ambiguous", "wrong", "missed"), by_strength(scores)))
     print()
     print(markdown(("in all", ""), in_all(scores)))

@@ -24,9 +24,9 @@ NOISE_P = 0.01
 def refused(searched: Searched, law: Effect) -> str | None:
     """Why a law of the best hypothesis is not said, or None."""
     best, evidence = searched.best, searched.evidence
-    chance_p = searched.round_of(law).chance_p(law)
+    chance_p, said = searched.round_of(law).chance_p(law), equation(evidence.forms[law.id])
     if chance_p > CHANCE:
-        return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches"
+        return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches: {said}"
     if searched.catalogue.score < best.score + STAND_IN:
         return f"names of the catalogue are of equal worth: {', '.join(sorted(searched.catalogue.ids)) or 'none at all'}"
     name = next(iter(rivals(evidence, best, law, searched.names)), None)
@@ -36,9 +36,9 @@ def refused(searched: Searched, law: Effect) -> str | None:
         return f"a shape without a law does better: {', '.join(sorted(searched.shapes.ids))}"
     for test in searched.held_out_of(law):
         if test.removed is not None and test.removed <= 0:
-            return "the best form makes what the search never saw close worse"
+            return f"the best form makes what the search never saw close worse: {said}"
         if test.p_value > HELD_OUT_P:
-            return f"the best form does not hold on what the search never saw (chance improves it as much with p = {test.p_value:.2g})"
+            return f"chance improves what the search never saw as much as the best form does, with p = {test.p_value:.2g}: {said}"
     return None
 
 

@@ -56,13 +56,14 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
         "forms": len(searched.forms),
         "distinct": first.distinct,
         "chance_gain": first.chance.level(0.05),
-        "best_promise": float(first.tested.max()),
+        "best_promise": first.best_beside_last,
     }
     share = taken(searched)
     if not searched.laws or share < MOST_OF_IT:
         progress("what could have been found")
-        why = _too_little(searched, share) or searched.why or "no form takes up more than its own description costs"
         names = _beside(searched.catalogue)
+        beside = f", beside {', '.join(name.id for name in names)}" if names else ""
+        why = _too_little(searched, share) or searched.why or f"no form takes up more than its own description costs{beside}"
         limits = learnable(first)
         return Discovery("none", why, (), names, learnable=limits, **common)
     progress("rivals")

@@ -36,7 +36,8 @@ class Screening:
     """forms (F); bits, sizes, price (F,): of each, sizes in coefficients; of every look (L, F): gain in chi-square, promise, rank:
     directions that are seen, left: the share of the columns' length, squared, that the nuisance leaves.
 
-    tested (F,): promise, studentised, of the look that shows most, which is what ``chance`` is of; drawn (D,): the largest of these of each
+    tested (F,): promise, studentised, of the look that shows most, which is what ``chance`` is of; best_beside_last: the largest of them
+    beside the last look, the likeliest hypothesis as it is; drawn (D,): the largest of these of each
     draw of noise alone; marks (F, MARKS): gains in draws, beside the last look; probes: plain laws of each quantity, shares (F, probes): of
     each one's response what a form can say; responses, looks: of the turns that all forms are screened by; noise (n, D): the draws, white;
     all_responses, all_looks: of all turns; seed: of whatever else is drawn.
@@ -51,6 +52,7 @@ class Screening:
     rank: np.ndarray
     left: np.ndarray
     tested: np.ndarray
+    best_beside_last: float
     drawn: np.ndarray
     marks: np.ndarray
     probes: tuple[Probe, ...]
@@ -149,6 +151,7 @@ def screened(
         rank=work.rank,
         left=work.left,
         tested=work.tested.max(axis=0),
+        best_beside_last=float(work.tested[-1].max()),
         drawn=work.best.max(axis=0),
         marks=work.marks,
         probes=probes,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tinygc.discovery.grammar.words import equation
 from tinygc.discovery.judge.added import EQUAL
 from tinygc.discovery.judge.rivals import rivals
 from tinygc.discovery.judge.searched import Searched

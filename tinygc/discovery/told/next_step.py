@@ -40,10 +40,14 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
             return between + _splitting(next(pair for pair in pairs if pair.law is law))
     if discovery.verdict == "found":
         return "record a second session with other movement, and explain it with the effect file: a law that is named there holds"
-    if discovery.verdict == "ambiguous":
-        faint = min(discovery.laws, key=lambda law: law.gain)
+    faint = min(discovery.laws, key=lambda law: law.gain, default=None)
+    if faint is not None and faint.gain < DECISIVE:
         more = ceil(DECISIVE / faint.gain + 0.5)
         return f"record {more} times as many turns, or turns in which it is larger: {splits(faint.form)}"
+    if faint is not None:
+        return (
+            "record a second session with other movement, and explain it with the effect file: what it leaves there says what else there is"
+        )
     return what_next(e)
 
 

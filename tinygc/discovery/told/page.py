@@ -29,10 +29,17 @@ LEAST_P = 1e-4
 MOST_LEARNABLE = 6
 
 
+def headline(verdict: str, has_rivals: bool) -> tuple[str, str]:
+    """What the answer comes to, and its colour."""
+    if verdict == "ambiguous" and not has_rivals:
+        return "an equation stands out, and this recording cannot decide whether it is the one", "yellow"
+    return HEADLINES[verdict]
+
+
 def discovery_page(explained: dict) -> Group:
     """Of the table of ``told``."""
     table, following = explained["discovery"], explained["next"]
-    words, style = HEADLINES[table["verdict"]]
+    words, style = headline(table["verdict"], any(law["runners_up"] for law in table["laws"]))
     tried = f"   ({table['forms']} forms tried, {table['distinct']} of them distinct here)"
     lines: list = [Text.assemble(("Beyond the catalogue: ", "bold"), (words, style), tried)]
     for law in table["laws"]:

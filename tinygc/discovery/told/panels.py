@@ -68,8 +68,14 @@ def draw_pair(e: Explanation, pair: Pair, points: list[Points], left: Axes, righ
 
 
 def _name(law: Law, series: Series) -> str:
-    name = component_name(main_of(law.form), series.component)
-    return "xyz"[series.axis] + (f" from {name}" if name and name != "xyz"[series.axis] else "")
+    """The axis, and what it follows where that is another: ``x from y``, ``x from y and z``."""
+    own, other = "xyz"[series.axis], other_of(law.form)
+    parts = [component_name(main_of(law.form), series.component)]
+    if other is not None and len(series.entries) == 1:
+        beside = component_beside(law.form, law.form.terms()[series.entries[0]])
+        parts.append(component_name(other, beside // other.through.phases))
+    follows = list(dict.fromkeys(part for part in parts if part))
+    return own + (f" from {' and '.join(follows)}" if follows not in ([], [own]) else "")
 
 
 def _number(law: Law, series: Series) -> str:

@@ -10,7 +10,7 @@ from tinygc.discovery.grammar.words import equation
 from tinygc.discovery.judge.answer import Discovery, Law
 from tinygc.discovery.told.as_json import briefly, other_equation
 from tinygc.discovery.told.fits import Fitted, Pair
-from tinygc.discovery.told.page import HEADLINES
+from tinygc.discovery.told.page import headline
 from tinygc.discovery.told.panels import draw_pair
 from tinygc.discovery.told.points import Points, of_stills, of_turns
 from tinygc.discovery.told.series import series_of
@@ -29,8 +29,8 @@ MOST_SERIES = 3
 def figure_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> Figure:
     """The page as a matplotlib figure, of an answer with laws.  Raises CalibrationError where matplotlib is missing."""
     rows = [(pair, points) for pair in pairs for points in _rows(e, pair)]
-    headline = f"{e.session.name}: {HEADLINES[discovery.verdict][0]}"
-    figure, grid = canvas(len(rows), headline, (), [_words(pair.law) for pair in pairs])
+    title, _ = headline(discovery.verdict, any(law.runners_up for law in discovery.laws))
+    figure, grid = canvas(len(rows), f"{e.session.name}: {title}", (), [_words(pair.law) for pair in pairs])
     for (pair, points), sides in zip(rows, np.reshape(grid, (-1, 2)), strict=True):
         draw_pair(e, pair, points, *sides)
     return figure

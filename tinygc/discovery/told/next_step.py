@@ -45,9 +45,7 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
         more = ceil(DECISIVE / faint.gain + 0.5)
         return f"record {more} times as many turns, or turns in which it is larger: {splits(faint.form)}"
     if faint is not None:
-        return (
-            "record a second session with other movement, and explain it with the effect file: what it leaves there says what else there is"
-        )
+        return "record a second session with other movement, and explain it with the effect file: what is left there says more"
     return what_next(e)
 
 

@@ -23,8 +23,12 @@ from tinygc.explanation.twin.replay import Replay
 MOST_SHARPENED = 14
 #: of those, refitted exactly and believed; and tried, where some are not
 MOST_EXACT, MOST_TRIED = 4, 12
+#: refitted exactly for their promise alone
+MOST_PROMISED = 3
 #: -2 log evidence within which one more is refitted exactly
 NEAR = 12.0
+#: -2 log evidence by linear columns, of a form beside a hypothesis
+Trial = tuple[float, Effect, Hypothesis]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +56,7 @@ def with_a_form(
     priced = np.array([bits(form) for form in forms])
     screening = screened(Replay(evidence.twin, bases[-1].fit), forms, priced, looks, seed, progress=lambda what, done, of: progress(what))
     progress("sharpening the best forms")
-    trials: list[tuple[float, Effect, Hypothesis]] = []
+    trials: list[Trial] = []
     promised: dict[str, float] = {}
     sigmas: dict[str, tuple[float, ...]] = {}
     for number, (base, _) in enumerate(whitens):
@@ -64,15 +68,24 @@ def with_a_form(
             trials.append((evidence.guess(base, add=effect).score, effect, base))
     trials.sort(key=lambda trial: trial[0])
     progress("refitting the best forms exactly")
-    exact: list[Hypothesis] = []
     trials = _best_of_each_shape(evidence, trials)
+    best = min(_refitted(evidence, trials, promised), key=lambda h: h.score, default=None)
+    return Found(best, screening, [effect for _, effect, _ in trials], promised, sigmas)
+
+
+def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, float]) -> list[Hypothesis]:
+    """Exactly, those that may be the best: by their linear columns with the noise anew, and by what the screening promised.  Where a strong
+    law bends the calibration that all begin from, either may be misled."""
+    exact: list[Hypothesis] = []
     for score, effect, base in trials[:MOST_TRIED]:
         if len(exact) >= MOST_EXACT or (exact and score > trials[0][0] + NEAR):
             break
         weighed = evidence.of((*base.effects, effect), base)
         exact += [weighed] if believable(weighed, base) else []
-    best = min(exact, key=lambda h: h.score, default=None)
-    return Found(best, screening, [effect for _, effect, _ in trials], promised, sigmas)
+    for _, effect, base in sorted(trials, key=lambda trial: -promised[trial[1].id])[:MOST_PROMISED]:
+        weighed = evidence.of((*base.effects, effect), base)
+        exact += [weighed] if believable(weighed, base) else []
+    return exact
 
 
 def _first_of_each_shape(forms: Sequence[Form], promise: np.ndarray) -> list[int]:
@@ -85,9 +98,9 @@ def _first_of_each_shape(forms: Sequence[Form], promise: np.ndarray) -> list[int
     return list(found.values())
 
 
-def _best_of_each_shape(evidence: FormEvidence, trials: list[tuple[float, Effect, Hypothesis]]) -> list[tuple[float, Effect, Hypothesis]]:
+def _best_of_each_shape(evidence: FormEvidence, trials: list[Trial]) -> list[Trial]:
     """Of sorted trials, the first of those that differ by their constants, or by what they stand beside."""
-    found: dict[Form, tuple[float, Effect, Hypothesis]] = {}
+    found: dict[Form, Trial] = {}
     for trial in trials:
         found.setdefault(evidence.forms[trial[1].id].shape, trial)
     return list(found.values())

@@ -17,7 +17,7 @@ from tinygc.discovery.grammar.enumeration import enumerated
 from tinygc.discovery.grammar.largest import largest_of
 from tinygc.discovery.judge.answer import Discovery
 from tinygc.discovery.judge.held_out import Unseen
-from tinygc.discovery.judge.parts import parted
+from tinygc.discovery.judge.parts import FEWEST, parted
 from tinygc.discovery.judge.refusal import leaves_something, refused
 from tinygc.discovery.judge.rivals import rivals
 from tinygc.discovery.judge.search import Found, with_a_form
@@ -56,6 +56,10 @@ def discover(
     """
     whole = explanation.twin
     split = parted(whole.problem, seed)
+    if len(split.parts) < FEWEST:
+        could = f"{len(split.parts)} of {len(whole.segments)} turns could be put away"
+        few = f"{could}, too few to judge an equation by: record {3 * FEWEST} or more"
+        return Discovery("none", few, (), (), forms=0, distinct=0, chance_gain=0.0, best_promise=0.0)
     twin = Twin(split.seen)
     progress("discover: the catalogue on what is seen", 0, STEPS)
     evidence, tried = FormEvidence(twin), candidates(twin)

@@ -20,6 +20,8 @@ from tinygc.problem.rejections import LEFT_OUT
 RUN = 4
 #: of three
 SEEN = 2
+#: turns by which a law can be judged: all of four improve in one of sixteen cases by chance
+FEWEST = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +36,19 @@ class Parts:
 
 
 def parted(problem: Problem, seed: int) -> Parts:
-    """Of a problem's used segments; which run of three is left out is drawn."""
+    """Of a problem's used segments; which run of three is left out is drawn, of those that leave out enough to judge by.  Of several
+    recordings the smallest that is enough to judge by is left out whole."""
     used, rng = problem.used, np.random.default_rng(seed)
     logs = np.array([segment.log for segment in used])
     counts = np.bincount(logs)
-    whole = None if np.count_nonzero(counts) < 2 else int(rng.choice(np.flatnonzero(counts > 0)))
+    enough = np.flatnonzero(counts >= FEWEST)
+    whole = int(enough[np.argmin(counts[enough])]) if np.count_nonzero(counts) > 1 and len(enough) else None
     held = np.zeros(len(used), dtype=bool)
     for log in np.flatnonzero(counts > 0):
         own = np.flatnonzero(logs == log)
         if log != whole:
-            first = int(rng.integers(SEEN + 1)) * RUN
-            held[own] = (np.arange(len(own)) + first) % (RUN * (SEEN + 1)) < RUN
+            choices = [(np.arange(len(own)) + first * RUN) % (RUN * (SEEN + 1)) < RUN for first in rng.permutation(SEEN + 1)]
+            held[own] = next((each for each in choices if each.sum() >= FEWEST), max(choices, key=np.sum))
     recording = logs == whole if whole is not None else np.zeros(len(used), dtype=bool)
     return Parts(without(problem, held | recording), np.flatnonzero(held), np.flatnonzero(recording), whole)
 

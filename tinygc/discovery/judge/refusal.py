@@ -29,10 +29,11 @@ def refused(searched: Searched, law: Effect) -> str | None:
     if chance_p > CHANCE:
         return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches: {said}"
     if searched.catalogue.score < best.score + STAND_IN:
-        return f"names of the catalogue are of equal worth: {', '.join(sorted(searched.catalogue.ids)) or 'none at all'}"
+        names = ", ".join(sorted(searched.catalogue.ids))
+        return f"on the turns that were searched {names} is of equal worth" if names else "noise alone explains the turns searched as well"
     name = next(iter(rivals(evidence, best, law, searched.names)), None)
     if name is not None and name.worse < STAND_IN:
-        return f"a name of the catalogue is of equal worth beside the rest: {name.effect.id}"
+        return f"on the turns that were searched {name.effect.id} is of equal worth beside the rest: {said}"
     if evidence.unpriced(searched.shapes) < evidence.unpriced(best) - STAND_IN:
         return f"a shape without a law does better: {', '.join(sorted(searched.shapes.ids))}"
     for test in searched.held_out_of(law):

@@ -63,7 +63,8 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
         progress("what could have been found")
         names = _beside(searched.catalogue)
         beside = f", beside {', '.join(name.id for name in names)}" if names else ""
-        why = _too_little(searched, share) or searched.why or f"no form takes up more than its own description costs{beside}"
+        none = f"refitted exactly{beside}, no form makes the recording as much more probable as its description costs"
+        why = _too_little(searched, share) or searched.why or none
         limits = learnable(first)
         return Discovery("none", why, (), names, learnable=limits, **common)
     progress("rivals")
@@ -158,7 +159,11 @@ def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) ->
 def _same(judged: _Judged, evidence: FormEvidence) -> tuple[Form, ...]:
     """Forms that this recording cannot tell from the law: by their columns, or by the rate that they add where they are weighed."""
     weighed = [evidence.forms[rival.effect.id] for rival in judged.same if rival.effect.id in evidence.forms]
-    return tuple(dict.fromkeys([*judged.round.screening.same_as(judged.form), *weighed]))
+    found: dict[Form, Form] = {}  # of those that differ by their constants alone the first
+    for form in [*judged.round.screening.same_as(judged.form), *weighed]:
+        if form.shape != judged.form.shape:
+            found.setdefault(form.shape, form)
+    return tuple(found.values())
 
 
 def _form_of(searched: Searched, number: int) -> Form:

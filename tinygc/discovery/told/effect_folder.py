@@ -58,7 +58,9 @@ def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> Saved:
                 write_text_whole(files[-1], sealed(written(law, where, name)))
                 if name != first and folder / f"discovered_{first}.py" not in files:
                     kept = printable(f"{folder / f'discovered_{first}.py'}")
-                    says.append(f"{kept} is not as it was written, and is kept; the law that was found now is in {files[-1].name}")
+                    says.append(
+                        f"{kept} is not as it was written, and is kept; the law that was found now is in {files[-1].name}: name one of the two with --effects, not both"
+                    )
     for path in earlier:
         if path not in files:
             with naming(path):

@@ -9,6 +9,7 @@ from rich.console import Group
 from rich.text import Text
 
 from session.common.console import one_line
+from tinygc.discovery.grammar.quantities import QUANTITIES
 from tinygc.discovery.judge.refusal import NOISE_P
 from tinygc.discovery.told.as_json import briefly
 from tinygc.discovery.told.constants import PEOPLES
@@ -40,14 +41,14 @@ def discovery_page(explained: dict) -> Group:
     """Of the table of ``told``."""
     table, following = explained["discovery"], explained["next"]
     words, style = headline(table["verdict"], any(law["runners_up"] for law in table["laws"]))
-    tried = f"   ({table['forms']} forms tried, {table['distinct']} of them distinct here)"
+    tried = f"   ({table['forms']} forms tried, {table['distinct']} of them distinct here)" if table["forms"] else ""
     lines: list = [Text.assemble(("Beyond the catalogue: ", "bold"), (words, style), tried)]
     for law in table["laws"]:
         lines += [Text(""), *_law(law)]
     if table["laws"]:
         lines.append(Text(""))
         lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["beside"]]
-    else:
+    elif table["forms"]:
         # Names without a law are those of a part of the recording, which nothing has proved: the explanation above has named its own.
         lines.append(_best_against_chance(table))
     if table["why"]:
@@ -152,18 +153,22 @@ def runner_up_words(each: dict) -> str:
 
 def _best_against_chance(table: dict) -> Text:
     return one_line(
-        f"the best form, beside names or without any, promises {table['best']:.3g} in −2 log evidence, its description paid; "
+        f"the best form promises {table['best']:.3g} in −2 log evidence by its linear columns, its description paid; "
         f"in noise alone the best of so many promises more than {table['chance']:.3g} in 1 of 20 searches"
     )
 
 
 def _learnable(learnable: dict) -> str:
-    known = [(name.replace("_", " "), each["size_dps"]) for name, each in learnable.items() if each["size_dps"] is not None]
-    blind = [name.replace("_", " ") for name, each in learnable.items() if each["size_dps"] is None]
+    known = [(_quantity(name), each["size_dps"]) for name, each in learnable.items() if each["size_dps"] is not None]
+    blind = [_quantity(name) for name, each in learnable.items() if each["size_dps"] is None]
     known.sort(key=lambda pair: pair[1])
     said = ", ".join(f"{name} from {size:.2g}" for name, size in known[:MOST_LEARNABLE])
     lines = [f"a law of one quantity alone would have been found from so many dps rms on: {said}"] if known else []
     return "; ".join(lines + ([f"not at all here: {', '.join(blind)}"] if blind else []))
+
+
+def _quantity(name: str) -> str:
+    return QUANTITIES[name].words.split(",")[0]
 
 
 def _listed(words: list[str], most: int) -> str:

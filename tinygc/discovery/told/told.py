@@ -11,6 +11,7 @@ from rich.text import Text
 
 from session.common.units import DEG
 from session.common.version import VERSION
+from session.files.writing import naming
 from session.log.hashes import file_key, hash_of_log
 from tinygc.discovery.grammar.words import what
 from tinygc.discovery.judge.answer import Discovery
@@ -76,6 +77,9 @@ class Told:
         save_explanation(self.explanation, folder, pictures, self.table)
         if pictures and self.discovery.laws:
             save_figure(self.figure(), folder / "discover.png")
+        else:  # that of an earlier run shows another answer
+            with naming(folder / "discover.png"):
+                (folder / "discover.png").unlink(missing_ok=True)
         return folder
 
     def _where(self) -> Where:

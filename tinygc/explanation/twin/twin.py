@@ -130,6 +130,9 @@ class Twin:
                 if segment.log == log:
                     axes[segment.start : segment.stop] = turn[: segment.stop - segment.start, :2].reshape(-1, 6)
             known = np.isfinite(axes[:, 0])
+            if not known.any():  # of a log that is put away whole, nothing is used
+                found.append(np.zeros_like(axes))
+                continue
             found.append(axes[known][np.searchsorted(np.flatnonzero(known), np.arange(len(axes))).clip(0, known.sum() - 1)])
         return found
 

@@ -13,7 +13,7 @@ from tinygc.discovery.grammar.form import Factor, Form
 from tinygc.discovery.judge import discover as judge
 from tinygc.discovery.judge.added import beside_calibration, correlation
 from tinygc.discovery.judge.held_out import Unseen
-from tinygc.discovery.judge.parts import RUN, parted, without
+from tinygc.discovery.judge.parts import FEWEST, RUN, parted, without
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.explanation.noise.components import components_of
 from tinygc.explanation.noise.undersampling import undersampling
@@ -65,18 +65,35 @@ def test_what_is_put_away_is_a_third_and_nothing_of_it_is_seen(plain):
 
 
 def test_of_several_recordings_one_is_put_away_whole(simulated_with, tmp_path):
-    """Each log of two has turns of its own; the one that is left out is not searched at all."""
+    """The smaller of two is not searched at all, where the other is enough; its own samples are still there to be judged by."""
     folder = tmp_path / "two"
-    shutil.copytree(simulated_with(None, segments=12), folder)
+    shutil.copytree(simulated_with(None, segments=18), folder)
     shutil.copy(simulated_with(None, segments=9, seed=4) / "log0001.csv.gz", folder / "log0002.csv.gz")
     problem = build_problem(read_session(folder))
     for seed in range(4):
         split = parted(problem, seed)
-        logs = [problem.used[i].log for i in split.recording]
-        assert logs == [split.log] * (12, 9)[split.log]
-        assert not set(split.parts) & set(split.recording)
-        assert all(problem.used[i].log != split.log for i in split.parts)
-        assert {segment.log for segment in split.seen.used} == {1 - split.log}
+        assert split.log == 1
+        assert [problem.used[i].log for i in split.recording] == [1] * 9
+        assert len(split.parts) >= FEWEST
+        assert all(problem.used[i].log == 0 for i in split.parts)
+        assert {segment.log for segment in split.seen.used} == {0}
+    assert [axes.shape for axes in Twin(split.seen).level_axes] == [(len(log.samples.t_ns), 6) for log in problem.logs]
+
+
+def test_two_short_recordings_are_thinned_and_none_is_put_away_whole(simulated_with, tmp_path):
+    folder = tmp_path / "two"
+    shutil.copytree(simulated_with(None, segments=9), folder)
+    shutil.copy(simulated_with(None, segments=9, seed=4) / "log0001.csv.gz", folder / "log0002.csv.gz")
+    problem = build_problem(read_session(folder))
+    split = parted(problem, 0)
+    assert split.log is None
+    assert {problem.used[i].log for i in split.parts} == {0, 1}
+
+
+def test_few_turns_prove_nothing_and_the_answer_says_so(simulated_with):
+    found = judge.discover(explain_session(simulated_with(None, segments=9)))
+    assert found.verdict == "none"
+    assert found.why == "4 of 9 turns could be put away, too few to judge an equation by: record 15 or more"
 
 
 def test_a_problem_without_some_turns_is_the_same_problem_elsewhere(plain):

@@ -107,7 +107,7 @@ def test_the_page_of_nothing_says_how_much_that_is_worth(e):
     text = " ".join(lines)
     assert "promises 812 in −2 log evidence" in text
     assert "chance does in 34 % of such searches" in text
-    assert "force from 0.0042, rate from 0.011; not at all here: vibration" in text
+    assert "the specific force from 0.0042, the rate from 0.011; not at all here: the vibration's energy" in text
 
 
 def test_there_is_one_next_step_and_the_search_says_it(e):

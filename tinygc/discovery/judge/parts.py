@@ -37,11 +37,11 @@ class Parts:
 
 def parted(problem: Problem, seed: int) -> Parts:
     """Of a problem's used segments; which run of three is left out is drawn, of those that leave out enough to judge by.  Of several
-    recordings the smallest that is enough to judge by is left out whole."""
+    recordings the smallest that is enough to judge by is left out whole, where the others are enough to search."""
     used, rng = problem.used, np.random.default_rng(seed)
     logs = np.array([segment.log for segment in used])
     counts = np.bincount(logs)
-    enough = np.flatnonzero(counts >= FEWEST)
+    enough = np.flatnonzero((counts >= FEWEST) & (len(used) - counts >= 3 * FEWEST))
     whole = int(enough[np.argmin(counts[enough])]) if np.count_nonzero(counts) > 1 and len(enough) else None
     held = np.zeros(len(used), dtype=bool)
     for log in np.flatnonzero(counts > 0):

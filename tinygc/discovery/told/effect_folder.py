@@ -58,9 +58,8 @@ def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> Saved:
                 write_text_whole(files[-1], sealed(written(law, where, name)))
                 if name != first and folder / f"discovered_{first}.py" not in files:
                     kept = printable(f"{folder / f'discovered_{first}.py'}")
-                    says.append(
-                        f"{kept} is not as it was written, and is kept; the law that was found now is in {files[-1].name}: name one of the two with --effects, not both"
-                    )
+                    now = f"the law that was found now is in {files[-1].name}; move one of the two away before --effects"
+                    says.append(f"{kept} is not as it was written, and is kept; {now}")
     for path in earlier:
         if path not in files:
             with naming(path):

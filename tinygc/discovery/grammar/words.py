@@ -13,7 +13,7 @@ SYMBOLS = {
     "force": "f in g",
     "temperature": "T in °C",
     "temperature_rate": "T′ in °C/s",
-    "time": "t since switch-on",
+    "time": "t since the session began",
     "rest": "t_r since the last turn",
     "vibration": "v² the mean square of the vibration in g²",
     "turned": "α the angle turned",
@@ -28,7 +28,7 @@ SHORT = {
     "acceleration": "the angular acceleration",
     "jerk": "the angular jerk",
     "temperature": "the temperature since the session's beginning",
-    "time": "the time since switch-on",
+    "time": "the time since the session began",
 }
 #: of constants: a quantity's unit in an equation and in a sentence, and how many of it one of the quantity's own has
 PEOPLES = {

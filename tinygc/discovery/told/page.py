@@ -68,7 +68,7 @@ def _law(law: dict) -> list[Text]:
     lines += [Text(f"  {line}") for line in number_lines(law)]
     lines.append(
         one_line(
-            f"  takes up {law['chi_square']:.4g} of chi-square, and makes the recording more probable by {law['better_by']:.4g} in −2 log "
+            f"  takes up {law['chi_square']:.0f} of chi-square, and makes the recording more probable by {law['better_by']:.4g} in −2 log "
             f"evidence; in noise alone a search finds as much with p {p_words(max(law['chance_p'], LEAST_P), law['chance_p'] < LEAST_P)}"
         )
     )
@@ -92,7 +92,7 @@ def number_lines(law: dict) -> list[str]:
         rows, spreads = _by_axis(rows, spreads)
         for row, spread in zip(rows, spreads, strict=True):
             numbers = "   ".join(measured(value, std) for value, std in zip(row, spread, strict=True))
-            head = f"{name} ({law['unit']}): "
+            head = f"{name}: " if name == law["unit"] else f"{name} ({law['unit']}): "
             lines.append(f"{head if not lines else ' ' * len(head)}{numbers}")
     for name, constant in law["constants"].items():
         unit = "of full scale" if constant["unit"] == "fraction" else constant["unit"]

@@ -69,7 +69,8 @@ def without(problem: Problem, held: np.ndarray) -> Problem:
         return replace(segment, problem=LEFT_OUT) if id(segment) in gone else segment
 
     rates = problem.still_rates
-    return problem.changed(
+    return replace(  # its bias instability, where stills tell it, from its own stills
+        problem,
         segments=[segment_of(segment) for segment in problem.segments],
         batch=problem.batch.pick(~held),
         floor=_floor(problem.floor, held),

@@ -8,17 +8,16 @@ import numpy as np
 
 from tinygc.discovery.judge.added import added, beside_calibration, correlation
 from tinygc.discovery.judge.believable import believable
-from tinygc.discovery.judge.weigh import FORM, FormEvidence
+from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Hypothesis
 from tinygc.explanation.naming.naming import STAND_IN
-from tinygc.explanation.naming.unknown import NAMELESS
 from tinygc.explanation.twin.twin import Twin
 
 #: -2 log evidence within which a rival is worth refitting exactly, beyond what is said: linear columns may misjudge it by as much
 MARGIN = 6.0
-#: refitted exactly, at most
-MOST_EXACT = 6
+#: refitted exactly, at most; more that come near are rivals of unknown rate
+MOST_EXACT = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +66,3 @@ def whole_added(twin: Twin, hypothesis: Hypothesis) -> np.ndarray:
         if claim.effect.kind == "rate":
             total += added(claim.effect, claim.theta, movements)
     return beside_calibration(total, movements)
-
-
-def is_name(effect: Effect) -> bool:
-    """Whether it is a name of the catalogue, no form and no shape without a name."""
-    return not effect.id.startswith((FORM, NAMELESS))

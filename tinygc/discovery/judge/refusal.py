@@ -5,7 +5,7 @@ from __future__ import annotations
 from tinygc.discovery.grammar.words import equation
 from tinygc.discovery.judge.added import EQUAL
 from tinygc.discovery.judge.rivals import rivals
-from tinygc.discovery.judge.searched import Searched
+from tinygc.discovery.judge.searched import NOISE_P, Searched
 from tinygc.effects import Effect
 from tinygc.explanation.naming.naming import STAND_IN
 
@@ -18,19 +18,19 @@ MOST_OF_IT = 0.9
 #: and to be found.  A law whose rate correlates EQUAL with the truth's leaves 1 - EQUAL^2 of its square; a dozen turns
 #: know that share to half
 ALL_OF_IT = 1 - (1 - EQUAL**2) / 2
-#: chance that noise leaves as much as laws leave, below which something is left
-NOISE_P = 0.01
 
 
 def refused(searched: Searched, law: Effect) -> str | None:
     """Why a law of the best hypothesis is not said, or None."""
     best, evidence = searched.best, searched.evidence
-    chance_p, said = searched.round_of(law).chance_p(law), equation(evidence.forms[law.id])
+    chance_p, said = searched.chance_p(law), equation(evidence.forms[law.id])
     if chance_p > CHANCE:
         return f"the best form does no more than chance does in {100 * chance_p:.2g} % of such searches: {said}"
     if searched.catalogue.score < best.score + STAND_IN:
         names = ", ".join(sorted(searched.catalogue.ids))
         return f"on the turns that were searched {names} is of equal worth" if names else "noise alone explains the turns searched as well"
+    if searched.without(law).score < best.score + STAND_IN:
+        return f"the rest explains the turns that were searched as well without it: {said}"
     name = next(iter(rivals(evidence, best, law, searched.names)), None)
     if name is not None and name.worse < STAND_IN:
         return f"on the turns that were searched {name.effect.id} is of equal worth beside the rest: {said}"
@@ -45,8 +45,8 @@ def refused(searched: Searched, law: Effect) -> str | None:
 
 
 def leaves_something(searched: Searched) -> bool:
-    """Whether the best hypothesis asks for more than a sensor's own noise, or closes what was put away no better than that."""
-    return searched.best.noise.unusual or taken(searched) < ALL_OF_IT
+    """Whether a further law is asked for; what was put away has no part in it, as it is to judge that law, too."""
+    return searched.best.noise.unusual or not searched.closes_to_noise
 
 
 def taken(searched: Searched) -> float:

@@ -34,17 +34,12 @@ Trial = tuple[float, Effect, Hypothesis]
 @dataclass(frozen=True, eq=False)
 class Found:
     """best: the hypothesis with a form more, or None; screening: of all forms; tried: effects of forms that were weighed in its place, the
-    best first, each with what the screening promised of its shape, studentised, and the sigmas of its constants."""
+    best first, each with the sigmas of its constants."""
 
     best: Hypothesis | None
     screening: Screening
     tried: list[Effect]
-    promises: dict[str, float]
     constants_sigma: dict[str, tuple[float, ...]]
-
-    def chance_p(self, law: Effect) -> float:
-        """Probability that the best of all forms promises as much in noise alone."""
-        return self.screening.chance_p(self.promises[law.id])
 
 
 def with_a_form(
@@ -70,7 +65,7 @@ def with_a_form(
     progress("refitting the best forms exactly")
     trials = _best_of_each_shape(evidence, trials)
     best = min(_refitted(evidence, trials, promised), key=lambda h: h.score, default=None)
-    return Found(best, screening, [effect for _, effect, _ in trials], promised, sigmas)
+    return Found(best, screening, [effect for _, effect, _ in trials], sigmas)
 
 
 def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, float]) -> list[Hypothesis]:

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tinygc.closure.probability import chi_square_above
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.judge.answer import HeldOut
 from tinygc.discovery.judge.held_out import Unseen
 from tinygc.discovery.judge.parts import Parts
 from tinygc.discovery.judge.search import Found
 from tinygc.discovery.judge.weigh import FormEvidence
+from tinygc.discovery.screen.beside import promised_beside
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Hypothesis
+from tinygc.explanation.naming.search import rewhitened
+
+#: chance that the sensor's own noise leaves as much as laws leave, below which something is left
+NOISE_P = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +57,18 @@ class Searched:
         """The best hypothesis without one of its laws."""
         return self.evidence.of(tuple(effect for effect in self.best.effects if effect is not law), self.best)
 
+    def chance_p(self, law: Effect) -> float:
+        """Probability that the best of all forms promises as much in noise alone as a law does beside all that stands with it."""
+        screening, rest = self.round_of(law).screening, rewhitened(self.without(law), self.best.whiten)
+        return screening.chance_p(promised_beside(screening, self.evidence.forms[law.id], self.best.whiten, rest))
+
+    @property
+    def closes_to_noise(self) -> bool:
+        """Whether the turns that were searched close as well as white noise and the sensor's bias instability allow."""
+        whiten, twin = self.evidence.first_whiten, self.evidence.twin
+        closure = (twin.residuals(self.best.fit.state).stacked() / whiten.sigma)[whiten.parts["closure"]]
+        return chi_square_above(float(closure @ closure), closure.size) > NOISE_P
+
     def round_of(self, law: Effect) -> Found:
-        """That in which a law was found."""
-        return next(each for each in self.rounds if law in each.tried)
+        """The last in which a law was weighed: what stands beside it stood there, too."""
+        return next(each for each in reversed(self.rounds) if law in each.tried)

@@ -104,13 +104,13 @@ def _judged(searched: Searched, law: Effect) -> _Judged:
     evidence, best, round_ = searched.evidence, searched.best, searched.round_of(law)
     without = searched.without(law)
     weighed = sorted(rivals(evidence, best, law, round_.tried), key=lambda rival: rival.nearest)
-    near = [rival for rival in weighed if rival.nearest < STAND_IN and rival.hypothesis is not None]
+    near = [rival for rival in weighed if rival.nearest < STAND_IN]
     return _Judged(
         law,
         evidence.forms[law.id],
         round_,
         without.score - best.score,
-        round_.chance_p(law),
+        searched.chance_p(law),
         searched.held_out_of(law),
         [rival for rival in near if rival.correlation <= EQUAL],
         [rival for rival in near if rival.correlation > EQUAL],

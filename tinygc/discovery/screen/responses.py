@@ -30,7 +30,7 @@ class Responses:
     """Of one replay; segments, stills: numbers of those that are looked at, all where None; values: of the replay, where they are known."""
 
     def __init__(self, replay: Replay, segments: np.ndarray | None = None, stills: np.ndarray | None = None, values: Values | None = None):
-        twin = replay.twin
+        twin = self.twin = replay.twin
         self.values = Values(replay) if values is None else values
         self.angles = twin.batch.angles
         self.segments = np.arange(len(twin.segments)) if segments is None else segments

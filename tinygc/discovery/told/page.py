@@ -10,7 +10,7 @@ from rich.text import Text
 
 from session.common.console import one_line
 from tinygc.discovery.grammar.quantities import QUANTITIES
-from tinygc.discovery.judge.refusal import NOISE_P
+from tinygc.discovery.judge.searched import NOISE_P
 from tinygc.discovery.told.as_json import briefly
 from tinygc.discovery.told.constants import PEOPLES
 from tinygc.explanation.verdict.measured import measured, p_words

@@ -131,6 +131,16 @@ def _number(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
+def constant_of(form: Form, number: int) -> tuple[str, float]:
+    """One of ``Form.constants`` in a sentence, as ``width (of full scale)``; and how many of a person's units its own unit has."""
+    found: list[tuple[str, float]] = []
+    for factor in form.factors:
+        _, unit, times = PEOPLES.get(factor.quantity, ("", f" {factor.of.unit}", 1.0))
+        found += [] if factor.constant is None else [(f"{factor.through.constant} ({unit.strip() or 'a share'})", times)]
+        found += [] if factor.lag_s is None else [("lag (s)", 1.0)]
+    return found[number]
+
+
 def in_words(form: Form) -> str:
     """A sentence that a person at the bench understands."""
     words = [_words(factor) for factor in form.factors]

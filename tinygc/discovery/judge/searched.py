@@ -12,6 +12,7 @@ from tinygc.discovery.judge.parts import Parts
 from tinygc.discovery.judge.search import Found
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.discovery.screen.beside import promised_beside
+from tinygc.discovery.screen.looks import Look
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Hypothesis
 from tinygc.explanation.naming.search import rewhitened
@@ -59,8 +60,13 @@ class Searched:
 
     def chance_p(self, law: Effect) -> float:
         """Probability that the best of all forms promises as much in noise alone as a law does beside all that stands with it."""
-        screening, rest = self.round_of(law).screening, rewhitened(self.without(law), self.best.whiten)
-        return screening.chance_p(promised_beside(screening, self.evidence.forms[law.id], self.best.whiten, rest))
+        screening = self.round_of(law).screening
+        return screening.chance_p(promised_beside(screening, self.evidence.forms[law.id], self.look_without(law)))
+
+    def look_without(self, law: Effect) -> Look:
+        """At all that stands but one of the laws, in the noise as it is with all."""
+        whiten = self.best.whiten
+        return Look(self.evidence.twin, whiten, rewhitened(self.without(law), whiten))
 
     @property
     def closes_to_noise(self) -> bool:

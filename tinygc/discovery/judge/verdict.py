@@ -11,14 +11,16 @@ import numpy as np
 from tinygc.discovery.grammar.as_effect import as_effect
 from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
-from tinygc.discovery.grammar.words import equation, splits, what
+from tinygc.discovery.grammar.words import constant_of, equation, splits, what
 from tinygc.discovery.judge.added import EQUAL
 from tinygc.discovery.judge.answer import Beside, Discovery, HeldOut, Law, RunnerUp
+from tinygc.discovery.judge.axes import differing
 from tinygc.discovery.judge.refusal import ALL_OF_IT, MOST_OF_IT, taken
 from tinygc.discovery.judge.rivals import Rival, rivals
 from tinygc.discovery.judge.search import Found
 from tinygc.discovery.judge.searched import Searched
 from tinygc.discovery.judge.weigh import FORM, FormEvidence, rms_of
+from tinygc.discovery.screen.by_axis import ByAxis
 from tinygc.discovery.screen.learnable import learnable, learnable_from
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Evidence, Hypothesis
@@ -36,7 +38,8 @@ MOST_RUNNERS_UP = 4
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """One law of the best hypothesis; others: rivals that add another rate, same: those that add the same."""
+    """One law of the best hypothesis; others: rivals that add another rate, same: those that add the same; axes: its constants, where
+    those of the axes differ."""
 
     law: Effect
     form: Form
@@ -46,6 +49,7 @@ class _Judged:
     held_out: tuple[HeldOut, ...]
     others: list[Rival]
     same: list[Rival]
+    axes: ByAxis | None
 
 
 def answer(explanation: Explanation, searched: Searched, progress: Callable[[str], None]) -> Discovery:
@@ -88,6 +92,9 @@ def _undecided(judged: list[_Judged], laws: tuple[Law, ...], share: float) -> st
     several = next((each for each in judged if each.others), None)
     if several is not None:
         return f"{len(several.others) + 1} forms of equal worth add different rates"
+    for each in judged:
+        if each.axes is not None:
+            return _by_axis(each.form, each.axes)
     faint = min(laws, key=lambda law: law.gain)
     if faint.gain < DECISIVE:
         return (
@@ -98,6 +105,12 @@ def _undecided(judged: list[_Judged], laws: tuple[Law, ...], share: float) -> st
         rest = "the rest is no noise: a near relative of it is left out, or something else beside it"
         return f"{100 * share:.1f} % of the excess goes with it, and {rest}"
     return ""
+
+
+def _by_axis(form: Form, axes: ByAxis) -> str:
+    word, own = constant_of(form, axes.constant)
+    values = ", ".join(f"{value:.3g}" for value in axes.values * own)
+    return f"its {word} seems to differ by axis ({values}; chi-square {axes.more:.0f}), and one for all makes another rate of it"
 
 
 def _judged(searched: Searched, law: Effect) -> _Judged:
@@ -114,6 +127,7 @@ def _judged(searched: Searched, law: Effect) -> _Judged:
         searched.held_out_of(law),
         [rival for rival in near if rival.correlation <= EQUAL],
         [rival for rival in near if rival.correlation > EQUAL],
+        differing(searched, law),
     )
 
 

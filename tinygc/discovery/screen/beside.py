@@ -9,15 +9,11 @@ from tinygc.discovery.screen.alike import basis_of
 from tinygc.discovery.screen.looks import Look
 from tinygc.discovery.screen.screening import Screening
 from tinygc.discovery.screen.weighing import promise
-from tinygc.explanation.twin.refit import Refit
-from tinygc.explanation.twin.whitening import Whitener
 
 
-def promised_beside(screening: Screening, form: Form, whiten: Whitener, fit: Refit) -> float:
-    """Studentised, as ``Screening.tested``; -inf where nothing of it is seen.  fit: of the rest, whitened by ``whiten``."""
-    responses = screening.all_responses
-    look = Look(responses.twin, whiten, fit)
-    basis = basis_of(form, responses, look)
+def promised_beside(screening: Screening, form: Form, look: Look) -> float:
+    """Studentised, as ``Screening.tested``; -inf where nothing of it is seen.  look: of all turns, at the rest."""
+    basis = basis_of(form, screening.all_responses, look)
     if not basis.shape[1]:
         return -np.inf
     gain, rank = np.array([np.sum((basis.T @ look.residual) ** 2)]), np.array([basis.shape[1]])

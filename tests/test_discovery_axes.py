@@ -1,0 +1,72 @@
+"""A constant that differs by axis: seen where one for all makes another law of it, and not seen where there is one."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from simulated_twins import make_twin_of
+
+from session.common.units import DEG
+from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.grammar.words import constant_of
+from tinygc.discovery.judge.axes import differing
+from tinygc.discovery.judge.weigh import FormEvidence
+from tinygc.discovery.screen.by_axis import by_axis
+from tinygc.discovery.screen.looks import Look
+from tinygc.discovery.screen.responses import Responses
+from tinygc.explanation.naming.search import rewhitened
+from tinygc.explanation.twin.replay import Replay
+
+twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
+FS_DPS = 500.0
+
+
+def held_back(widths_dps):
+    """Each axis shows a tenth less of its rate within a width of its own."""
+    widths = np.array(widths_dps) * DEG
+
+    def distort(t_s, rate, force, temp_c):
+        return rate - 0.1 * np.clip(rate, -widths, widths)
+
+    return distort
+
+
+def searched_with(twin, width_dps):
+    """As much of a search as the question needs: one law beside nothing else."""
+    evidence = FormEvidence(twin)
+    form = Form((Factor("rate", "within", width_dps / FS_DPS),))
+    law = evidence.effect_of(form)
+    best = evidence.of((law,), evidence.nothing)
+    whiten = best.whiten
+    screening = SimpleNamespace(all_responses=Responses(Replay(twin, evidence.nothing.fit)))
+    look = Look(twin, whiten, rewhitened(evidence.of((), best), whiten))
+    searched = SimpleNamespace(evidence=evidence, round_of=lambda _: SimpleNamespace(screening=screening), look_without=lambda _: look)
+    return searched, law, form, screening.all_responses, look
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_a_width_of_each_axis_is_seen(twin_of, seed):
+    searched, law, *_ = searched_with(twin_of(held_back((24.0, 8.0, 3.0)), segments=24, seed=seed)[0], 20.0)
+    found = differing(searched, law)
+    assert found is not None
+    assert found.values * FS_DPS == pytest.approx([24.0, 8.0, 3.0], rel=0.6)
+    assert found.values[0] > 1.5 * found.values[1] > 2 * found.values[2]
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_one_width_for_all_axes_is_left_alone(twin_of, seed):
+    searched, law, form, responses, look = searched_with(twin_of(held_back((8.0, 8.0, 8.0)), segments=24, seed=seed)[0], 8.0)
+    (found,) = by_axis(form, responses, look)
+    assert found.more < 10
+    assert differing(searched, law) is None
+
+
+def test_a_constant_of_what_has_no_axis_has_no_axes(twin_of):
+    _, _, _, responses, look = searched_with(twin_of(None)[0], 8.0)
+    assert by_axis(Form((Factor("time", "decay", 50.0),)), responses, look) == []
+
+
+def test_a_constant_is_told_in_a_persons_unit():
+    form = Form((Factor("turned", "play", 0.1), Factor("rate", "dead_zone", 0.02, 1.5)))
+    assert [constant_of(form, number)[0] for number in range(3)] == ["play (°)", "width (of full scale)", "lag (s)"]
+    assert constant_of(form, 0)[1] == pytest.approx(180 / np.pi)

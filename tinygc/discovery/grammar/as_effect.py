@@ -27,6 +27,18 @@ def columns_of(form: Form, movement: Movement) -> np.ndarray:
     return found
 
 
+def distorted(form: Form, movement: Movement, theta: np.ndarray) -> np.ndarray:
+    """(N, 3) rad/s: the rate with the law; as ``columns_of`` times theta (P,), without the zeros."""
+    values = {factor: factor.values(movement) for factor in form.factors}
+    found = movement.rate.copy()
+    for term, coefficient in zip(form.terms(), theta, strict=True):
+        product = coefficient * values[term.parts[0][0]][:, term.parts[0][1]]
+        for factor, component in term.parts[1:]:
+            product *= values[factor][:, component]
+        found[:, term.axis] += product
+    return found
+
+
 def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
     """The form as an effect; rms: of its products in the recording, by which its plausible size is known."""
     reach = sum((factor.reach for factor in form.factors), Reach())
@@ -43,5 +55,6 @@ def as_effect(form: Form, name: str = "discovered.law", rms: float = 1.0, equati
         regime=regime(form),
         inputs=inputs,
         reach=reach,
+        exact_distort=lambda movement, theta: distorted(form, movement, theta),
         device=NoC("no C has been written for it"),
     )

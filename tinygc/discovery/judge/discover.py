@@ -3,7 +3,8 @@
 1. A third of the turns and stills is put away (``parts``); what follows sees the rest alone.
 2. The catalogue has its say first: the hypothesis of its effects with the most evidence.
 3. All forms of the grammar are screened beside it, and beside nothing at all: a name may have stood in for the law (``search``).
-4. The best are sharpened, weighed with the noise estimated anew, and refitted exactly; names that the law has made idle go.
+4. The best are sharpened, weighed with the noise estimated anew, and refitted exactly, the constants of the best, too (``exact``); names
+   that the law has made idle go.
 5. A second law may stand beside the first.
 6. Each law is judged (``verdict``); what is left is refitted on all that was recorded.
 """
@@ -16,6 +17,7 @@ from dataclasses import replace
 from tinygc.discovery.grammar.enumeration import enumerated
 from tinygc.discovery.grammar.largest import largest_of
 from tinygc.discovery.judge.answer import Discovery
+from tinygc.discovery.judge.exact import exact
 from tinygc.discovery.judge.held_out import Unseen
 from tinygc.discovery.judge.parts import FEWEST, parted
 from tinygc.discovery.judge.refusal import leaves_something, refused
@@ -74,11 +76,15 @@ def discover(
     rounds: list[Found] = []
     searched = Searched(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, forms)
     while len(rounds) < MOST_LAWS:
-        found = with_a_form(evidence, forms, bases, seed, _told(progress, 1 + 2 * len(rounds)))
-        rounds.append(found)
+        step = 1 + 2 * len(rounds)
+        found = with_a_form(evidence, forms, bases, seed, _told(progress, step))
         if found.best is None or found.best.score >= searched.best.score:
+            rounds.append(found)
             break
-        further = replace(searched, best=_settled(evidence, tried, found))
+        progress("discover: refitting the constants", step, STEPS)
+        best, found = _exactly(evidence, _settled(evidence, tried, found, searched.laws), found)
+        rounds.append(found)
+        further = replace(searched, best=best)
         why = next((why for law in further.laws if (why := refused(further, law))), None)
         if why is not None:
             searched = replace(searched, why=searched.why or why)
@@ -94,14 +100,22 @@ def _told(progress: Callable[[str, int, int], None], step: int) -> Callable[[str
     return lambda what: progress(f"discover: {what}", step, STEPS)
 
 
-def _settled(evidence: FormEvidence, tried: list[Effect], found: Found) -> Hypothesis:
+def _exactly(evidence: FormEvidence, have: Hypothesis, found: Found) -> tuple[Hypothesis, Found]:
+    """All laws of a hypothesis with their constants where it is most probable."""
+    for law in [effect for effect in have.effects if effect.id in evidence.forms]:
+        have, own, sigmas = exact(evidence, have, law)
+        found = found.also(own, sigmas)
+    return have, found
+
+
+def _settled(evidence: FormEvidence, tried: list[Effect], found: Found, before: list[Effect]) -> Hypothesis:
     """The laws with the catalogue's effects that stand beside them: those that they have made idle go, those that they uncovered come.  Of
-    forms that linear columns have misjudged the best takes the law's place."""
+    forms that linear columns have misjudged the best takes the law's place; before: laws of earlier rounds, which stay."""
     assert found.best is not None
     have = without_idle(evidence, found.best)
     have = without_idle(evidence, exchanged(evidence, tried, search(evidence, tried, have, most=MOST_NAMES)))
     for _ in range(MOST_EXCHANGES):
-        law = next((effect for effect in have.effects if effect in found.tried), None)
+        law = next((effect for effect in have.effects if effect.id in evidence.forms and effect not in before), None)
         if law is None:
             break
         nearest = next((rival for rival in rivals(evidence, have, law, found.tried) if rival.hypothesis is not None), None)

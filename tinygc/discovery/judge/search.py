@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.judge.believable import believable
+from tinygc.discovery.judge.exact import FEW_STEPS, exact
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.discovery.screen.screening import Screening, screened
 from tinygc.discovery.screen.sharpen import sharpened_in
@@ -41,6 +42,10 @@ class Found:
     tried: list[Effect]
     constants_sigma: dict[str, tuple[float, ...]]
 
+    def also(self, law: Effect, sigmas: tuple[float, ...]) -> Found:
+        """With a law whose constants have been refitted."""
+        return replace(self, tried=[law, *self.tried], constants_sigma={**self.constants_sigma, law.id: sigmas})
+
 
 def with_a_form(
     evidence: FormEvidence, forms: Sequence[Form], bases: Sequence[Hypothesis], seed: int, progress: Callable[[str], None]
@@ -64,23 +69,30 @@ def with_a_form(
     trials.sort(key=lambda trial: trial[0])
     progress("refitting the best forms exactly")
     trials = _best_of_each_shape(evidence, trials)
-    best = min(_refitted(evidence, trials, promised), key=lambda h: h.score, default=None)
-    return Found(best, screening, [effect for _, effect, _ in trials], sigmas)
+    refitted = _refitted(evidence, trials, promised)
+    best = min(refitted, key=lambda h: h.score, default=None)
+    sharper = dict.fromkeys(effect for have in refitted for effect in have.effects if effect.id in evidence.forms)
+    tried = dict.fromkeys([*sharper, *(effect for _, effect, _ in trials)])
+    return Found(best, screening, list(tried), sigmas)
 
 
 def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, float]) -> list[Hypothesis]:
-    """Exactly, those that may be the best: by their linear columns with the noise anew, and by what the screening promised.  Where a strong
-    law bends the calibration that all begin from, either may be misled."""
-    exact: list[Hypothesis] = []
+    """Exactly, with their constants, those that may be the best: by their linear columns with the noise anew, and by what the screening
+    promised.  Where a strong law bends the calibration that all begin from, either may be misled."""
+    found: list[Hypothesis] = []
+
+    def refit(effect: Effect, base: Hypothesis) -> None:
+        weighed = evidence.of((*base.effects, effect), base)
+        if believable(weighed, base):
+            found.append(exact(evidence, weighed, effect, FEW_STEPS)[0])
+
     for score, effect, base in trials[:MOST_TRIED]:
-        if len(exact) >= MOST_EXACT or (exact and score > trials[0][0] + NEAR):
+        if len(found) >= MOST_EXACT or (found and score > trials[0][0] + NEAR):
             break
-        weighed = evidence.of((*base.effects, effect), base)
-        exact += [weighed] if believable(weighed, base) else []
+        refit(effect, base)
     for _, effect, base in sorted(trials, key=lambda trial: -promised[trial[1].id])[:MOST_PROMISED]:
-        weighed = evidence.of((*base.effects, effect), base)
-        exact += [weighed] if believable(weighed, base) else []
-    return exact
+        refit(effect, base)
+    return found
 
 
 def _first_of_each_shape(forms: Sequence[Form], promise: np.ndarray) -> list[int]:

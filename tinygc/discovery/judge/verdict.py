@@ -15,6 +15,7 @@ from tinygc.discovery.grammar.words import constant_of, equation, splits, what
 from tinygc.discovery.judge.added import EQUAL
 from tinygc.discovery.judge.answer import Beside, Discovery, HeldOut, Law, RunnerUp
 from tinygc.discovery.judge.axes import differing
+from tinygc.discovery.judge.exact import Constants, exact
 from tinygc.discovery.judge.refusal import ALL_OF_IT, MOST_OF_IT, taken
 from tinygc.discovery.judge.rivals import Rival, rivals
 from tinygc.discovery.judge.search import Found
@@ -23,7 +24,7 @@ from tinygc.discovery.judge.weigh import FORM, FormEvidence, rms_of
 from tinygc.discovery.screen.by_axis import ByAxis
 from tinygc.discovery.screen.learnable import learnable, learnable_from
 from tinygc.effects import Effect
-from tinygc.explanation.naming.evidence import Evidence, Hypothesis
+from tinygc.explanation.naming.evidence import Hypothesis
 from tinygc.explanation.naming.naming import STAND_IN
 from tinygc.explanation.twin.layout import claim_slice
 from tinygc.explanation.verdict.explain import Explanation
@@ -54,7 +55,6 @@ class _Judged:
 
 def answer(explanation: Explanation, searched: Searched, progress: Callable[[str], None]) -> Discovery:
     """The answer of a search."""
-    evidence = searched.evidence
     first = searched.rounds[0].screening
     common: dict[str, Any] = {
         "forms": len(searched.forms),
@@ -74,7 +74,7 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
     progress("rivals")
     judged = [_judged(searched, law) for law in searched.laws]
     whole = _on_all(explanation, searched)
-    names = _beside(whole, frozenset(evidence.forms))
+    names = _beside(whole.have, frozenset(whole.evidence.forms))
     progress("from what size it could have been found")
     laws = tuple(_law(searched, each, whole, number) for number, each in enumerate(judged))
     why = _undecided(judged, laws, share)
@@ -131,10 +131,23 @@ def _judged(searched: Searched, law: Effect) -> _Judged:
     )
 
 
-def _on_all(explanation: Explanation, searched: Searched) -> Hypothesis:
-    """The best hypothesis, fitted to all that was recorded."""
-    evidence = Evidence(explanation.twin)
-    return evidence.of(searched.best.effects, evidence.nothing)
+@dataclass(frozen=True, eq=False)
+class _Whole:
+    """What was judged, refitted on all that was recorded: laws in the order of the judged, their constants for all."""
+
+    evidence: FormEvidence
+    have: Hypothesis
+    laws: list[Effect]
+
+
+def _on_all(explanation: Explanation, searched: Searched) -> _Whole:
+    evidence = FormEvidence(explanation.twin)
+    laws = [evidence.effect_of(searched.evidence.forms[law.id]) for law in searched.laws]
+    names = [effect for effect in searched.best.effects if effect not in searched.laws]
+    have = evidence.of((*names, *laws), evidence.nothing)
+    for number, law in enumerate(laws):
+        have, laws[number], _ = exact(evidence, have, law)
+    return _Whole(evidence, have, laws)
 
 
 def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Beside, ...]:
@@ -143,13 +156,15 @@ def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Besid
     return tuple(Beside(claim.effect.id, *readable(claim, have.fit.theta_covariance(number))[1:]) for number, claim in claims)
 
 
-def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) -> Law:
-    evidence, form = searched.evidence, judged.form
-    at = next(i for i, effect in enumerate(whole.effects) if effect is judged.law)
-    claims = whole.fit.state.claims
-    theta, part = claims[at].theta, claim_slice(claims, at)
-    covariance = whole.fit.covariance[part, part]
-    gain = float(theta @ np.linalg.solve(covariance, theta))
+def _law(searched: Searched, judged: _Judged, whole: _Whole, number: int) -> Law:
+    evidence, own = searched.evidence, whole.laws[number]
+    form, fit = whole.evidence.forms[own.id], whole.have.fit
+    at = next(i for i, effect in enumerate(whole.have.effects) if effect is own)
+    theta, part = fit.state.claims[at].theta, claim_slice(fit.state.claims, at)
+    held, constants = fit.covariance, Constants.of(whole.evidence.twin, whole.have, own, form) if form.constants else None
+    covariance = (held if constants is None else constants.widened(held))[part, part]
+    sigmas = () if constants is None else constants.sigmas(form)
+    gain = float(theta @ np.linalg.solve(held[part, part], theta))
     shown = learnable_from(judged.round.screening, form, theta, searched.best.whiten)
     name = f"{FORM}{what(form)}" + (f"_{number + 1}" if number and what(form) == what(_form_of(searched, 0)) else "")
     effect = as_effect(form, name, rms_of(form, evidence.twin.movements), equation(form))
@@ -158,7 +173,7 @@ def _law(searched: Searched, judged: _Judged, whole: Hypothesis, number: int) ->
         effect,
         theta,
         covariance,
-        judged.round.constants_sigma.get(judged.law.id, ()),
+        sigmas,
         bits(form),
         gain,
         judged.better,

@@ -1,0 +1,77 @@
+"""A law's constant, put in and recovered over many sessions: how far it is from the truth in sigmas, as screened and as refitted.
+
+    python benchmarks/discover_constants.py [--seeds 40]
+
+Of each law the session's true form is given with a constant that is a third off.  "sharpened": by its linear columns alone
+(``screen.sharpen``); "refitted": with all else (``judge.exact``).  68 % are within one sigma where the uncertainty is true.
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+
+import numpy as np
+from common import in_parallel, markdown, simulated
+
+from session.common.units import DEG
+from session.log.folder import read_session
+from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.judge.exact import exact
+from tinygc.discovery.judge.weigh import FormEvidence
+from tinygc.discovery.screen.sharpen import sharpened
+from tinygc.explanation.naming.search import rewhitened
+from tinygc.explanation.twin.replay import Replay
+from tinygc.explanation.twin.twin import Twin
+from tinygc.problem.build import build_problem
+from tinygc.simulation.options import SimulationOptions
+
+FS_RPS = 500 * DEG
+SIZE_RPS = np.array([0.3, -0.25, 0.3]) * DEG
+#: name -> what is added of the rate as a share of full scale, the form, the true constant
+LAWS = {
+    "soft limit": (lambda u: np.tanh(u / 0.08), Factor("rate", "soft", 0.11), 0.08),
+    "soft limit, five times": (lambda u: 5 * np.tanh(u / 0.08), Factor("rate", "soft", 0.11), 0.08),
+    "excess": (lambda u: 16 * np.maximum(np.abs(u) - 0.1, 0), Factor("rate", "excess", 0.13), 0.1),
+    "excess, five times": (lambda u: 80 * np.maximum(np.abs(u) - 0.1, 0), Factor("rate", "excess", 0.13), 0.1),
+    "within": (lambda u: 8 * np.clip(u, -0.05, 0.05), Factor("rate", "within", 0.07), 0.05),
+}
+
+
+def hidden(t_s, rate, force, temp_c, law: str):
+    return rate + SIZE_RPS * LAWS[law][0](rate / FS_RPS)
+
+
+def recovered(job: tuple[str, int]) -> tuple[float, ...]:
+    """Of one law and seed: sigmas from the truth, and sigma as a share of it, sharpened and refitted."""
+    name, seed = job
+    _, factor, true = LAWS[name]
+    options = SimulationOptions(segments=24, closure_s=0.0, seed=seed, odr_hz=104.0)
+    with simulated(options, partial(hidden, law=name)) as folder:
+        evidence = FormEvidence(Twin(build_problem(read_session(folder))))
+    law = evidence.effect_of(Form((factor,)))
+    have = evidence.of((law,), evidence.nothing)
+    fit = rewhitened(evidence.nothing, have.whiten)
+    sharp = sharpened(Form((factor,)), have.whiten, fit, Replay(evidence.twin, fit))
+    _, own, (sigma,) = exact(evidence, have, law)
+    (linear,), (linear_sigma,) = sharp.form.constants, sharp.constants_sigma
+    (constant,) = evidence.forms[own.id].constants
+    return (linear - true) / linear_sigma, linear_sigma / true, (constant - true) / sigma, sigma / true
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=40)
+    args = parser.parse_args()
+    jobs = [(name, 100 + seed) for name in LAWS for seed in range(args.seeds)]
+    found = np.array(in_parallel(recovered, jobs, "sessions")).reshape(len(LAWS), args.seeds, 4)
+    rows = []
+    for name, own in zip(LAWS, found, strict=True):
+        for how, z, share in (("sharpened", own[:, 0], own[:, 1]), ("refitted", own[:, 2], own[:, 3])):
+            within = f"{100 * np.mean(np.abs(z) < 1):.0f} %"
+            rows.append((f"{name}, {how}", within, f"{z.mean():+.2f}", f"{np.sqrt(np.mean(z**2)):.2f}", f"{100 * np.median(share):.2g} %"))
+    print(markdown(("constant", "within one sigma", "mean, sigmas", "rms, sigmas", "sigma, of the constant"), rows))
+
+
+if __name__ == "__main__":
+    main()

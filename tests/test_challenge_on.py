@@ -16,7 +16,7 @@ from session.common.errors import FormatError
 from session.common.units import DEG
 from session.log.folder import read_session
 from tinygc.challenge.cases import STRENGTHS
-from tinygc.challenge.examine import OPENED, SEALED, SESSIONS
+from tinygc.challenge.examination import OPENED, SEALED, SESSIONS
 from tinygc.challenge.on_recording import examine as examination
 from tinygc.challenge.on_recording.files import write_spoilt
 from tinygc.challenge.on_recording.inject import FAULTS, inject, rate_changes, requantised

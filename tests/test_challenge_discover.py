@@ -110,6 +110,7 @@ def test_laws_and_strengths_take_turns():
     assert all(38 <= each.options.segments < 49 or "earth.rotation" in each.ids for each in cases)
     assert all(each.options.warm_up_c == 10 for each in cases if {"law.package_strain", "law.random"} & set(each.ids))
     assert draw_discover_cases(40, 5) == draw_discover_cases(40, 5) != draw_discover_cases(40, 6)
+    assert draw_discover_cases(7, 5) == draw_discover_cases(40, 5)[:7]
 
 
 # Truth

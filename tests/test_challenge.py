@@ -24,7 +24,7 @@ from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import plan_of, simulate_session, true_signals
 from tinygc.simulation.unit import draw_unit
 
-CASES, SEGMENTS, SEED = 3, 12, 8
+CASES, SEGMENTS, SEED = 2, 8, 8
 
 
 @pytest.fixture(scope="module")

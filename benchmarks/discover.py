@@ -20,12 +20,12 @@ import numpy as np
 from common import markdown, progress
 from scipy.stats import binomtest
 
+from tinygc.challenge.cases import STRENGTHS
 from tinygc.challenge.discover.examine import examine_laws, to_json
+from tinygc.challenge.discover.score import SAME, WITH_LAW
 
-OUTCOMES = ("found", "catalogue_equal", "ambiguous", "wrong", "missed")
-RIGHT = OUTCOMES[:2]
+RIGHT = ("found", "catalogue_equal")
 DRAWN = "law.random"
-OTHERS = (("nothing", "nothing"), ("catalogue", "a name of the catalogue"))
 
 
 def scores_of(cases: int, seed: int) -> list[dict]:
@@ -50,23 +50,30 @@ def by_strength(scores: list[dict]) -> list[tuple[str, ...]]:
     rows = []
     kinds = (("by hand", lambda s: s["law"] != DRAWN), ("drawn", lambda s: s["law"] == DRAWN), ("all", lambda s: True))
     for kind, belongs in kinds:
-        for strength in (1.0, 0.5, 0.2, 0.05):
+        for strength in STRENGTHS:
             group = [s for s in scores if s["law"] and belongs(s) and s["strength"] == strength]
             if group:
-                outcomes = [
-                    sum(s["outcome"] == outcome for s in group) for outcome in ("found", "catalogue_equal", "ambiguous", "wrong", "missed")
-                ]
-                rows.append((f"{kind}, × {strength:g}", share(s["outcome"] in RIGHT for s in group), *map(str, outcomes)))
+                shares = (share(s["outcome"] in right for s in group) for right in (RIGHT, RIGHT[:1]))
+                outcomes = (sum(s["outcome"] == outcome for s in group) for outcome in WITH_LAW)
+                rows.append((f"{kind}, × {strength:g}", *shares, *map(str, outcomes)))
     return rows
 
 
 def in_all(scores: list[dict]) -> list[tuple[str, str]]:
     """What holds over all sessions."""
+    hidden = [s for s in scores if s["law"]]
     found = [s for s in scores if s["outcome"] == "found"]
+    undecided = [s for s in hidden if s["outcome"] == "ambiguous"]
     gone = [s["removed"] for s in found if s["removed"] is not None]
     return [
-        ("a wrong equation stated as found, of all sessions", share(s["outcome"] in ("wrong", "invented") for s in scores)),
-        ("of those that hide a law", share(s["outcome"] == "wrong" for s in scores if s["law"])),
+        ("a law found, of sessions that hide one", share(s["outcome"] == "found" for s in hidden)),
+        ("found, or names that are numerically equal", share(s["outcome"] in RIGHT for s in hidden)),
+        ("a wrong equation stated as found, of sessions that hide a law", share(s["outcome"] == "wrong" for s in hidden)),
+        ("a wrong or an invented one, of all sessions", share(s["outcome"] in ("wrong", "invented") for s in scores)),
+        (
+            "ambiguous, and a law on the list is numerically the truth, of those that are",
+            share(s["listed"] is not None and s["listed"] > SAME for s in undecided),
+        ),
         ("of what was stated as found", share(s["outcome"] != "found" for s in scores if s["outcome"] in ("found", "wrong", "invented"))),
         ("an equation where nothing is hidden", share(s["outcome"] != "silent" for s in scores if s["kind"] == "nothing")),
         (
@@ -95,7 +102,7 @@ def main() -> None:
     else:
         said = [json.loads(file.read_text(encoding="utf-8")) for file in args.scores]
         scores = [each["score"] for one in said for each in one["sessions"].values()]
-    print(markdown(("laws", "found or equal", "found", "names equal", "ambiguous", "wrong", "missed"), by_strength(scores)))
+    print(markdown(("laws", "found or equal", "found alone", *(outcome.replace("_", " ") for outcome in WITH_LAW)), by_strength(scores)))
     print()
     print(markdown(("in all", ""), in_all(scores)))
 

@@ -13,6 +13,7 @@ from tinygc.challenge import examine as examination
 from tinygc.challenge.cases import ALIKE, LEAST_HZ, NEEDS, STRENGTHS, TOLD, Case, draw_cases
 from tinygc.challenge.conceal import MAKERS, conceal
 from tinygc.challenge.concealment import Scene
+from tinygc.challenge.examination import OPENED, SEALED, SESSIONS
 from tinygc.challenge.outsiders import OUTSIDERS
 from tinygc.challenge.reliability import calibration_error, reliability
 from tinygc.challenge.score import parameter_errors, score
@@ -23,7 +24,7 @@ from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulate import plan_of, simulate_session, true_signals
 from tinygc.simulation.unit import draw_unit
 
-CASES, SEGMENTS, SEED = 3, 12, 8
+CASES, SEGMENTS, SEED = 2, 8, 8
 
 
 @pytest.fixture(scope="module")
@@ -56,14 +57,14 @@ def test_sealed_before_anything_is_explained(small):
     _, result, announced = small
     ((text, files),) = announced
     assert result.sha256 in text
-    assert examination.SEALED in files
-    assert not files & {examination.OPENED, "truth.json", "said.json"}
+    assert SEALED in files
+    assert not files & {OPENED, "truth.json", "said.json"}
 
 
 @pytest.mark.slow
 def test_the_folder_that_the_worker_is_given_holds_no_truth(small):
     folder, *_ = small
-    for session in (folder / examination.SESSIONS).iterdir():
+    for session in (folder / SESSIONS).iterdir():
         assert _files(session) == {"session.toml", "log0001.csv.gz"}
         words = (session / "session.toml").read_text()
         assert "simulate" not in words.lower()
@@ -91,7 +92,7 @@ def test_same_seed_same_questions_and_same_answers(small, tmp_path):
         simulation, config, truth = conceal(case)
         examination.write_files(simulation, tmp_path / case.name, config)
         for name in ("session.toml", "log0001.csv.gz"):
-            assert (tmp_path / case.name / name).read_bytes() == (folder / examination.SESSIONS / case.name / name).read_bytes()
+            assert (tmp_path / case.name / name).read_bytes() == (folder / SESSIONS / case.name / name).read_bytes()
         assert json.loads(json.dumps(truth)) == result.truth[case.name]["effects"]
         again = examination.explained(tmp_path / case.name)
         assert score(case.name, result.truth[case.name], again) == next(each for each in result.scores if each.name == case.name)

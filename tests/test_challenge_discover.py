@@ -20,7 +20,7 @@ from tinygc.challenge.discover.laws.table import BY_HAND, LAWS
 from tinygc.challenge.discover.score import correlation, score_law
 from tinygc.challenge.discover.tables import law_tables, totals
 from tinygc.challenge.discover.truth import ALL, added_rate
-from tinygc.challenge.examine import OPENED, SEALED, SESSIONS
+from tinygc.challenge.examination import OPENED, SEALED, SESSIONS, Examination
 from tinygc.challenge.rate_effects import RATE_EFFECTS
 from tinygc.effects import catalogue
 from tinygc.simulation.options import SimulationOptions
@@ -110,6 +110,7 @@ def test_laws_and_strengths_take_turns():
     assert all(38 <= each.options.segments < 49 or "earth.rotation" in each.ids for each in cases)
     assert all(each.options.warm_up_c == 10 for each in cases if {"law.package_strain", "law.random"} & set(each.ids))
     assert draw_discover_cases(40, 5) == draw_discover_cases(40, 5) != draw_discover_cases(40, 6)
+    assert draw_discover_cases(7, 5) == draw_discover_cases(40, 5)[:7]
 
 
 # Truth
@@ -268,7 +269,7 @@ def test_found_laws_are_in_the_tables(product, tmp_path):
     truth, true = product
     found = scored(truth, true, said(law_said(write_law(tmp_path), truth["effects"]["law.rate_product"]["at_fs"])), tmp_path)
     scores = [found, replace(found, strength=0.5, outcome="missed"), replace(found, law=None, hidden=(), outcome="invented")]
-    result = examination.LawExamination(1, "0", scores, {}, {})
+    result = Examination(1, "0", scores, {}, {})
     console = Console(width=200, record=True, file=io.StringIO())
     console.print(law_tables(result))
     told = console.export_text()

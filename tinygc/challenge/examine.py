@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from session.common.errors import DataError, FormatError
@@ -16,15 +15,13 @@ from session.files.writing import naming
 from tinygc.challenge.cases import Case, draw_cases
 from tinygc.challenge.conceal import MAKERS, conceal, options_chosen
 from tinygc.challenge.concealment import Maker
-from tinygc.challenge.examination import Examination
-from tinygc.challenge.score import score
+from tinygc.challenge.examination import SEALED, SESSIONS, Examination, as_table, asked_blind, opened
+from tinygc.challenge.score import Score, score
 from tinygc.challenge.seal import Seal, seal
 from tinygc.challenge.worker import DISCOVER
 from tinygc.effects.discovery import loaded_folders
 from tinygc.simulation.write import write_files
 
-PROCESSES = 2
-SESSIONS, SEALED, OPENED = "sessions", "sealed_truth.bin", "truth.json"
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -36,7 +33,7 @@ def examine(
     segments: int | None = None,
     announce: Callable[[str], None] = lambda text: None,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
-) -> Examination:
+) -> Examination[Score]:
     """Examine ``explain`` on ``count`` sessions in ``folder``, which must be empty or new.
 
     segments: of every session, instead of drawn; announce: shown the SHA-256 before anything is explained.
@@ -45,15 +42,8 @@ def examine(
     cases = draw_cases(count, seed, segments)
     closed = hide(folder, cases, progress)
     announce(f"truth sealed, SHA-256 {closed.sha256}")
-    said = {}
-    with ThreadPoolExecutor(PROCESSES) as pool:
-        names = [case.name for case in cases]
-        for name, result in zip(names, pool.map(explained, [folder / SESSIONS / name for name in names]), strict=True):
-            said[name] = result
-            progress("explaining blind", len(said), count)
-    truth = closed.open()
-    (folder / OPENED).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
-    (folder / "said.json").write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
+    said = asked_blind([folder / SESSIONS / case.name for case in cases], explained, "explaining blind", progress)
+    truth = opened(folder, closed, said)
     scores = [score(name, truth[name], said[name]) for name in truth]
     return Examination(seed, closed.sha256, scores, truth, said)
 
@@ -101,22 +91,12 @@ def without_sessions(folder: Path, everything: bool = False) -> None:
     shutil.rmtree(folder if everything else folder / SESSIONS)
 
 
-def to_json(result: Examination) -> dict:
+def to_json(result: Examination[Score]) -> dict:
     """``tinygc-challenge/1``: every session with its truth, what was said and its score, and the totals."""
     from tinygc.challenge.table import totals
 
-    return {
-        "schema": "tinygc-challenge/1",
-        "seed": result.seed,
-        "sha256": result.sha256,
-        "sessions": {
-            each.name: {
-                "truth": result.truth[each.name],
-                "verdict": result.said[each.name]["verdict"],
-                "named": {effect["id"]: effect["equivalent"] for effect in result.said[each.name]["effects"]},
-                "score": vars(each) | {"kind": each.kind, "statements": [vars(one) for one in each.statements]},
-            }
-            for each in result.scores
-        },
-        "totals": totals(result.scores),
-    }
+    def more(score: Score, said: dict) -> dict:
+        named = {effect["id"]: effect["equivalent"] for effect in said["effects"]}
+        return {"named": named, "score": vars(score) | {"kind": score.kind, "statements": [vars(one) for one in score.statements]}}
+
+    return as_table("tinygc-challenge/1", result, totals(result.scores), more)

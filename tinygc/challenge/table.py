@@ -21,13 +21,13 @@ HIDDEN = ("one", "two", "three", "four")
 LAST = list(TITLES.values())
 
 
-def challenge_tables(result: Examination) -> Group:
+def challenge_tables(result: Examination[Score]) -> Group:
     """What ``calibrate.py challenge`` prints."""
     tables = [part for table in _tables(result.scores) for part in (table, Text(""))]
     return Group(*tables, Text("\n".join(sentences(result.scores))))
 
 
-def markdown(result: Examination) -> str:
+def markdown(result: Examination[Score]) -> str:
     """The same, for a README."""
     return "\n\n".join([*map(_markdown, _tables(result.scores)), "\n".join(f"- {line}" for line in sentences(result.scores))]) + "\n"
 

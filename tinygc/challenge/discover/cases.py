@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.challenge.cases import LEAST_HZ, NEEDS, STRENGTHS, TOLD, Case, case_of, shared_out, taking_turns
+from tinygc.challenge.cases import LEAST_HZ, NEEDS, STRENGTHS, TOLD, Case, case_of, taking_turns
 from tinygc.challenge.discover.laws.drawn import DRAWN
 from tinygc.challenge.discover.laws.table import BY_HAND
 from tinygc.challenge.rate_effects import RATE_EFFECTS
@@ -44,22 +44,40 @@ ALIKE = {
 
 
 def draw_discover_cases(count: int, seed: int, segments: int | None = None) -> list[Case]:
-    """``count`` cases in random order; laws and strengths take turns.  A law comes first: it bends the true rate."""
-    rng = np.random.default_rng(seed)
-    number = shared_out(count, SHARES)
-    by_hand = taking_turns(list(BY_HAND), number["by hand"] + number["beside"], rng)
-    turns = [STRENGTHS[i] for i in rng.permutation(len(STRENGTHS))]
-    hidden: list[tuple[tuple[str, ...], tuple[float, ...]]] = [((), ())] * number["nothing"]
-    for i, law in enumerate([*by_hand[: number["by hand"]], *list(DRAWN) * number["drawn"]]):
-        hidden.append(((law,), (turns[i % len(turns)],)))
-    for i, law in enumerate(by_hand[number["by hand"] :]):
-        other = str(rng.choice([name for name in RATE_EFFECTS if name not in ALIKE.get(law, ())]))
-        hidden.append(((law, other), (turns[i % len(turns)], float(rng.choice(BESIDE)))))
-    for i, name in enumerate(taking_turns(list(RATE_EFFECTS), number["catalogue"], rng)):
-        hidden.append(((name,), (turns[i % len(turns)],)))
-    told = [TOLD[i] for i in rng.permutation(np.arange(len(hidden)) % len(TOLD))]
+    """``count`` cases; laws and strengths take turns.  A law comes first: it bends the true rate.
+
+    A case depends on its place and the seed, not on how many follow: fewer cases are the first of more.
+    """
+    kinds = _kinds(count)
+    number = {kind: kinds.count(kind) for kind in SHARES}
+    # One stream for each list, so that the length of one moves no other.
+    streams = [np.random.default_rng([seed, stream]) for stream in range(5)]
+    turns = [STRENGTHS[i] for i in streams[0].permutation(len(STRENGTHS))]
+    told = taking_turns(list(TOLD), count, streams[1])
+    firsts = {
+        "by hand": taking_turns(list(BY_HAND), number["by hand"], streams[2]),
+        "beside": taking_turns(list(BY_HAND), number["beside"], streams[3]),
+        "catalogue": taking_turns(list(RATE_EFFECTS), number["catalogue"], streams[4]),
+        "drawn": list(DRAWN) * number["drawn"],
+    }
+    given = dict.fromkeys(SHARES, 0)
     cases = []
-    for place, i in enumerate(rng.permutation(len(hidden)).tolist()):
-        (ids, strengths), length = hidden[i], int(rng.integers(*SEGMENTS)) if segments is None else segments
-        cases.append(case_of(place, ids, strengths, told[i], rng, length, NEEDED, RATES, LEAST))
+    for place, kind in enumerate(kinds):
+        rng, turn = np.random.default_rng([seed, len(streams), place]), given[kind]
+        given[kind] += 1
+        ids: tuple[str, ...] = (firsts[kind][turn],) if kind in firsts else ()
+        strengths: tuple[float, ...] = (turns[turn % len(turns)],) if kind in firsts else ()
+        if kind == "beside":
+            other = str(rng.choice([name for name in RATE_EFFECTS if name not in ALIKE.get(ids[0], ())]))
+            ids, strengths = (*ids, other), (*strengths, float(rng.choice(BESIDE)))
+        length = int(rng.integers(*SEGMENTS)) if segments is None else segments
+        cases.append(case_of(place, ids, strengths, told[place], rng, length, NEEDED, RATES, LEAST))
     return cases
+
+
+def _kinds(count: int) -> list[str]:
+    """Of each place, the kind that is furthest behind its share: whatever the count, all are there as often as they should."""
+    kinds: list[str] = []
+    for place in range(count):
+        kinds.append(max(SHARES, key=lambda kind: SHARES[kind] * (place + 1) - kinds.count(kind)))
+    return kinds

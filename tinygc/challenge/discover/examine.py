@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tinygc.challenge.cases import Case
 from tinygc.challenge.discover.cases import draw_discover_cases
-from tinygc.challenge.discover.examination import LawExamination
 from tinygc.challenge.discover.score import LawScore, score_law
 from tinygc.challenge.discover.tables import totals
 from tinygc.challenge.discover.truth import ALL, added_rate
-from tinygc.challenge.examine import OPENED, PROCESSES, SESSIONS, explained, hide, new_folder
+from tinygc.challenge.examination import SESSIONS, Examination, as_table, asked_blind, opened
+from tinygc.challenge.examine import explained, hide, new_folder
 
 #: the copies in which the workers search and write, below the sessions; where their laws are kept
 COPIES, LAWS = "searched", "laws"
@@ -36,7 +34,7 @@ def examine_laws(
     answer: Answer = answered,
     announce: Callable[[str], None] = lambda text: None,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
-) -> LawExamination:
+) -> Examination[LawScore]:
     """Examine the search for laws on ``count`` sessions in ``folder``, which must be empty or new.
 
     segments: of every session, instead of drawn; answer: what is asked of each copy; announce: shown the SHA-256 before any is asked.
@@ -46,21 +44,15 @@ def examine_laws(
     closed = hide(folder, cases, progress, ALL)
     announce(f"truth sealed, SHA-256 {closed.sha256}")
     copies = [_copy(folder, case.name) for case in cases]
-    said = {}
-    with ThreadPoolExecutor(PROCESSES) as pool:
-        for case, result in zip(cases, pool.map(answer, copies), strict=True):
-            said[case.name] = result
-            progress("searching blind", len(said), count)
-    (folder / "said.json").write_text(json.dumps(said, indent=1) + "\n", encoding="utf-8")
-    truth = closed.open()
-    (folder / OPENED).write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+    said = asked_blind(copies, answer, "searching blind", progress)
+    truth = opened(folder, closed, said)
     scores: list[LawScore] = []
     for case, copy in zip(cases, copies, strict=True):
         progress("scoring", len(scores), count)
         scores.append(_scored(case, truth[case.name], said[case.name], copy))
         if (copy / EXPLAIN / "effects").is_dir():
             shutil.copytree(copy / EXPLAIN / "effects", folder / LAWS / case.name, ignore=shutil.ignore_patterns("__pycache__"))
-    return LawExamination(seed, closed.sha256, scores, truth, said)
+    return Examination(seed, closed.sha256, scores, truth, said)
 
 
 def _copy(folder: Path, name: str) -> Path:
@@ -72,19 +64,6 @@ def _scored(case: Case, truth: dict, said: dict, copy: Path) -> LawScore:
     return score_law(case.name, truth, said, added_rate(case), copy / EXPLAIN)
 
 
-def to_json(result: LawExamination) -> dict:
+def to_json(result: Examination[LawScore]) -> dict:
     """``tinygc-discover-challenge/1``: every session with its truth, what was said and its score, and the totals."""
-    return {
-        "schema": "tinygc-discover-challenge/1",
-        "seed": result.seed,
-        "sha256": result.sha256,
-        "sessions": {
-            each.name: {
-                "truth": result.truth[each.name],
-                "verdict": result.said[each.name]["verdict"],
-                "score": vars(each) | {"kind": each.kind},
-            }
-            for each in result.scores
-        },
-        "totals": totals(result.scores),
-    }
+    return as_table("tinygc-discover-challenge/1", result, totals(result.scores))

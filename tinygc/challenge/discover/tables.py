@@ -8,13 +8,13 @@ from rich.table import Table
 from rich.text import Text
 
 from tinygc.challenge.cases import STRENGTHS
-from tinygc.challenge.discover.examination import LawExamination
 from tinygc.challenge.discover.score import FAR, WITH_LAW, WITHOUT_LAW, LawScore
+from tinygc.challenge.examination import Examination
 
 OTHERS = {"nothing": "nothing hidden", "catalogue": "an effect of the catalogue alone"}
 
 
-def law_tables(result: LawExamination) -> Group:
+def law_tables(result: Examination[LawScore]) -> Group:
     """What ``calibrate.py challenge --discover`` prints."""
     tables = [_by_strength(result.scores), _by_law(result.scores), _without(result.scores)]
     return Group(*[part for table in tables for part in (table, Text(""))], Text("\n".join(sentences(result.scores))))

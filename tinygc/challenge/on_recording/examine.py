@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from session.common.errors import DataError
-from tinygc.challenge.examine import OPENED, PROCESSES, SEALED, SESSIONS, explained, new_folder
+from tinygc.challenge.examination import SEALED, SESSIONS, asked_blind, opened
+from tinygc.challenge.examine import explained, new_folder
 from tinygc.challenge.on_recording.files import write_spoilt
 from tinygc.challenge.on_recording.inject import inject
 from tinygc.challenge.on_recording.power import Power, Tried, agreement, own_names, powers
@@ -61,13 +60,8 @@ def examine_recording(
     trials = draw_trials(seen_from, own, recording.has_temperature, count, seed)
     trials, closed = _write(recording, trials, folder, progress)
     announce(f"truth sealed, SHA-256 {closed.sha256}")
-    said: dict[str, dict] = {}
-    with ThreadPoolExecutor(PROCESSES) as pool:
-        for trial, result in zip(trials, pool.map(explained, [sessions / trial.name for trial in trials]), strict=True):
-            said[trial.name] = result
-            progress("explaining blind", len(said), len(trials))
-    (folder / OPENED).write_text(json.dumps(closed.open(), indent=1) + "\n", encoding="utf-8")
-    (folder / "said.json").write_text(json.dumps({UNTOUCHED: untouched} | said, indent=1) + "\n", encoding="utf-8")
+    said = asked_blind([sessions / trial.name for trial in trials], explained, "explaining blind", progress)
+    opened(folder, closed, {UNTOUCHED: untouched} | said)
     found = powers(trials, said, untouched)
     return OwnExamination(recording.session.name, seed, closed.sha256, untouched["verdict"], tuple(sorted(own)), found)
 

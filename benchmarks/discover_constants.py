@@ -17,7 +17,7 @@ from common import in_parallel, markdown, simulated
 from session.common.units import DEG
 from session.log.folder import read_session
 from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.judge.exact import exact
+from tinygc.discovery.judge.exact import Constants, exact
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.discovery.screen.sharpen import sharpened
 from tinygc.explanation.naming.search import rewhitened
@@ -53,9 +53,10 @@ def recovered(job: tuple[str, int]) -> tuple[float, ...]:
     have = evidence.of((law,), evidence.nothing)
     fit = rewhitened(evidence.nothing, have.whiten)
     sharp = sharpened(Form((factor,)), have.whiten, fit, Replay(evidence.twin, fit))
-    _, own, (sigma,) = exact(evidence, have, law)
+    have, own = exact(evidence, have, law)
+    form = evidence.forms[own.id]
+    (constant,), (sigma,) = form.constants, Constants.of(evidence.twin, have, own, form).sigmas(form)
     (linear,), (linear_sigma,) = sharp.form.constants, sharp.constants_sigma
-    (constant,) = evidence.forms[own.id].constants
     return (linear - true) / linear_sigma, linear_sigma / true, (constant - true) / sigma, sigma / true
 
 

@@ -8,7 +8,7 @@ from session.common.units import DEG
 from tinygc.discovery.grammar.as_effect import as_effect, columns_of
 from tinygc.discovery.grammar.form import Factor, Form
 from tinygc.discovery.grammar.some_movement import some_movement
-from tinygc.discovery.judge.exact import Constants, exact
+from tinygc.discovery.judge.exact import Constants, exact, one_step
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.explanation.twin.layout import claim_slice
 
@@ -49,24 +49,35 @@ def test_a_constant_is_recovered_with_its_uncertainty(twin_of, name):
     evidence = FormEvidence(twin_of(distort, segments=24)[0])
     law = evidence.effect_of(form)
     began = evidence.of((law,), evidence.nothing)
-    have, law, sigmas = exact(evidence, began, law)
-    (constant,), (sigma,) = evidence.forms[law.id].constants, sigmas
+    have, law = exact(evidence, began, law)
+    form = evidence.forms[law.id]
+    known = Constants.of(evidence.twin, have, law, form)
+    (constant,), (sigma,) = form.constants, known.sigmas(form)
     assert have.score < began.score - 10
     assert constant == pytest.approx(true, abs=3.5 * sigma)
     assert sigma < 0.1 * true
     part = claim_slice(have.fit.state.claims, 0)
     held = have.fit.covariance
-    wide = Constants.of(evidence.twin, have, law, evidence.forms[law.id]).widened(held)
+    wide = known.widened(held)
     theta, std = have.fit.state.claims[0].theta, np.sqrt(np.diag(wide))[part]
     assert np.all(np.abs(theta - size) < 4 * std)
     assert np.all(std > np.sqrt(np.diag(held))[part])
+
+
+def test_a_step_is_taken_where_it_promises_what_is_lacking(twin_of):
+    evidence = FormEvidence(twin_of(excess, segments=24)[0])
+    law = evidence.effect_of(LAWS["strong excess"][1])
+    have = evidence.of((law,), evidence.nothing)
+    assert one_step(evidence, have, law, 1e6) == (have, law)
+    assert one_step(evidence, have, law, 0.0)[0].score < have.score - 10
 
 
 def test_a_law_without_constants_stays_as_it_is(twin_of):
     evidence = FormEvidence(twin_of(soft, segments=24)[0])
     law = evidence.effect_of(Form((Factor("rate", "signed_root"),)))
     have = evidence.of((law,), evidence.nothing)
-    assert exact(evidence, have, law) == (have, law, ())
+    assert exact(evidence, have, law) == (have, law)
+    assert one_step(evidence, have, law, 0.0) == (have, law)
 
 
 @pytest.mark.parametrize(

@@ -103,8 +103,8 @@ def _told(progress: Callable[[str, int, int], None], step: int) -> Callable[[str
 def _exactly(evidence: FormEvidence, have: Hypothesis, found: Found) -> tuple[Hypothesis, Found]:
     """All laws of a hypothesis with their constants where it is most probable."""
     for law in [effect for effect in have.effects if effect.id in evidence.forms]:
-        have, own, sigmas = exact(evidence, have, law)
-        found = found.also(own, sigmas)
+        have, own = exact(evidence, have, law)
+        found = found.also(own)
     return have, found
 
 

@@ -23,8 +23,10 @@ from tinygc.explanation.twin.twin import Twin
 STEP = 0.01
 #: ln of a constant: a prior's sigma, as wide as any grid; and the farthest that one step goes
 LOOSE, FARTHEST = 1.0, 0.3
-#: steps, those of a form that is only weighed against others, and shares of a step that are tried
-STEPS, FEW_STEPS, SHARES = 6, 1, (1.0, 0.3)
+#: steps, and shares of one that are tried
+STEPS, SHARES = 6, (1.0, 0.3)
+#: of the residuals' squares, what a step is thought to leave at least
+LEAST_LEFT = 0.01
 #: sigmas: a step so short is the last
 ENOUGH = 0.1
 
@@ -33,12 +35,14 @@ ENOUGH = 0.1
 class Constants:
     """What one fit tells of the K constants of one of its laws, in ln of each.
 
-    step (K,): to where the linear columns are best; covariance (K, K): all else free; along (p, K): how the fit's parameters follow them.
+    step (K,): to where the linear columns are best; covariance (K, K): all else free; along (p, K): how the fit's parameters follow them;
+    worth: -2 log evidence that the step promises, the noise's size following what is left.
     """
 
     step: np.ndarray
     covariance: np.ndarray
     along: np.ndarray
+    worth: float
 
     @classmethod
     def of(cls, twin: Twin, have: Hypothesis, law: Effect, form: Form) -> Constants:
@@ -49,7 +53,8 @@ class Constants:
         information = moves.T @ moves - (moves.T @ fit.J) @ along + np.eye(moves.shape[1]) / LOOSE**2
         left = fit.r - fit.J @ (fit.covariance @ (fit.J.T @ fit.r))
         step = np.clip(-np.linalg.solve(information, moves.T @ left), -FARTHEST, FARTHEST)
-        return cls(step, np.linalg.inv(information), along)
+        rows, share = len(left), float(step @ information @ step) / max(float(left @ left), 1e-300)
+        return cls(step, np.linalg.inv(information), along, -rows * np.log(max(1 - share, LEAST_LEFT)))
 
     def sigmas(self, form: Form) -> tuple[float, ...]:
         """Of each constant, in its unit."""
@@ -60,32 +65,36 @@ class Constants:
         return covariance + self.along @ self.covariance @ self.along.T
 
 
-def exact(evidence: FormEvidence, have: Hypothesis, law: Effect, steps: int = STEPS) -> tuple[Hypothesis, Effect, tuple[float, ...]]:
-    """The hypothesis with a law's constants at their best, the law, and one sigma of each constant in its unit; steps: at most."""
-    form = evidence.forms[law.id]
-    if not form.constants:
-        return have, law, ()
-    known = Constants.of(evidence.twin, have, law, form)
-    for _ in range(steps):
+def exact(evidence: FormEvidence, have: Hypothesis, law: Effect) -> tuple[Hypothesis, Effect]:
+    """The hypothesis with a law's constants at their best, and the law."""
+    for _ in range(STEPS if evidence.forms[law.id].constants else 0):
+        known = Constants.of(evidence.twin, have, law, evidence.forms[law.id])
         if np.all(np.abs(known.step) < ENOUGH * np.sqrt(np.diag(known.covariance))):
             break
-        better = _stepped(evidence, have, law, form, known.step)
+        better = next((found for share in SHARES if (found := _stepped(evidence, have, law, share * known.step))), None)
         if better is None:
             break
         have, law = better
-        form = evidence.forms[law.id]
-        known = Constants.of(evidence.twin, have, law, form)
-    return have, law, known.sigmas(form)
+    return have, law
 
 
-def _stepped(evidence: FormEvidence, have: Hypothesis, law: Effect, form: Form, step: np.ndarray) -> tuple[Hypothesis, Effect] | None:
-    """A step, or a share of it, after which the recording is more probable, and the fit is believed."""
-    for share in SHARES:
-        other = evidence.effect_of(form.with_constants(form.constants * np.exp(share * step)))
-        trial = evidence.of(tuple(other if effect is law else effect for effect in have.effects), have)
-        if trial.score < have.score and believable(trial, have):
-            return trial, other
-    return None
+def one_step(evidence: FormEvidence, have: Hypothesis, law: Effect, lacking: float) -> tuple[Hypothesis, Effect]:
+    """The same after one step, where it promises what the hypothesis is lacking, -2 log evidence; else as it is."""
+    form = evidence.forms[law.id]
+    if not form.constants:
+        return have, law
+    known = Constants.of(evidence.twin, have, law, form)
+    if known.worth <= max(lacking, ENOUGH**2):
+        return have, law
+    return _stepped(evidence, have, law, known.step) or (have, law)
+
+
+def _stepped(evidence: FormEvidence, have: Hypothesis, law: Effect, step: np.ndarray) -> tuple[Hypothesis, Effect] | None:
+    """After a step, where the recording is more probable with it, and the fit is believed."""
+    form = evidence.forms[law.id]
+    other = evidence.effect_of(form.with_constants(form.constants * np.exp(step)))
+    trial = evidence.of(tuple(other if effect is law else effect for effect in have.effects), have)
+    return (trial, other) if trial.score < have.score and believable(trial, have) else None
 
 
 def _moves(twin: Twin, have: Hypothesis, law: Effect, form: Form, replay: Replay) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from tinygc.discovery.judge.added import added, beside_calibration, correlation
 from tinygc.discovery.judge.believable import believable
-from tinygc.discovery.judge.exact import FEW_STEPS, exact
+from tinygc.discovery.judge.exact import one_step
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.effects import Effect
 from tinygc.explanation.naming.evidence import Hypothesis
@@ -54,7 +54,8 @@ def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[E
             if not believable(weighed, best):
                 continue
             if other.id in evidence.forms:  # the law's own constants are as good as can be: so must be a rival's
-                weighed, other, _ = exact(evidence, weighed, other, FEW_STEPS)
+                lacking = min(weighed.score - best.score, evidence.unpriced(weighed) - fits) - STAND_IN
+                weighed, other = one_step(evidence, weighed, other, lacking)
             hypothesis = weighed
             alike = correlation(own, whole_added(evidence.twin, hypothesis))
         found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, alike))

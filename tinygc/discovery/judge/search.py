@@ -10,7 +10,7 @@ import numpy as np
 from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.judge.believable import believable
-from tinygc.discovery.judge.exact import FEW_STEPS, exact
+from tinygc.discovery.judge.exact import one_step
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.discovery.screen.screening import Screening, screened
 from tinygc.discovery.screen.sharpen import sharpened_in
@@ -35,16 +35,15 @@ Trial = tuple[float, Effect, Hypothesis]
 @dataclass(frozen=True, eq=False)
 class Found:
     """best: the hypothesis with a form more, or None; screening: of all forms; tried: effects of forms that were weighed in its place, the
-    best first, each with the sigmas of its constants."""
+    best first."""
 
     best: Hypothesis | None
     screening: Screening
     tried: list[Effect]
-    constants_sigma: dict[str, tuple[float, ...]]
 
-    def also(self, law: Effect, sigmas: tuple[float, ...]) -> Found:
+    def also(self, law: Effect) -> Found:
         """With a law whose constants have been refitted."""
-        return replace(self, tried=[law, *self.tried], constants_sigma={**self.constants_sigma, law.id: sigmas})
+        return replace(self, tried=[law, *self.tried])
 
 
 def with_a_form(
@@ -58,13 +57,11 @@ def with_a_form(
     progress("sharpening the best forms")
     trials: list[Trial] = []
     promised: dict[str, float] = {}
-    sigmas: dict[str, tuple[float, ...]] = {}
     for number, (base, _) in enumerate(whitens):
         for at in _first_of_each_shape(forms, screening.promise[number]):
             sharp = sharpened_in(forms[at], screening.all_responses, screening.all_looks[number])
             effect = evidence.effect_of(sharp.form)
             promised[effect.id] = float(screening.tested[at])
-            sigmas[effect.id] = sharp.constants_sigma
             trials.append((evidence.guess(base, add=effect).score, effect, base))
     trials.sort(key=lambda trial: trial[0])
     progress("refitting the best forms exactly")
@@ -73,7 +70,7 @@ def with_a_form(
     best = min(refitted, key=lambda h: h.score, default=None)
     sharper = dict.fromkeys(effect for have in refitted for effect in have.effects if effect.id in evidence.forms)
     tried = dict.fromkeys([*sharper, *(effect for _, effect, _ in trials)])
-    return Found(best, screening, list(tried), sigmas)
+    return Found(best, screening, list(tried))
 
 
 def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, float]) -> list[Hypothesis]:
@@ -84,7 +81,8 @@ def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, f
     def refit(effect: Effect, base: Hypothesis) -> None:
         weighed = evidence.of((*base.effects, effect), base)
         if believable(weighed, base):
-            found.append(exact(evidence, weighed, effect, FEW_STEPS)[0])
+            best = min((have.score for have in found), default=weighed.score)
+            found.append(one_step(evidence, weighed, effect, weighed.score - best)[0])
 
     for score, effect, base in trials[:MOST_TRIED]:
         if len(found) >= MOST_EXACT or (found and score > trials[0][0] + NEAR):

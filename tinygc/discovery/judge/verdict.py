@@ -146,7 +146,7 @@ def _on_all(explanation: Explanation, searched: Searched) -> _Whole:
     names = [effect for effect in searched.best.effects if effect not in searched.laws]
     have = evidence.of((*names, *laws), evidence.nothing)
     for number, law in enumerate(laws):
-        have, laws[number], _ = exact(evidence, have, law)
+        have, laws[number] = exact(evidence, have, law)
     return _Whole(evidence, have, laws)
 
 

@@ -101,6 +101,30 @@ def test_gains_are_those_of_the_catalogues_ranking(seen):
         assert screening.gain[0, number] == pytest.approx(np.sum((basis.T @ r) ** 2), rel=1e-3, abs=1e-3)
 
 
+@pytest.mark.parametrize("rows", [None, np.r_[0:20, 30:60]], ids=["all", "some rows"])
+def test_a_look_is_what_a_dense_projection_makes_of_it(seen, rows):
+    """Whitening by a full matrix, and the nuisance taken out by I - q q': lengths and scalar products are the same to rounding."""
+    fit = seen.law(8)
+    look = Look(seen.twin, seen.whiten, fit, rows)
+    rows = np.arange(len(fit.r)) if rows is None else rows
+    whitening = np.linalg.inv(np.linalg.cholesky(seen.whiten.covariance[np.ix_(rows, rows)]))
+    q = orthonormal(whitening @ seen.whiten.back(fit.J)[rows])
+    project = (np.eye(len(rows)) - q @ q.T) @ whitening
+    columns = seen.responses.columns(Form((Factor("rate", "size"),), "full"))[rows]
+    columns = columns / np.linalg.norm(columns, axis=0)
+    recorded = seen.whiten.back(fit.r)[rows]
+    expected, free = project @ columns, look.seen(columns)
+    assert look.free == len(rows) - q.shape[1] == len(free)
+    largest = np.abs(expected.T @ expected).max()
+    assert np.allclose(free.T @ free, expected.T @ expected, rtol=0, atol=1e-9 * largest)
+    assert np.allclose(free.T @ look.residual, expected.T @ (project @ recorded), rtol=1e-9)
+    # As one matrix, single precision: those rows first, then those along the nuisance, which have the rest of the length.
+    dense = look.matrix()
+    assert dense.dtype == np.float32
+    assert np.allclose(dense[: look.free] @ columns, free, rtol=0, atol=1e-5 * np.abs(free).max())
+    assert np.allclose(np.linalg.norm(dense @ columns, axis=0), np.linalg.norm(look.whitened(columns), axis=0), rtol=1e-5)
+
+
 def test_a_law_that_is_put_in_promises_most(seen):
     theta = np.array([3.0, -2.0, 2.5]) * DEG
     screening = seen.screened(seen.law(3, ROOT_CUBE, theta))

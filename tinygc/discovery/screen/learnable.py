@@ -93,7 +93,7 @@ def _rivals(screening: Screening, probe: int) -> np.ndarray:
     rank = screening.rank[-1]
     expected = promise(RIVALS_AT * screening.shares[:, probe].astype(float) + rank, rank, screening.price)
     expected[rank == 0] = -np.inf
-    return np.argsort(-expected)[:NEAR_PROBE]
+    return np.argsort(-expected, kind="stable")[:NEAR_PROBE]
 
 
 def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, look: Look) -> dict[int, _Form]:

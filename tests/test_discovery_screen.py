@@ -12,6 +12,7 @@ from session.common.units import DEG
 from tinygc.discovery.grammar.as_effect import as_effect
 from tinygc.discovery.grammar.enumeration import enumerated
 from tinygc.discovery.grammar.form import PATTERNS, Factor, Form
+from tinygc.discovery.judge.parts import without
 from tinygc.discovery.screen import spread
 from tinygc.discovery.screen.chance import Chance
 from tinygc.discovery.screen.learnable import learnable, learnable_from
@@ -21,9 +22,12 @@ from tinygc.discovery.screen.responses import Responses
 from tinygc.discovery.screen.screening import screened
 from tinygc.discovery.screen.sharpen import sharpened
 from tinygc.discovery.screen.weighing import FAINT
+from tinygc.effects import signals
 from tinygc.explanation.naming.selection import left_of, orthonormal
+from tinygc.explanation.twin import thinned
 from tinygc.explanation.twin.refit import refit
 from tinygc.explanation.twin.replay import Replay
+from tinygc.explanation.twin.twin import Twin
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 ROOT_CUBE = Form((Factor("rate", "root_cube"),))
@@ -245,6 +249,19 @@ def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
     best = every.order[:20]
     assert np.allclose(some.promise[:, best], every.promise[:, best], rtol=1e-3, atol=1e-3)
     assert some.order[0] == every.order[0]
+
+
+def test_a_memory_is_the_same_in_a_part_of_a_long_session(seen, monkeypatch):
+    """Turns that are put away stay sample by sample: a play that they moved would stand elsewhere if they were means over a second."""
+    monkeypatch.setattr(thinned, "LONG", 0)
+    problem = seen.twin.problem
+    held = np.arange(len(problem.used)) % 6 < 2
+    whole, part = Twin(problem), Twin(without(problem, held))
+    assert len(part.segments) < len(whole.segments)
+    there, here = (twin.movements[0] for twin in (whole, part))
+    assert len(there.t_s) < len(problem.logs[0].samples)
+    np.testing.assert_array_equal(here.t_s, there.t_s)
+    np.testing.assert_array_equal(signals.play(here.rate, 0.5), signals.play(there.rate, 0.5))
 
 
 def test_a_sign_of_the_rate_says_nothing_of_rests(seen):

@@ -88,8 +88,8 @@ def timed(folder: Path, count: int, looks: int) -> dict:
     distinct = step("forms that differ", lambda: screening.distinct)
     step("same as the best", lambda: screening.same_as(best))
     step("sharpening five", lambda: [screening.sharpened(forms[number]) for number in screening.order[:5]])
-    step("learnable", lambda: learnable(screening))
-    step("learnable from", lambda: learnable_from(screening, best, np.full(best.size, 1e-3)))
+    step("learnable", lambda: learnable(screening, 0.01))
+    step("learnable from", lambda: learnable_from(screening, best, np.full(best.size, 1e-3), 0.01))
     more_mb = peak_memory_mb() - before_mb
     return {"seconds": seconds, "memory_mb": more_mb, "distinct": distinct, "products": int(screening.sizes.sum()), "best": repr(best)}
 

@@ -1,6 +1,6 @@
 """How long all forms take to be screened, step by step, and how it grows with segments and forms.
 
-    python benchmarks/discover_speed.py [--segments 20 40 80 160] [--forms 5000 10000 20000 40000] [--looks 2]
+    python benchmarks/discover_speed.py [--segments 20 40 120 500 1000] [--forms 5000 10000 20000 40000] [--looks 2]
 
 Each session hides a law that no catalogue has, the root of the rate's cube.  Each runs in a fresh process of one thread; the times are its
 CPU seconds, as in ``explain_speed.py``, and the memory is its largest, beside what the twin alone had taken.  Forms are drawn from the
@@ -88,8 +88,8 @@ def timed(folder: Path, count: int, looks: int) -> dict:
     distinct = step("forms that differ", lambda: screening.distinct)
     step("same as the best", lambda: screening.same_as(best))
     step("sharpening five", lambda: [screening.sharpened(forms[number]) for number in screening.order[:5]])
-    step("learnable", lambda: learnable(screening))
-    step("learnable from", lambda: learnable_from(screening, best, np.full(best.size, 1e-3)))
+    step("learnable", lambda: learnable(screening, 0.01))
+    step("learnable from", lambda: learnable_from(screening, best, np.full(best.size, 1e-3), 0.01))
     more_mb = peak_memory_mb() - before_mb
     return {"seconds": seconds, "memory_mb": more_mb, "distinct": distinct, "products": int(screening.sizes.sum()), "best": repr(best)}
 
@@ -119,7 +119,7 @@ def growth(title: str, sizes: list[int], results: list[dict]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--segments", type=int, nargs="*", default=[20, 40, 80, 160])
+    parser.add_argument("--segments", type=int, nargs="*", default=[20, 40, 120, 500, 1000])
     parser.add_argument("--forms", type=int, nargs="*", default=[5000, 10000, 20000, 40000])
     parser.add_argument("--looks", type=int, default=2, help="hypotheses beside which forms are looked for")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)

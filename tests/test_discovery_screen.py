@@ -1,6 +1,7 @@
 """All forms by their linear columns: the twin's own columns, laws that are put in, chance, and what could have been learnt."""
 
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -12,6 +13,10 @@ from session.common.units import DEG
 from tinygc.discovery.grammar.as_effect import as_effect
 from tinygc.discovery.grammar.enumeration import enumerated
 from tinygc.discovery.grammar.form import PATTERNS, Factor, Form
+from tinygc.discovery.grammar.largest import largest_of
+from tinygc.discovery.judge import discover as judge
+from tinygc.discovery.judge.added import beside_calibration as rate_beside_calibration
+from tinygc.discovery.judge.parts import without
 from tinygc.discovery.screen import spread
 from tinygc.discovery.screen.chance import Chance
 from tinygc.discovery.screen.learnable import learnable, learnable_from
@@ -21,9 +26,15 @@ from tinygc.discovery.screen.responses import Responses
 from tinygc.discovery.screen.screening import screened
 from tinygc.discovery.screen.sharpen import sharpened
 from tinygc.discovery.screen.weighing import FAINT
+from tinygc.effects import signals
 from tinygc.explanation.naming.selection import left_of, orthonormal
+from tinygc.explanation.twin import thinned
 from tinygc.explanation.twin.refit import refit
 from tinygc.explanation.twin.replay import Replay
+from tinygc.explanation.twin.twin import Twin
+from tinygc.explanation.verdict.explain import explain_session
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.write import write_session
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 ROOT_CUBE = Form((Factor("rate", "root_cube"),))
@@ -101,15 +112,39 @@ def test_gains_are_those_of_the_catalogues_ranking(seen):
         assert screening.gain[0, number] == pytest.approx(np.sum((basis.T @ r) ** 2), rel=1e-3, abs=1e-3)
 
 
+@pytest.mark.parametrize("rows", [None, np.r_[0:20, 30:60]], ids=["all", "some rows"])
+def test_a_look_is_what_a_dense_projection_makes_of_it(seen, rows):
+    """Whitening by a full matrix, and the nuisance taken out by I - q q': lengths and scalar products are the same to rounding."""
+    fit = seen.law(8)
+    look = Look(seen.twin, seen.whiten, fit, rows)
+    rows = np.arange(len(fit.r)) if rows is None else rows
+    whitening = np.linalg.inv(np.linalg.cholesky(seen.whiten.covariance[np.ix_(rows, rows)]))
+    q = orthonormal(whitening @ seen.whiten.back(fit.J)[rows])
+    project = (np.eye(len(rows)) - q @ q.T) @ whitening
+    columns = seen.responses.columns(Form((Factor("rate", "size"),), "full"))[rows]
+    columns = columns / np.linalg.norm(columns, axis=0)
+    recorded = seen.whiten.back(fit.r)[rows]
+    expected, free = project @ columns, look.seen(columns)
+    assert look.free == len(rows) - q.shape[1] == len(free)
+    largest = np.abs(expected.T @ expected).max()
+    assert np.allclose(free.T @ free, expected.T @ expected, rtol=0, atol=1e-9 * largest)
+    assert np.allclose(free.T @ look.residual, expected.T @ (project @ recorded), rtol=1e-9)
+    # As one matrix, single precision: those rows first, then those along the nuisance, which have the rest of the length.
+    dense = look.matrix()
+    assert dense.dtype == np.float32
+    assert np.allclose(dense[: look.free] @ columns, free, rtol=0, atol=1e-5 * np.abs(free).max())
+    assert np.allclose(np.linalg.norm(dense @ columns, axis=0), np.linalg.norm(look.whitened(columns), axis=0), rtol=1e-5)
+
+
 def test_a_law_that_is_put_in_promises_most(seen):
     theta = np.array([3.0, -2.0, 2.5]) * DEG
     screening = seen.screened(seen.law(3, ROOT_CUBE, theta))
     best = screening.order[0]
     assert seen.forms[best] == ROOT_CUBE
     assert screening.chance_p(screening.tested[best]) < 1e-6
-    factor = learnable_from(screening, ROOT_CUBE, theta)
+    factor = learnable_from(screening, ROOT_CUBE, theta, 0.01)
     assert factor is not None
-    assert factor < 1
+    assert factor < 2
 
 
 def test_chance_is_uniform_on_noise_that_it_has_not_seen(seen, null):
@@ -169,22 +204,58 @@ def test_constants_are_sharpened_within_their_sigma(seen):
 
 def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen, null):
     theta = np.array([1.0, 1.0, -1.0]) * DEG
-    one, two = (learnable_from(null, ROOT_CUBE, size * theta) for size in (1, 2))
+    one, two = (learnable_from(null, ROOT_CUBE, size * theta, 0.01) for size in (1, 2))
     assert two == pytest.approx(one / 2, rel=0.05)
 
 
 @pytest.mark.slow
 def test_what_is_said_to_be_learnable_is(seen, null):
-    """Of fresh noise, the law on top and above chance in most cases at twice the size that is said, in few at 0.6 of it."""
+    """Of fresh noise, the law on top and above chance in most cases at 1.2 times the size that is said, in few at 0.3 of it."""
     theta = np.array([1.0, 1.0, -1.0]) * DEG
-    size = learnable_from(null, ROOT_CUBE, theta)
+    size = learnable_from(null, ROOT_CUBE, theta, 0.05)
     found = {}
-    for share in (0.6, 2.0):
+    for share in (0.3, 1.2):
         top = [seen.screened(seen.law(seed, ROOT_CUBE, share * size * theta), draws=1) for seed in range(50, 55)]
         says = [each for each in top if each.tested.max() > max(null.chance.level(0.05), 0)]
         found[share] = sum(_says(seen, seen.forms[each.order[0]], theta) for each in says)
-    assert found[0.6] <= 1
-    assert found[2.0] >= 4
+    assert found[0.3] <= 1
+    assert found[1.2] >= 4
+
+
+#: few enough for a whole search in a second or so; one plain law of the rate, which is then the probe
+FEW = [
+    Form((Factor("rate", "square"),)),
+    Form((Factor("rate"), Factor("rate")), "next"),
+    *(Form((Factor(name, "square"),)) for name in ("acceleration", "force", "time")),
+    Form((Factor("force", "square"),), "full"),
+    Form((Factor("rate_size"), Factor("rate"))),
+]
+
+
+def _squared(t_s, rate, force, temp_c, size=0.0):
+    """size: of what it adds at 1 rad/s."""
+    return rate + size * rate**2
+
+
+@pytest.mark.slow
+def test_the_whole_judge_says_a_law_of_the_size_that_is_learnable(tmp_path, monkeypatch):
+    """Screening, refit, the untouched third and the refusals: at 1.5 times the size that a session with nothing in it names, and at 0.6."""
+    monkeypatch.setattr(judge, "enumerated", lambda largest: FEW)
+
+    def explained(name, size):
+        chosen = SimulationOptions(segments=24, closure_s=0.0, seed=3, odr_hz=104.0)
+        return explain_session(write_session(chosen, tmp_path / name, distort=partial(_squared, size=size)))
+
+    nothing = explained("nothing", 0.0)
+    answer = judge.discover(nothing)
+    assert answer.verdict == "none"
+    (movement,) = nothing.twin.movements
+    unit = rate_beside_calibration(movement.rate**2, [movement])
+    size = answer.learnable["rate"] / np.sqrt(np.mean(unit**2))
+    large, small = (judge.discover(explained(f"{share}", share * size)) for share in (1.5, 0.6))
+    assert large.verdict in ("found", "ambiguous")
+    assert FEW[0] in [form for law in large.laws for form in (law.form, *law.same)]
+    assert small.verdict != "found"
 
 
 def _says(seen, form, theta):
@@ -195,10 +266,16 @@ def _says(seen, form, theta):
 
 
 def test_what_could_have_been_found_of_each_quantity(seen, null):
-    sizes = learnable(null)
+    sizes = learnable(null, 0.01)
     assert {"rate", "rate_size", "force", "acceleration"} <= set(sizes)
     assert all(size is None or 1e-5 < size / DEG < 5 for size in sizes.values())
-    dearer = learnable(replace(null, price=null.price + 30))
+    strict = learnable(null, 0.01, 503.0)
+    assert all(strict[name] is None or strict[name] >= size for name, size in sizes.items() if size is not None)
+    # A chi-square of 503, of which 95 % have more: (sqrt(503) + 1.645)^2.
+    shown = {probe.quantity: probe.rms for probe in null.probes}
+    least = [size / shown[name] for name, size in strict.items() if size is not None]
+    assert min(least) == pytest.approx(np.sqrt(503) + 1.645, abs=0.6)
+    dearer = learnable(replace(null, price=null.price + 30), 0.01)
     grown = [(dearer[name] or np.inf) / size for name, size in sizes.items() if size is not None]
     # Where a rival is all that stands in the way, the price of both does not matter.
     assert min(grown) > 0.97
@@ -221,6 +298,30 @@ def test_a_long_session_is_screened_by_part_of_its_turns(seen, monkeypatch):
     best = every.order[:20]
     assert np.allclose(some.promise[:, best], every.promise[:, best], rtol=1e-3, atol=1e-3)
     assert some.order[0] == every.order[0]
+
+
+def test_a_temperature_that_is_missing_is_not_asked_for_and_a_single_row_says_nothing(seen):
+    (movement,) = seen.twin.movements
+    every = largest_of([movement])
+    unknown = replace(movement, temp_c=np.full(len(movement.t_s), np.nan))
+    known = {name: size for name, size in every.items() if "temperature" not in name}
+    assert largest_of([unknown]) == known | {"temperature": 0.0, "temperature_rate": 0.0}
+    row = replace(movement, **{name: getattr(movement, name)[:1] for name in ("t_s", "rate", "force_g", "temp_c", "vibration_g2")})
+    assert largest_of([movement, row]) == every
+    assert not any(largest_of([row]).values())
+
+
+def test_a_memory_is_the_same_in_a_part_of_a_long_session(seen, monkeypatch):
+    """Turns that are put away stay sample by sample: a play that they moved would stand elsewhere if they were means over a second."""
+    monkeypatch.setattr(thinned, "LONG", 0)
+    problem = seen.twin.problem
+    held = np.arange(len(problem.used)) % 6 < 2
+    whole, part = Twin(problem), Twin(without(problem, held))
+    assert len(part.segments) < len(whole.segments)
+    there, here = (twin.movements[0] for twin in (whole, part))
+    assert len(there.t_s) < len(problem.logs[0].samples)
+    np.testing.assert_array_equal(here.t_s, there.t_s)
+    np.testing.assert_array_equal(signals.play(here.rate, 0.5), signals.play(there.rate, 0.5))
 
 
 def test_a_sign_of_the_rate_says_nothing_of_rests(seen):

@@ -16,7 +16,14 @@ LEAST_VIBRATION_G2 = 1e-6
 
 
 def largest_of(movements: Sequence[Movement]) -> dict[str, float]:
-    """Quantity -> its largest finite size over all logs; 0 where it is missing in one, or varies too little."""
+    """Quantity -> its largest finite size over all logs of two rows or more; 0 where it is missing in one, or varies too little.
+
+    Readers refuse a reading that is no number, so a temperature is missing in a whole log or nowhere.  It is then not asked for, as
+    ``candidates`` asks no effect of the catalogue; ``learnable`` says of it that no law would be found.
+    """
+    movements = [movement for movement in movements if len(movement.t_s) > 1]
+    if not movements:
+        return dict.fromkeys(QUANTITIES, 0.0)
     return {name: _largest(quantity, movements) for name, quantity in QUANTITIES.items()}
 
 

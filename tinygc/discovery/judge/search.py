@@ -96,7 +96,7 @@ def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, f
 def _first_of_each_shape(forms: Sequence[Form], promise: np.ndarray) -> list[int]:
     """Numbers of the most promising forms, of those that differ by their constants alone the first."""
     found: dict[Form, int] = {}
-    for number in np.argsort(-promise):
+    for number in np.argsort(-promise, kind="stable"):
         if promise[number] <= 0 or len(found) >= MOST_SHARPENED:
             break
         found.setdefault(forms[number].shape, int(number))

@@ -16,7 +16,7 @@ from tinygc.discovery.judge.added import EQUAL
 from tinygc.discovery.judge.answer import Beside, Discovery, HeldOut, Law, RunnerUp
 from tinygc.discovery.judge.axes import differing
 from tinygc.discovery.judge.exact import Constants, exact
-from tinygc.discovery.judge.refusal import ALL_OF_IT, MOST_OF_IT, taken
+from tinygc.discovery.judge.refusal import ALL_OF_IT, CHANCE, MOST_OF_IT, taken
 from tinygc.discovery.judge.rivals import Rival, rivals
 from tinygc.discovery.judge.search import Found
 from tinygc.discovery.judge.searched import Searched
@@ -33,6 +33,8 @@ from tinygc.explanation.verdict.readable import readable
 #: chi-square that a law must take up to be told from any other whose added rate correlates less than EQUAL with its own: that much of it
 #: the other would leave, whether the grammar can say the other or not
 DECISIVE = STAND_IN / (1 - EQUAL**2)
+#: sigmas, one-sided, that a chi-square's root is below its mean in one case of twenty: what ``learnable.SURE`` of cases have
+SURE_SIGMAS = 1.645
 #: runners-up that are told
 MOST_RUNNERS_UP = 4
 
@@ -69,7 +71,9 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
         beside = f", beside {', '.join(name.id for name in names)}" if names else ""
         none = f"refitted exactly{beside}, no form makes the recording as much more probable as its description costs"
         why = _too_little(searched, share) or searched.why or none
-        limits = learnable(first)
+        # Of chi-square, what the turns that are screened have of it.
+        screened = len(first.responses.segments) / len(explanation.twin.segments)
+        limits = learnable(first, CHANCE, DECISIVE * screened)
         return Discovery("none", why, (), names, learnable=limits, **common)
     progress("rivals")
     judged = [_judged(searched, law) for law in searched.laws]
@@ -165,7 +169,7 @@ def _law(searched: Searched, judged: _Judged, whole: _Whole, number: int) -> Law
     covariance = (held if constants is None else constants.widened(held))[part, part]
     sigmas = () if constants is None else constants.sigmas(form)
     gain = float(theta @ np.linalg.solve(held[part, part], theta))
-    shown = learnable_from(judged.round.screening, form, theta, searched.best.whiten)
+    shown = learnable_from(judged.round.screening, form, theta, CHANCE, searched.best.whiten)
     name = f"{FORM}{what(form)}" + (f"_{number + 1}" if number and what(form) == what(_form_of(searched, 0)) else "")
     effect = as_effect(form, name, rms_of(form, evidence.twin.movements), equation(form))
     return Law(
@@ -181,7 +185,7 @@ def _law(searched: Searched, judged: _Judged, whole: _Whole, number: int) -> Law
         judged.held_out,
         _same(judged, evidence),
         tuple(_runner_up(evidence, rival) for rival in judged.others[:MOST_RUNNERS_UP]),
-        None if shown is None else max(shown, float(np.sqrt(DECISIVE / gain))),
+        None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + SURE_SIGMAS) / np.sqrt(gain))),
     )
 
 

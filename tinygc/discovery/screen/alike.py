@@ -65,9 +65,9 @@ def basis_of(form: Form, responses: Responses, look: Look) -> np.ndarray:
 
 def seen_basis(columns: np.ndarray, look: Look) -> np.ndarray:
     """(m, r) orthonormal, of stacked columns (n, P)."""
-    turned = look.matrix @ columns
-    length = np.linalg.norm(turned, axis=0)
-    return orthonormal(turned[: look.free, length > 0] / length[length > 0], FAINT, scaled=False)
+    whitened = look.whitened(columns)
+    length = np.linalg.norm(whitened, axis=0)
+    return orthonormal(look.free_of(whitened[:, length > 0] / length[length > 0]), FAINT, scaled=False)
 
 
 def alike(
@@ -80,7 +80,7 @@ def alike(
     own = np.sum((basis.T @ look.free_of(noise[:, : marks.shape[1]])) ** 2, axis=0)
     distance = np.mean((marks - own) ** 2, axis=1)
     near = np.flatnonzero((rank == basis.shape[1]) & (distance < SLACK * NEAR))
-    near = near[np.argsort(distance[near])][:MOST_CLOSE]
+    near = near[np.argsort(distance[near], kind="stable")][:MOST_CLOSE]
     return [number for number in near.tolist() if overlap(basis, basis_of(forms[number], responses, look)) > SAME]
 
 

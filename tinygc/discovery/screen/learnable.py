@@ -9,6 +9,7 @@ import numpy as np
 
 from session.common.units import DEG
 from tinygc.discovery.grammar.form import Form
+from tinygc.discovery.grammar.quantities import QUANTITIES
 from tinygc.discovery.screen.alike import basis_of
 from tinygc.discovery.screen.looks import Look
 from tinygc.discovery.screen.passing import passed
@@ -16,11 +17,10 @@ from tinygc.discovery.screen.plan import planned
 from tinygc.discovery.screen.responses import Responses
 from tinygc.discovery.screen.screening import Screening
 from tinygc.discovery.screen.weighing import promise, seen_directions
-from tinygc.explanation.naming.selection import FAMILY_WISE
 from tinygc.explanation.twin.whitening import Whitener
 
-#: draws of noise that a law is put into: half of them is then known to a tenth
-DRAWS = 32
+#: draws of noise that a law is put into, and the share of them that must show it: nineteen of twenty, which is then known to 3 %
+DRAWS, SURE = 64, 0.95
 #: a form has found the law if it can say so much of its response, squared: correlation 0.99
 SAID = 0.98
 #: forms that may stand in a law's place: those that promise most here, or have its quantities; and those that say most of a plain law's
@@ -44,12 +44,12 @@ class _Form:
     own: bool = False
 
 
-def learnable_from(screening: Screening, form: Form, theta: np.ndarray, whiten: Whitener | None = None) -> float | None:
-    """Factor on a law's size, theta (P,) in rad/s, from which this search would have found it in half of all cases; None: not at any.
+def learnable_from(screening: Screening, form: Form, theta: np.ndarray, chance: float, whiten: Whitener | None = None) -> float | None:
+    """Factor on a law's size, theta (P,) in rad/s, from which this search would find it in 95 % of all cases; None: not at any.
 
-    Found is a law where the best of all forms is it, or says what it adds to a correlation of 0.99, and chance does as much in one case of
-    twenty.  Linear, beside the last look; whiten: the noise as it is where the law is named: without the name it stands in for the law.
-    The form has the price of those of the screening that differ from it by constants alone.
+    Found is a law where the best of all forms is it, or says what it adds to a correlation of 0.99, and noise alone does as much in no
+    more than the share ``chance`` of searches.  Linear, beside the last look; whiten: the noise as it is where the law is named: without
+    the name it stands in for the law.  The form has the price of those of the screening that differ from it by constants alone.
     """
     responses, look = screening.all_responses, screening.all_looks[-1]
     look = look if whiten is None else look.with_noise(whiten)
@@ -60,22 +60,23 @@ def learnable_from(screening: Screening, form: Form, theta: np.ndarray, whiten: 
     near = np.union1d(screening.order[:NEAR_LAW], _kin(screening, form))
     own = _Form(basis, screening.price_of(form), own=True)
     forms = [own, *_forms(screening, near, responses, look).values()]
-    trial = _Trial(screening, look, look.whitened(response), look.seen(response), forms, 0)
+    trial = _Trial(screening, look, look.whitened(response), look.seen(response), forms, 0, chance)
     return _threshold(trial, 1 / MOST_FACTOR, MOST_FACTOR)
 
 
-def learnable(screening: Screening) -> dict[str, float | None]:
-    """Of each quantity, the size from which a plain law of it would have been found: rad/s rms of what it adds beside a calibration; None:
-    at no plausible size.  The law is that of one function of the quantity, the same for each axis, that shows best (``probes``)."""
+def learnable(screening: Screening, chance: float, least: float = 0.0) -> dict[str, float | None]:
+    """Of each quantity, the size from which a plain law of it would be found in 95 % of all cases, as ``learnable_from`` has it, and takes
+    up ``least`` of chi-square: rad/s rms of what it adds beside a calibration.  None: at no plausible size, as of a quantity that is not
+    there.  The law is that of one function of the quantity, the same for each axis, that shows best (``probes``)."""
+    found: dict[str, float | None] = dict.fromkeys(QUANTITIES)
     responses, look = screening.responses, screening.looks[-1]
     near = [_rivals(screening, number) for number in range(len(screening.probes))]
     if not near:
-        return {}
+        return found
     forms = _forms(screening, np.unique(np.concatenate(near)), responses, look)
-    found: dict[str, float | None] = {}
     for number, (probe, own) in enumerate(zip(screening.probes, near, strict=True)):
         some = [forms[rival] for rival in own.tolist() if rival in forms]
-        trial = _Trial(screening, look, probe.whitened, probe.unit, some, 1 + number)
+        trial = _Trial(screening, look, probe.whitened, probe.unit, some, 1 + number, chance, least)
         factor = _threshold(trial, LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms)
         found[probe.quantity] = None if factor is None else factor * probe.rms
     return found
@@ -93,7 +94,7 @@ def _rivals(screening: Screening, probe: int) -> np.ndarray:
     rank = screening.rank[-1]
     expected = promise(RIVALS_AT * screening.shares[:, probe].astype(float) + rank, rank, screening.price)
     expected[rank == 0] = -np.inf
-    return np.argsort(-expected)[:NEAR_PROBE]
+    return np.argsort(-expected, kind="stable")[:NEAR_PROBE]
 
 
 def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, look: Look) -> dict[int, _Form]:
@@ -109,9 +110,19 @@ def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, look
 class _Trial:
     """A law's response, whitened (n,) and free (m,), among forms; noise is drawn anew, the same for every size."""
 
-    def __init__(self, screening: Screening, look: Look, whitened: np.ndarray, free: np.ndarray, forms: Sequence[_Form], number: int):
+    def __init__(
+        self,
+        screening: Screening,
+        look: Look,
+        whitened: np.ndarray,
+        free: np.ndarray,
+        forms: Sequence[_Form],
+        number: int,
+        chance: float,
+        least: float = 0.0,
+    ):
         generator = np.random.default_rng([screening.seed, number])
-        self._look, self._level = look, max(screening.chance.level(FAMILY_WISE), 0.0)
+        self._look, self._level, self._least = look, max(screening.chance.level(chance), 0.0), least
         self._law, self._noise = look.beside(whitened), look.beside(generator.standard_normal((len(whitened), DRAWS)))
         # What all other forms would have made of noise.
         self._others = generator.choice(screening.drawn, DRAWS)
@@ -124,13 +135,14 @@ class _Trial:
         self._says = (said > SAID) | np.array([form.own for form in forms])
 
     def found(self, factor: float) -> bool:
-        """Whether half of the draws show the law at this many times its size."""
+        """Whether ``SURE`` of the draws show the law at this many times its size."""
         gains = np.add.reduceat((factor * self._along_law[:, None] + self._along_noise) ** 2, self._starts, axis=0)
         scatter = self._look.scatters(factor * self._law[:, None] + self._noise)
         tested = promise(self._look.studentised(gains, self._rank, scatter), self._rank, self._price)
         best = np.argmax(tested, axis=0)
         ahead = tested[best, np.arange(DRAWS)] > np.maximum(self._others, self._level)
-        return bool(np.mean(self._says[best] & ahead) >= 0.5)
+        enough = gains[best, np.arange(DRAWS)] >= self._least
+        return bool(np.mean(self._says[best] & ahead & enough) >= SURE)
 
 
 def _threshold(trial: _Trial, least: float, most: float) -> float | None:

@@ -1,7 +1,7 @@
 """A look: the channels as one hypothesis sees them, its noise white, its calibration and its names taken out.
 
-Whitening and taking out are one matrix: rows that are orthogonal to the nuisance first, then those along it, which are asked for the
-columns' whole length alone.
+What is taken out is p directions of n.  Householder's reflections turn them onto the first p axes, so that the other n - p coordinates are
+what is beside them: n p numbers, where a basis of the rest is n^2 of them, and n^3 of work.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tinygc.discovery.screen.weighing import FAINT
 from tinygc.explanation.naming.selection import UNSEEN, orthonormal
 from tinygc.explanation.twin.refit import Refit
 from tinygc.explanation.twin.twin import Twin
@@ -36,14 +35,11 @@ class Look:
         else:
             own = whiten.only(rows)
             r, J, allowances = own(whiten.back(r)), own(whiten.back(J)), own(whiten.back(allowances))
+        self._own = own
         self.q = orthonormal(J)
         n, p = self.q.shape
-        complement = np.linalg.qr(np.concatenate([self.q, np.eye(n)], axis=1))[0][:, p:]
-        self._whitening = own(np.eye(total))[:, rows]
-        #: (n, rows): the first ``free`` rows see what the nuisance leaves
-        self.matrix = np.concatenate([complement, self.q], axis=1).T @ self._whitening
         self.free = n - p
-        self._complement = complement
+        self._reflections = _reflections(self.q)
         beside = np.concatenate([_unit(J), _unit(allowances)], axis=1)
         self._wide, self._scale_rows = orthonormal(beside, UNSEEN), known[rows]
         #: directions that tell the noise's scale
@@ -56,21 +52,36 @@ class Look:
         twin, own, fit, rows = self._made_of
         return Look(twin, whiten, replace(fit, r=whiten(own.back(fit.r)), J=whiten(own.back(fit.J))), rows)
 
+    def matrix(self) -> np.ndarray:
+        """(n, rows) single precision: whitening and turning as one, for many columns; the first ``free`` rows see what the nuisance leaves.
+
+        Made where it is asked for and kept by nobody: of a thousand turns 150 MB.
+        """
+        turned = self._turned(self._own.matrix())
+        return np.concatenate([turned[len(turned) - self.free :], turned[: len(turned) - self.free]], dtype=np.float32, casting="same_kind")
+
     def free_of(self, whitened: np.ndarray) -> np.ndarray:
         """(free, …) of whitened channels (n, …), beside the nuisance."""
-        return self._complement.T @ whitened
+        return self._turned(whitened)[len(whitened) - self.free :]
 
     def seen(self, stacked: np.ndarray) -> np.ndarray:
         """(free, …) of stacked channels (n, …)."""
-        return self.matrix[: self.free] @ stacked
+        return self.free_of(self.whitened(stacked))
 
     def whitened(self, stacked: np.ndarray) -> np.ndarray:
         """(n, …) of stacked channels (n, …)."""
-        return self._whitening @ stacked
+        return self._own.own(stacked)
 
-    def least_seen(self, stacked: np.ndarray) -> float:
-        """Length below which what the nuisance leaves of stacked channels (n,) is not seen."""
-        return FAINT * float(np.linalg.norm(self.matrix @ stacked))
+    def _turned(self, whitened: np.ndarray) -> np.ndarray:
+        """(n, …) of whitened channels (n, …): first along the nuisance, then beside it."""
+        from scipy.linalg.lapack import dormqr
+
+        factored, tau = self._reflections
+        columns = np.asfortranarray(whitened.reshape(len(whitened), -1))
+        if not columns.shape[1] or not len(tau):
+            return whitened
+        room = int(dormqr("L", "T", factored, tau, columns, -1)[1][0])
+        return dormqr("L", "T", factored, tau, columns, room)[0].reshape(whitened.shape)
 
     def beside(self, whitened: np.ndarray) -> np.ndarray:
         """Whitened channels (n, …) without what the nuisance takes of them."""
@@ -90,6 +101,16 @@ class Look:
         rank = np.minimum(rank, self.free / 2).reshape(-1, *(1,) * (gain.ndim - 1))
         share = gain / (np.asarray(scatter) * self.free / self.freedom)
         return -(self.free - (rank + 2) / 2) * np.log(np.maximum(1 - share, LEAST_LEFT))
+
+
+def _reflections(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Householder's, that turn orthonormal columns (n, p) onto the first p axes, as LAPACK keeps them: (n, p) and (p,)."""
+    from scipy.linalg.lapack import dgeqrf
+
+    if not q.shape[1]:
+        return q, np.zeros(0)
+    factored, tau, *_ = dgeqrf(q)
+    return factored, tau
 
 
 def _unit(columns: np.ndarray) -> np.ndarray:

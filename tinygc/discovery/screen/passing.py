@@ -35,7 +35,7 @@ def passed(
     plan: Plan, responses: Responses, looks: Sequence[Look], targets: Sequence[np.ndarray], progress: Progress = lambda what, done, of: None
 ) -> Iterator[Passed]:
     """Every form that is not zero or no number throughout, beside each look; targets (m, T): of each look."""
-    matrices = [look.matrix.astype(np.float32) for look in looks]
+    matrices = [look.matrix() for look in looks]
     goals = [each.astype(np.float32) for each in targets]
     order = np.lexsort([plan.wiring, plan.partner, plan.hub])
     keys = plan.hub[order] * len(plan.factors) + plan.partner[order]

@@ -11,6 +11,7 @@ from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.screen.looks import Look
 from tinygc.discovery.screen.responses import Responses
 from tinygc.discovery.screen.values import Values
+from tinygc.discovery.screen.weighing import FAINT
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +34,14 @@ def probes_of(forms: Sequence[Form], responses: Responses, look: Look) -> tuple[
         if others or form.constants or form.pattern != "each":
             continue
         response = responses.columns(form).sum(axis=1)
-        free = look.seen(response)
+        whitened = look.whitened(response)
+        free = look.free_of(whitened)
         length = float(np.linalg.norm(free))
-        if not length > look.least_seen(response):  # or no number
+        if not length > FAINT * float(np.linalg.norm(whitened)):  # or no number
             continue
         rms = beside_calibration(form, np.ones(form.size), responses.values) / length
         if factor.quantity not in best or rms < best[factor.quantity].rms:
-            best[factor.quantity] = Probe(factor.quantity, form, look.whitened(response) / length, free / length, rms)
+            best[factor.quantity] = Probe(factor.quantity, form, whitened / length, free / length, rms)
     return tuple(best.values())
 
 

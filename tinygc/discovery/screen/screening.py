@@ -135,7 +135,7 @@ def screened(
     work = _Work(plan, price(bits, plan.sizes), seen, noise, probes)
     work.over(plan, responses, progress)
     if part is not None:
-        best = np.argsort(-work.promise.max(axis=0))[:FINALISTS]
+        best = np.argsort(-work.promise.max(axis=0), kind="stable")[:FINALISTS]
         some = planned([forms[number] for number in best])
         final = _Work(some, work.price[best], all_looks, np.zeros((every.channels, 0)), ())
         final.over(some, every, progress)

@@ -47,7 +47,7 @@ def docstring(law: Law, where: Where) -> str:
     for number, other in enumerate(law.runners_up[:MOST]):
         parts[f"Else{' ' * number}"] = _runner_up(other)
     if law.learnable_from is not None:
-        parts["Learnable"] = f"the search would have found it in that recording from {law.learnable_from:.2g} of its size"
+        parts["Learnable"] = f"in 19 of 20 draws of noise the search finds it in that recording from {law.learnable_from:.2g} of its size"
     first = f"A law found in a recording.  {in_words(law.form)}"
     lines = ["\n".join(wrap(first, WIDTH)), ""]
     for name, text in parts.items():

@@ -139,10 +139,10 @@ def held_out_words(each: dict) -> str:
 
 
 def learnable_words(factor: float) -> str:
-    """From what size on this search would have found the law here."""
+    """From what size on this search finds the law here (``learnable.SURE``)."""
     if factor <= 1:
-        return f"this search would have found it here from {factor:.2g} of its size on"
-    return f"this search would have found it here without fail only from {factor:.2g} times its size on"
+        return f"in 19 of 20 draws of noise this search finds it here from {factor:.2g} of its size on"
+    return f"in 19 of 20 draws of noise this search finds it here only from {factor:.2g} times its size on"
 
 
 def runner_up_words(each: dict) -> str:
@@ -163,7 +163,7 @@ def _learnable(learnable: dict) -> str:
     blind = [_quantity(name) for name, each in learnable.items() if each["size_dps"] is None]
     known.sort(key=lambda pair: pair[1])
     said = ", ".join(f"{name} from {size:.2g}" for name, size in known[:MOST_LEARNABLE])
-    lines = [f"a law of one quantity alone would have been found from so many dps rms on: {said}"] if known else []
+    lines = [f"a law of one quantity alone would be found in 19 of 20 such recordings from so many dps rms on: {said}"] if known else []
     return "; ".join(lines + ([f"not at all here: {', '.join(blind)}"] if blind else []))
 
 

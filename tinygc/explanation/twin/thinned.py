@@ -17,6 +17,7 @@ from session.log.samples import Samples
 from tinygc.effects import Conditions, Movement, movement_of
 from tinygc.problem.conditions import conditions
 from tinygc.problem.problem import Problem
+from tinygc.problem.rejections import LEFT_OUT
 
 #: rows of a session from which on it is thinned: an hour and more at 208 Hz
 LONG = 1_000_000
@@ -110,7 +111,9 @@ def thinned(problem: Problem) -> tuple[Problem, list[Thinning] | None]:
     thinnings, logs = [], []
     moved: dict[int, Still] = {}
     for number, log in enumerate(problem.logs):
-        own = Thinning(_edges(log.samples, log.stills, [s for s in problem.used if s.log == number]))
+        # Turns that were put away count: a memory is then the same in a part of the session as in the whole.
+        turns = [s for s in problem.segments if s.log == number and s.problem in (None, LEFT_OUT)]
+        own = Thinning(_edges(log.samples, log.stills, turns))
         stills = [replace(still, start=own.row(still.start), stop=own.row(still.stop - 1) + 1) for still in log.stills]
         moved |= {id(before): after for before, after in zip(log.stills, stills, strict=True)}
         bridges = tuple(replace(bridge, row=own.row(bridge.row)) for bridge in log.bridges)
@@ -135,7 +138,7 @@ def movement_in(problem: Problem, seen: Problem, thinnings: list[Thinning] | Non
 
 
 def _edges(samples: Samples, stills: list[Still], segments: list[Segment]) -> np.ndarray:
-    """(M + 1,): every row of the used segments, the ends of every still, and a row a second between."""
+    """(M + 1,): every row of these segments, the ends of every still, and a row a second between."""
     count, beside = len(samples), round(BESIDE_S / samples.period_s)
     edge = np.zeros(count + 1, dtype=bool)
     edge[:: max(1, round(TOGETHER_S / samples.period_s))] = True

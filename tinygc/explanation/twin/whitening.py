@@ -15,7 +15,7 @@ import numpy as np
 
 from session.common.units import MG
 from tinygc.attitude import rotation
-from tinygc.closure.triangular import solve_lower
+from tinygc.closure.triangular import inverse_lower, solve_lower
 from tinygc.explanation.twin.twin import Twin
 
 #: what a MEMS accelerometer of this class wanders by within minutes; bounds what the length of gravity can tell.  Generous: lengths are
@@ -49,7 +49,15 @@ class Whitener:
 
     def __call__(self, stacked: np.ndarray) -> np.ndarray:
         """Rows of unit variance, uncorrelated."""
-        return solve_lower(self._factor, stacked[self._rows])
+        return self.own(stacked[self._rows])
+
+    def own(self, rows: np.ndarray) -> np.ndarray:
+        """The same of the rows that are looked at, alone (``only``)."""
+        return solve_lower(self._factor, rows)
+
+    def matrix(self) -> np.ndarray:
+        """(n, n) ``own`` as a matrix: lower triangular, made anew each time."""
+        return inverse_lower(self._factor)
 
     def back(self, whitened: np.ndarray) -> np.ndarray:
         """The stacked channels (n,) or (n, m) that are whitened so."""

@@ -21,6 +21,7 @@ from tinygc import closure, explain
 from tinygc.closure.residual import Batch
 from tinygc.discovery.grammar.as_effect import as_effect
 from tinygc.discovery.grammar.form import Factor, Form
+from tinygc.discovery.grammar.words import in_words
 from tinygc.discovery.told.constants import constants_of
 from tinygc.discovery.told.device_code import device_code
 from tinygc.discovery.told.effect_file import written
@@ -28,6 +29,7 @@ from tinygc.discovery.told.evidence_text import Where
 from tinygc.discovery.told.fits import pairs_of
 from tinygc.discovery.told.next_step import best_trial
 from tinygc.discovery.told.page import discovery_page
+from tinygc.discovery.told.terms import terms_of
 from tinygc.discovery.told.told import Told
 from tinygc.effects import FoundAt, StageC, load_folder, using
 from tinygc.effects.testing import check
@@ -343,3 +345,43 @@ def test_a_law_too_strong_to_be_undone_says_so_in_its_file():
     assert "Undoing" in (text := written(law_of(form, [9.0, -8.0, 9.0]), Where("here", full_scale_dps=500.0)))
     assert "30 passes of substitution do not take it off" in " ".join(text.split())
     assert "Undoing" not in written(law_of(form, [0.5, -0.4, 0.6]), Where("here", full_scale_dps=500.0))
+
+
+def test_each_number_of_a_matrix_says_which_axis_it_adds_to_and_which_it_follows(e):
+    lines = lines_of(Told(e, found(law_of(*LAWS["matrix"]))).table)
+    rows = [line.split(": ")[-1].strip() for line in lines if " ← " in line]
+    assert [row.split(" ± ")[0] for row in rows] == ["x ← x 0.1000", "y ← x 0.0500", "z ← x -0.03000"]
+    assert all("   y " in row and "   z " in row for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("form", "some"),
+    [
+        (Form((Factor("force", "wave", 0.5), Factor("rate")), "cross"), {0: "x ← y cos", 3: "x ← z sin", 4: "y ← z cos"}),
+        (Form((Factor("rate"), Factor("force")), "leant"), {1: "x ← y", 8: "z ← z"}),
+        (Form((Factor("world"),)), {0: "x ← x 1", 5: "y ← y 3"}),
+        (Form((Factor("temperature", "wave", 5.0),)), {0: "x ← cos", 1: "x ← sin"}),
+        (Form((Factor("rate"),)), {0: "x", 2: "z"}),
+    ],
+)
+def test_terms_stand_in_the_order_of_the_numbers(form, some):
+    terms = terms_of(form)
+    assert len(terms) == form.size == len(set(terms))
+    assert {number: terms[number] for number in some} == some
+
+
+def test_what_an_equation_abbreviates_is_said_where_it_is_printed_and_nothing_else(e):
+    clipped = runner_up(Form((Factor("rate", "within", 0.1),)))
+    lines = lines_of(Told(e, found(told_law(runners_up=(clipped,)))).table)
+    (said,) = [line for line in lines if line.startswith("in these equations: ")]
+    assert said == "in these equations: clip(x, ±c) = x held within ±c"
+    assert "dz(x, c) = x beyond ±c" in next(line for line in lines if line.startswith("discovered."))
+    assert not [line for line in lines_of(Told(e, found(law_of(*LAWS["cross"]))).table) if line.startswith("in these equations")]
+
+
+def test_a_lag_of_a_neighbour_is_said_beside_it():
+    words = in_words(Form((Factor("rate", "itself", None, 0.124), Factor("force")), "next"))
+    assert words == (
+        "The error of each axis is proportional to the rate of the next axis (through a first-order lag of 0.124 s), "
+        "times the specific force of the one after that (after x comes y, after y z, after z x)."
+    )

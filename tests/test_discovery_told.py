@@ -385,3 +385,12 @@ def test_a_lag_of_a_neighbour_is_said_beside_it():
         "The error of each axis is proportional to the rate of the next axis (through a first-order lag of 0.124 s), "
         "times the specific force of the one after that (after x comes y, after y z, after z x)."
     )
+
+
+def test_a_file_in_the_place_of_the_effects_folder_is_said_before_the_search(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(library, "explain_session", lambda *words, **settings: pytest.fail("the search had begun"))
+    (tmp_path / "effects").write_text("mine", encoding="utf-8")
+    assert calibrate.main(["explain", str(folder), "--discover", "--out", str(tmp_path)]) == 2
+    assert f"{tmp_path / 'effects'}: that is no folder" in (said := capsys.readouterr().err)
+    assert said.count("\n") == 1
+    assert (tmp_path / "effects").read_text(encoding="utf-8") == "mine"

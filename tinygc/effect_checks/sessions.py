@@ -11,6 +11,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from session.common.units import DEG, G
 from session.log.folder import read_session
+from session.sensor.registers import require_profile
 from tinygc.effect_checks.report import NotChecked
 from tinygc.effect_checks.scene import middle_value, random_theta
 from tinygc.effects import AppliedEffect, Effect, Movement
@@ -40,6 +41,8 @@ from tinygc.simulation.write import config_text, write_files
 SEGMENTS, ODR_HZ, WARM_UP_C = 16, 208.0, 10.0
 #: a hand is no faster than so many times the usual one, and begins within these degC
 MOST_VIGOUR, FIRST_C = 4.0, (-30.0, 80.0)
+#: of the full scale to which an effect's constants belong, the least that the simulated sensor has: it may be another sensor's
+RANGE_WITHIN = 0.95
 #: rms in g of each axis, and its band: in every other turn, where an effect follows vibration
 VIBRATION_G, VIBRATION_HZ = 0.4, (20.0, 45.0)
 
@@ -102,7 +105,9 @@ def _setting(effect: Effect) -> dict[str, Any]:
     full_scale_dps = effect.found_at.fs_rps / DEG
     vigour = float(np.clip(full_scale_dps / SimulationOptions.gyro_fs_dps, 1 / MOST_VIGOUR, MOST_VIGOUR))
     first_c = float(np.clip(effect.found_at.first_temp_c, *FIRST_C))
-    return {"gyro_fs_dps": full_scale_dps, "vigour": vigour, "temperature_start_c": first_c}
+    ranges = sorted(require_profile(SimulationOptions.sensor).gyro or [])
+    own = next((one for one in ranges if one > RANGE_WITHIN * full_scale_dps), ranges[-1])
+    return {"gyro_fs_dps": own, "vigour": vigour, "temperature_start_c": first_c}
 
 
 @dataclass(frozen=True, eq=False)

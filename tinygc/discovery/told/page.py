@@ -49,7 +49,7 @@ def discovery_page(explained: dict) -> Group:
         lines += [Text(""), *_law(law)]
     if table["laws"]:
         lines.append(Text(""))
-        lines += [one_line(f"in these equations: {short}")] if (short := _abbreviated(table)) else []
+        lines += [one_line(f"in these equations: {short}")] if (short := abbreviated(table)) else []
         lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["beside"]]
     elif table["forms"]:
         # Names without a law are those of a part of the recording, which nothing has proved: the explanation above has named its own.
@@ -79,7 +79,7 @@ def _law(law: dict) -> list[Text]:
     if law["learnable_from"] is not None:
         lines.append(one_line(f"  {learnable_words(law['learnable_from'])}"))
     if law["same_here"]:
-        lines.append(Text(f"  the same in this recording: {_listed([briefly(text) for text in law['same_here']], MOST_SAME)}", "yellow"))
+        lines.append(Text(f"  the same in this recording: {same_words(law)}", "yellow"))
     lines += [Text(f"  could else be: {runner_up_words(each)}", "yellow") for each in law["runners_up"][:MOST_RUNNERS_UP]]
     if law["file"]:
         lines.append(one_line(f"  written as {law['file']}"))
@@ -93,7 +93,7 @@ def number_lines(law: dict) -> list[str]:
         rows = values if values and isinstance(values[0], list) else [values]
         spreads = law["std"][name] if rows is values else [law["std"][name]]
         rows, spreads = _by_axis(rows, spreads)
-        heads = _heads(rows, law["terms"])
+        heads = _heads(rows, law.get("terms", []))
         for row, spread, labels in zip(rows, spreads, heads, strict=True):
             numbers = "   ".join(f"{label}{measured(*each)}" for label, *each in zip(labels, row, spread, strict=True))
             head = f"{name}: " if name == law["unit"] else f"{name} ({law['unit']}): "
@@ -122,7 +122,7 @@ def _heads(rows: list, terms: list[str]) -> list[list[str]]:
     return heads
 
 
-def _abbreviated(table: dict) -> str:
+def abbreviated(table: dict) -> str:
     """What the page's equations abbreviate and do not say themselves."""
     said = [law["equation"] for law in table["laws"]]
     others = [text for law in table["laws"] for text in (*law["same_here"][:MOST_SAME], *(each["equation"] for each in law["runners_up"]))]
@@ -166,6 +166,11 @@ def learnable_words(factor: float) -> str:
     if factor <= 1:
         return f"this search would have found it here from {factor:.2g} of its size on"
     return f"this search would have found it here without fail only from {factor:.2g} times its size on"
+
+
+def same_words(law: dict) -> str:
+    """Forms that this recording cannot tell from a law."""
+    return _listed([briefly(text) for text in law["same_here"]], MOST_SAME)
 
 
 def runner_up_words(each: dict) -> str:

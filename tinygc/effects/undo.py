@@ -20,7 +20,7 @@ SETTLED_RPS = 1e-10
 #: steps of one row, one half of the other, that come no nearer
 MOST_HALVES = 4
 #: of a step, what it must have changed to say something of the slope
-TOLD = 0.05
+TOLD, LEAST_TOLD = 0.05, 1e-28
 
 
 def substituted(measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray], passes: int | None = None) -> np.ndarray:
@@ -51,7 +51,8 @@ def _until_settled(measured: np.ndarray, movement: Movement, added: Callable[[Mo
     for _ in range(MOST_PASSES):
         missing = measured - added(movement.with_rate(rate)) - rate
         off = np.abs(missing).max(axis=1, initial=0.0)
-        nearer = off < least
+        # What is done stays as it is: a row's answer does not hang on how long another takes.
+        nearer = (off < least) & (least >= SETTLED_RPS) & (since < MOST_HALVES)
         since = np.where(nearer, 0, since + 1)
         if np.isfinite(least).any():
             inverse = np.where(nearer[:, None, None], _learned(inverse, step, left - missing), np.eye(3))
@@ -62,14 +63,15 @@ def _until_settled(measured: np.ndarray, movement: Movement, added: Callable[[Mo
             break
         step = np.einsum("nij,nj->ni", inverse, left) * 0.5 ** np.maximum(since - 1, 0)[:, None]
         rate = found + step
-    return found
+    # One more substitution costs nothing where it is known already, and takes off what is smaller than ``SETTLED_RPS``, too.
+    return np.where((least < SETTLED_RPS)[:, None], found + left, found)
 
 
 def _learned(inverse: np.ndarray, step: np.ndarray, answer: np.ndarray) -> np.ndarray:
     """The inverse slopes (N, 3, 3) once steps (N, 3) changed what they are of by ``answer`` (N, 3); as before where that says nothing."""
     expected = np.einsum("nij,nj->ni", inverse, answer)
     along = np.einsum("ni,ni->n", step, expected)
-    told = np.abs(along) > TOLD * np.einsum("ni,ni->n", step, step)
+    told = np.abs(along) > np.maximum(TOLD * np.einsum("ni,ni->n", step, step), LEAST_TOLD)
     share = np.divide(1.0, along, out=np.zeros_like(along), where=told)
     backward = np.einsum("ni,nij->nj", step, inverse)
     return inverse + share[:, None, None] * (step - expected)[:, :, None] * backward[:, None, :]

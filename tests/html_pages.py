@@ -6,7 +6,7 @@ import calibrate
 
 QUICK = ("--methods", "raw,least_squares", "--no-explain", "--quiet")
 WHOLE = ("--methods", "raw,raw_bias_removed,least_squares", "--quiet")
-VOID = {"meta", "link", "br"}
+VOID = {"meta", "link", "br", "img"}
 
 
 def report_of(folder, out, *arguments):

@@ -64,3 +64,8 @@ def test_excluded_numbers_stand_with_commas_and_may_be_repeated(arguments, expec
 @pytest.mark.parametrize("text", ["", "3 4", "-1", "3,,4", "three", "1_0"])
 def test_excluded_numbers_that_are_none_are_refused(run, text):
     refused(run("fit", "folder", f"--exclude={text}"), "--exclude", "no list of segment numbers")
+
+
+def test_an_effect_without_its_parameters_is_said_with_what_is_expected(run, tmp_path):
+    asked = "'gyro.thermal_bias' is an effect without its parameters; give ID=JSON such as 'gyro.thermal_bias={"
+    refused(run("simulate", "--out", tmp_path / "s", "--effect", "gyro.thermal_bias"), asked)

@@ -109,3 +109,12 @@ def test_laws_of_every_kind_have_a_page(warm, name):
     assert len(bars) == (len(panels) // 2 if name == "warm rate" else 0)
     begins = {"matrix": "specific force along", "warm rate": "rate about", "lag": "what the law says"}
     assert panels[0].get_xlabel().startswith(begins[name])
+
+
+def test_the_edges_of_a_dead_zone_are_drawn_and_said_once(tmp_path):
+    e = explain_session(hidden("dead zone", tmp_path / "zone"))
+    figure = figure_of(e, answer := found(law_of(*LAWS["dead zone"])), pairs_of(e, answer))
+    (left, *_) = figure.axes
+    edges = [line for line in left.lines if line.get_linestyle() == ":"]
+    assert sorted(line.get_xdata()[0] for line in edges) == pytest.approx([-50.0, 50.0])
+    assert [text for text in left.get_legend_handles_labels()[1] if text.startswith("width")] == ["width ±50 dps"]

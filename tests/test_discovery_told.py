@@ -20,16 +20,12 @@ from session.files.results import json_text
 from tinygc import closure, explain
 from tinygc.closure.residual import Batch
 from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.told.constants import constants_of
-from tinygc.discovery.told.device_code import device_code
-from tinygc.discovery.told.effect_file import written
-from tinygc.discovery.told.evidence_text import Where
+from tinygc.discovery.grammar.words import in_words
 from tinygc.discovery.told.fits import pairs_of
 from tinygc.discovery.told.next_step import best_trial
 from tinygc.discovery.told.page import discovery_page
+from tinygc.discovery.told.terms import terms_of
 from tinygc.discovery.told.told import Told
-from tinygc.effects import StageC, load_folder, using
-from tinygc.effects.testing import check
 from tinygc.explanation.verdict.explain import explain_session
 from tinygc.library import explain as library
 from tinygc.library.text import as_text
@@ -253,42 +249,50 @@ def test_degrees_and_radians(e):
     assert law["held_out"][0]["before_deg"] == pytest.approx(DECIDED.before_rad / DEG)
 
 
-RATE, WARMTH = Factor("rate"), Factor("temperature")
-#: laws that a device can undo: of each axis, with constants of two quantities, of neighbours, and matrices
-ON_A_DEVICE = {
-    "temperature": Form((WARMTH,)),
-    "beyond both": Form((Factor("rate", "excess", 0.3), Factor("temperature", "dead_zone", 2.0))),
-    "two clippings": Form((Factor("rate", "within", 0.2), Factor("rate", "dead_zone", 0.1)), "leant"),
-    "another threshold": Form((Factor("rate", "excess", 0.3),)),
-    "next": Form((Factor("rate", "size_cube"), RATE), "next"),
-    "matrix": Form((Factor("rate", "size"), WARMTH), "full"),
-}
-
-
-@pytest.mark.parametrize("name", ON_A_DEVICE)
-def test_a_law_of_sums_and_products_has_c_that_does_what_the_law_says(name, tmp_path):
-    """The C is its NumPy bit for bit, and in single precision what the effect corrects."""
-    form = ON_A_DEVICE[name]
-    dps = np.random.default_rng(3).uniform(0.3, 1.0, form.size)
-    (tmp_path / "law.py").write_text(written(law_of(form, dps), Where("here")), encoding="utf-8")
-    with using([]):
-        (effect,) = load_folder(tmp_path)
-        assert isinstance(effect.device, StageC)
-        report = check(effect, parts=("c",), value=None if effect.scan is None else 0.15)
-    assert report.ok, str(report)
+def test_each_number_of_a_matrix_says_which_axis_it_adds_to_and_which_it_follows(e):
+    lines = lines_of(Told(e, found(law_of(*LAWS["matrix"]))).table)
+    rows = [line.split(": ")[-1].strip() for line in lines if " ← " in line]
+    assert [row.split(" ± ")[0] for row in rows] == ["x ← x 0.1000", "y ← x 0.0500", "z ← x -0.03000"]
+    assert all("   y " in row and "   z " in row for row in rows)
 
 
 @pytest.mark.parametrize(
-    ("form", "why"),
+    ("form", "some"),
     [
-        (Form((Factor("force"), RATE)), "samples belong that are yet to come"),
-        (Form((Factor("rate", "beyond", 0.1),)), "a reading may belong to two rates"),
-        (Form((Factor("rate", "root"),)), "last bits differ"),
-        (Form((Factor("temperature", "itself", None, 2.0),)), "lag"),
-        (Form((Factor("sense"),)), "from the beginning"),
+        (Form((Factor("force", "wave", 0.5), Factor("rate")), "cross"), {0: "x ← y cos", 3: "x ← z sin", 4: "y ← z cos"}),
+        (Form((Factor("rate"), Factor("force")), "leant"), {1: "x ← y", 8: "z ← z"}),
+        (Form((Factor("world"),)), {0: "x ← x 1", 5: "y ← y 3"}),
+        (Form((Factor("temperature", "wave", 5.0),)), {0: "x ← cos", 1: "x ← sin"}),
+        (Form((Factor("rate"),)), {0: "x", 2: "z"}),
     ],
 )
-def test_a_law_without_c_says_why(form, why):
-    code = device_code(form, constants_of(form), "law").source
-    assert code.startswith("NoC(")
-    assert why in code
+def test_terms_stand_in_the_order_of_the_numbers(form, some):
+    terms = terms_of(form)
+    assert len(terms) == form.size == len(set(terms))
+    assert {number: terms[number] for number in some} == some
+
+
+def test_what_an_equation_abbreviates_is_said_where_it_is_printed_and_nothing_else(e):
+    clipped = runner_up(Form((Factor("rate", "within", 0.1),)))
+    lines = lines_of(Told(e, found(told_law(runners_up=(clipped,)))).table)
+    (said,) = [line for line in lines if line.startswith("in these equations: ")]
+    assert said == "in these equations: clip(x, ±c) = x held within ±c"
+    assert "dz(x, c) = x beyond ±c" in next(line for line in lines if line.startswith("discovered."))
+    assert not [line for line in lines_of(Told(e, found(law_of(*LAWS["cross"]))).table) if line.startswith("in these equations")]
+
+
+def test_a_lag_of_a_neighbour_is_said_beside_it():
+    words = in_words(Form((Factor("rate", "itself", None, 0.124), Factor("force")), "next"))
+    assert words == (
+        "The error of each axis is proportional to the rate of the next axis (through a first-order lag of 0.124 s), "
+        "times the specific force of the one after that (after x comes y, after y z, after z x)."
+    )
+
+
+def test_a_file_in_the_place_of_the_effects_folder_is_said_before_the_search(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(library, "explain_session", lambda *words, **settings: pytest.fail("the search had begun"))
+    (tmp_path / "effects").write_text("mine", encoding="utf-8")
+    assert calibrate.main(["explain", str(folder), "--discover", "--out", str(tmp_path)]) == 2
+    assert f"{tmp_path / 'effects'}: that is no folder" in (said := capsys.readouterr().err)
+    assert said.count("\n") == 1
+    assert (tmp_path / "effects").read_text(encoding="utf-8") == "mine"

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 from commandline import spoil
@@ -17,6 +19,7 @@ from session.common.version import VERSION
 from tinygc.fitting.accelerometer import triad_errors
 from tinygc.models.field_parameters import scale_factor_errors
 from tinygc.report.first_look_text import findings_table, verdict_line
+from tinygc.report.fit_text import next_line
 
 
 def printed(renderable) -> list[str]:
@@ -151,3 +154,15 @@ def test_quiet_keeps_a_verdict(run, folder):
 
 def test_quiet_says_nothing_where_a_file_is_the_result(run, folder):
     assert run("fit", folder, "--methods", "least_squares", "--quiet") == (0, "", "")
+
+
+def test_what_fit_says_to_run_next_has_the_effects_that_it_was_given(tmp_path):
+    def says(*effects):
+        goodness = SimpleNamespace(excess=2.0)
+        result = SimpleNamespace(session=SimpleNamespace(folder=Path("s")), file_to_use="m.json", goodness=goodness, noise=None)
+        return next_line(result, effects).plain
+
+    assert says() == "next: calibrate.py explain s"
+    assert (
+        says(Path("one/explain/effects"), Path("my own")) == "next: calibrate.py explain s --effects one/explain/effects --effects 'my own'"
+    )

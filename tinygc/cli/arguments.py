@@ -150,11 +150,15 @@ def effect_parameters(text: str) -> tuple[str, dict]:
 
     name, sign, value = text.partition("=")
     example = """such as 'gyro.thermal_bias={"dps_per_c": [0.01, 0, -0.02]}'"""
+    if not sign:
+        raise argparse.ArgumentTypeError(
+            f"{text[:80]!r} is an effect without its parameters; give ID=JSON {example}, with the names and units of docs/formats.md"
+        )
     try:
         parameters = read_json_text(value, name)
     except FormatError as error:
         raise argparse.ArgumentTypeError(f"{error}; expected ID=JSON {example}") from None
-    if not sign or not name.strip() or not isinstance(parameters, dict):
+    if not name.strip() or not isinstance(parameters, dict):
         raise argparse.ArgumentTypeError(f"{text[:80]!r} is no ID=JSON {example}")
     return name.strip(), parameters
 

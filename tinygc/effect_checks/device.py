@@ -18,8 +18,8 @@ from tinygc.deploy.embedded.source import FLAGS, SOURCE, source_files
 from tinygc.deploy.embedded.stage import Inputs
 from tinygc.effect_checks.live import RATE_HZ
 from tinygc.effect_checks.report import NotChecked, Wrong
-from tinygc.effect_checks.scene import FULL_SCALE, Trial, log
-from tinygc.effects import NoC
+from tinygc.effect_checks.scene import Trial, log
+from tinygc.effects import FoundAt, NoC
 
 RANDOM = 2000
 #: of the rate, or of 1 rad/s
@@ -35,7 +35,7 @@ def c(trial: Trial) -> str:
         return f"none: {code.why}"
     model = trial.model()
     chosen = program(model)
-    samples = _samples()
+    samples = _samples(trial.at)
     inputs = Inputs.of(samples.gyro, samples.accel, samples.temp_c)
     single = chosen.run(inputs)
     if single.dtype != np.float32 or single.shape != (len(samples), 3):
@@ -52,13 +52,13 @@ def c(trial: Trial) -> str:
     return f"its C is its NumPy bit for bit over {len(samples)} samples, and within {off:.2g} of correct"
 
 
-def _samples() -> Samples:
+def _samples(at: FoundAt) -> Samples:
     """A hand's movement, then readings that have nothing to do with one another."""
-    moved, rng = log(RATE_HZ), np.random.default_rng(0)
+    moved, rng = log(RATE_HZ, at), np.random.default_rng(0)
     assert moved.temp_c is not None  # as ``log`` makes it
-    rate, force = rng.uniform(-FULL_SCALE, FULL_SCALE, (RANDOM, 3)), 9.8 * rng.normal(size=(RANDOM, 3))
+    rate, force = rng.uniform(-at.fs_rps, at.fs_rps, (RANDOM, 3)), 9.8 * rng.normal(size=(RANDOM, 3))
     stamps = moved.t_ns[-1] + np.rint(np.arange(1, RANDOM + 1) * (NS_PER_S / RATE_HZ)).astype(np.int64)
-    temp_c = np.concatenate([moved.temp_c, rng.uniform(10, 40, RANDOM)])
+    temp_c = np.concatenate([moved.temp_c, at.first_temp_c + rng.uniform(-15, 15, RANDOM)])
     t_ns, gyro, accel = (np.concatenate(pair) for pair in ((moved.t_ns, stamps), (moved.gyro, rate), (moved.accel, force)))
     return Samples(t_ns, gyro, accel, temp_c)
 

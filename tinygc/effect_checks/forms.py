@@ -19,7 +19,7 @@ ROUNDING = 1e-12
 
 def columns(trial: Trial) -> str:
     """Against finite differences of ``distort`` at zero: for a rate effect; none for what bends something else."""
-    effect, moved = trial.effect, movement(FINE_HZ, 10.0)
+    effect, moved = trial.effect, movement(FINE_HZ, trial.at, 10.0)
     size = effect.parameter.size
     found = effect.columns(effect.shown(moved))
     if np.shape(found) != (*moved.rate.shape, size):
@@ -41,7 +41,7 @@ def columns(trial: Trial) -> str:
 
 def undo(trial: Trial) -> str:
     """``correct`` gives the true rate back, and does nothing without parameters."""
-    effect, moved = trial.effect, movement(USUAL_HZ, 10.0)
+    effect, moved = trial.effect, movement(USUAL_HZ, trial.at, 10.0)
     if effect.kind != "rate":
         raise NotChecked(f"of kind {effect.kind}: it is not undone in the rate")
     distorted = effect.distort(moved, trial.theta)

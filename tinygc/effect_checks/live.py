@@ -25,7 +25,7 @@ def live(trial: Trial) -> str:
     """Sample by sample as whole, or refused in one line where it looks ahead; and no farther around than declared."""
     if trial.effect.kind != "rate":
         raise NotChecked(f"of kind {trial.effect.kind}: no model undoes it")
-    samples, calibration = log(RATE_HZ), Calibration(trial.model(), RATE_HZ)
+    samples, calibration = log(RATE_HZ, trial.at), Calibration(trial.model(), RATE_HZ)
     began_s = 0.0 if trial.effect.of_one_session else None
     whole = calibration(samples.gyro, samples.accel, samples.temp_c, began_s=began_s)
     if not np.isfinite(whole).all():

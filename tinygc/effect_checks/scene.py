@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
-from session.common.units import DEG, NS_PER_S, G
+from session.common.units import NS_PER_S, G
 from session.log.samples import Samples
-from tinygc.effects import AppliedEffect, CommonDelay, Conditions, Effect, Movement
+from tinygc.effects import AppliedEffect, CommonDelay, Conditions, Effect, FoundAt, Movement
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
 
-FULL_SCALE = 500 * DEG
-FIRST_C, WARMING_C_PER_S = 25.0, 0.8
+WARMING_C_PER_S = 0.8
 #: of a parameter's plausible size: what a poor sensor has
 SIZE = 0.05
 
@@ -29,18 +28,27 @@ class Trial:
 
     def model(self) -> PhysicsModel:
         """That undoes it and nothing else."""
-        return PhysicsModel(LinearModel(np.eye(3), np.zeros(3)), (AppliedEffect(self.effect, self.theta),), KNOWN)
+        return PhysicsModel(LinearModel(np.eye(3), np.zeros(3)), (AppliedEffect(self.effect, self.theta),), self.known)
+
+    @property
+    def at(self) -> FoundAt:
+        """Full scale and first temperature of the scene."""
+        return self.original.found_at
+
+    @property
+    def known(self) -> Conditions:
+        """What the model refers to."""
+        return Conditions(duration_s=LENGTH_S, fs_rps=self.at.fs_rps, first_temp_c=self.at.first_temp_c)
 
 
 LENGTH_S = 20.0
-KNOWN = Conditions(duration_s=LENGTH_S, fs_rps=FULL_SCALE, first_temp_c=FIRST_C)
 
 
 def trial(effect: Effect, size: float, seed: int, value: float | None = None) -> Trial:
     """Parameters of either sign, 0.5 to 1.5 times ``size``; lags are positive; the scanned shape at ``value``, or amid its grid."""
     here = effect
     if effect.scan is not None:
-        here = effect.at(middle_value(effect, [movement(104.0)]) if value is None else value)
+        here = effect.at(middle_value(effect, [movement(104.0, effect.found_at)]) if value is None else value)
     return Trial(here, effect, random_theta(effect, size, seed))
 
 
@@ -66,26 +74,27 @@ def middle_value(effect: Effect, movements: list[Movement]) -> float:
     return float(values[max(at - 1, 0) : at + 1].mean())
 
 
-def movement(odr_hz: float, length_s: float = LENGTH_S) -> Movement:
-    """A hand's: at rest, movement up to some 200 dps and 2 Hz, at rest again; all inputs there, each of its own shape."""
+def movement(odr_hz: float, at: FoundAt, length_s: float = LENGTH_S) -> Movement:
+    """A hand's: at rest, movement up to two fifths of full scale and 2 Hz, at rest again; all inputs there, each of its own shape."""
     t_s = np.arange(0, length_s, 1 / odr_hz)
     vibration = 0.2 * np.exp(-(((t_s / length_s - 0.5) * 10) ** 2))
-    temp_c = FIRST_C + WARMING_C_PER_S * t_s
-    return Movement(t_s, 1 / odr_hz, _rate(t_s, length_s), _turned(t_s), temp_c, vibration, length_s, FULL_SCALE, FIRST_C)
+    temp_c = at.first_temp_c + WARMING_C_PER_S * t_s
+    rate = at.fs_rps * _rate(t_s, length_s)
+    return Movement(t_s, 1 / odr_hz, rate, _turned(t_s), temp_c, vibration, length_s, at.fs_rps, at.first_temp_c)
 
 
-def log(odr_hz: float, length_s: float = LENGTH_S) -> Samples:
+def log(odr_hz: float, at: FoundAt, length_s: float = LENGTH_S) -> Samples:
     """The same movement as a log without noise."""
-    moved = movement(odr_hz, length_s)
+    moved = movement(odr_hz, at, length_s)
     stamps = np.rint(np.arange(len(moved.t_s)) * (NS_PER_S / odr_hz)).astype(np.int64)
     return Samples(stamps, moved.rate, moved.force_g * G, moved.temp_c)
 
 
 def _rate(t_s: np.ndarray, length_s: float) -> np.ndarray:
-    """(N, 3) rad/s; the window is a B-spline of degree 7, six times differentiable."""
+    """(N, 3) of full scale; the window is a B-spline of degree 7, six times differentiable."""
     window = BSpline.basis_element(np.linspace(0.2, 0.8, 9) * length_s, extrapolate=False)
     waves = np.stack([np.sin(2 * np.pi * f * t_s + p) for f, p in ((0.5, 0.3), (0.9, 1.1), (2.0, 2.0))], axis=-1)
-    return 500 * DEG * np.nan_to_num(window(t_s))[:, None] * waves
+    return np.nan_to_num(window(t_s))[:, None] * waves
 
 
 def _turned(t_s: np.ndarray) -> np.ndarray:

@@ -11,10 +11,12 @@ from scipy.signal import butter, sosfiltfilt
 
 from session.common.units import DEG, G
 from session.log.folder import read_session
+from session.sensor.registers import require_profile
 from tinygc.effect_checks.report import NotChecked
 from tinygc.effect_checks.scene import middle_value, random_theta
 from tinygc.effects import AppliedEffect, Effect, Movement
 from tinygc.effects.conditions import vibration
+from tinygc.effects.found_at import ANYWHERE
 from tinygc.explanation.mends.mending import mend
 from tinygc.explanation.naming.candidates import scanned, selection_of, sharpened
 from tinygc.explanation.naming.naming import NamedEffect, Naming
@@ -37,6 +39,10 @@ from tinygc.simulation.table_movement import Plan
 from tinygc.simulation.write import config_text, write_files
 
 SEGMENTS, ODR_HZ, WARM_UP_C = 16, 208.0, 10.0
+#: a hand is no faster than so many times the usual one, and begins within these degC
+MOST_VIGOUR, FIRST_C = 4.0, (-30.0, 80.0)
+#: of the full scale to which an effect's constants belong, the least that the simulated sensor has: it may be another sensor's
+RANGE_WITHIN = 0.95
 #: rms in g of each axis, and its band: in every other turn, where an effect follows vibration
 VIBRATION_G, VIBRATION_HZ = 0.4, (20.0, 45.0)
 
@@ -76,7 +82,7 @@ def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | 
     # The Earth is always there: it is hidden by leaving out where the table stands.
     bench = {"latitude_deg": 60.0, "segments": 3 * SEGMENTS} if effect.kind == "earth" else {}
     chosen: dict[str, Any] = {"segments": SEGMENTS, "closure_s": 0.0, "odr_hz": ODR_HZ, "seed": seed, "warm_up_c": 1.5} | warm | bench
-    options = SimulationOptions(**chosen)
+    options = SimulationOptions(**(chosen | _setting(effect)))
     plan, theta = plan_of(options), random_theta(effect, size, seed)
     clean = _Scene(effect, plan, options)
     if effect.scan is not None:
@@ -90,6 +96,18 @@ def inject(effect: Effect, folder: Path, size: float, seed: int, value: float | 
         theta = earth_rate_table(options.latitude_deg * DEG, simulation.unit.heading_deg * DEG)
     write_files(simulation, folder, text)
     return Injected(folder, theta, value)
+
+
+def _setting(effect: Effect) -> dict[str, Any]:
+    """Of a session that goes as fast and is as warm as the one to which the effect's constants belong, where it says one."""
+    if effect.found_at == ANYWHERE:
+        return {}
+    full_scale_dps = effect.found_at.fs_rps / DEG
+    vigour = float(np.clip(full_scale_dps / SimulationOptions.gyro_fs_dps, 1 / MOST_VIGOUR, MOST_VIGOUR))
+    first_c = float(np.clip(effect.found_at.first_temp_c, *FIRST_C))
+    ranges = sorted(require_profile(SimulationOptions.sensor).gyro or [])
+    own = next((one for one in ranges if one > RANGE_WITHIN * full_scale_dps), ranges[-1])
+    return {"gyro_fs_dps": own, "vigour": vigour, "temperature_start_c": first_c}
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from tinygc.effects.device import AHEAD, BYGONE, Cost, MatrixC, NoC, PerAxisC, S
 from tinygc.effects.discovery import catalogue, effect_of, load_folder, using
 from tinygc.effects.effect import Effect
 from tinygc.effects.errors import EffectError
+from tinygc.effects.found_at import FoundAt
 from tinygc.effects.gauge import CommonDelay, Convention
 from tinygc.effects.movement import Movement
 from tinygc.effects.occurrence import Occurrence
@@ -35,6 +36,7 @@ __all__ = [
     "Derived",
     "Effect",
     "EffectError",
+    "FoundAt",
     "MatrixC",
     "Movement",
     "NoC",

@@ -15,6 +15,8 @@ from tinygc.effects.conditions import Conditions
 
 #: passes of rate <- measured - add(rate): each leaves the effect's own size, some per cent, of what was wrong before
 PASSES = 3
+#: of C, where each sample takes as many: what 3 leave of a strong effect is more than single precision rounds
+PASSES_IN_C = 5
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class PerAxisC:
     term: str
     numpy: Callable[[dict[str, np.ndarray], np.ndarray, Any], np.ndarray]
     cost: Cost
-    passes: int = PASSES
+    passes: int = PASSES_IN_C
     constants: Callable[[np.ndarray, Conditions], dict[str, np.ndarray]] | None = None
 
     def values(self, theta: np.ndarray, known: Conditions) -> dict[str, np.ndarray]:

@@ -15,17 +15,17 @@ import numpy as np
 from tinygc.effects.declared import shown
 from tinygc.effects.device import NONE, PASSES, DeviceCode
 from tinygc.effects.errors import EffectError
+from tinygc.effects.found_at import ANYWHERE, FoundAt
 from tinygc.effects.gauge import Gauge
 from tinygc.effects.movement import Movement
 from tinygc.effects.occurrence import Occurrence
 from tinygc.effects.parameter import Derived, Parameter, Parts, Scan
 from tinygc.effects.picture import OF_TURNS, PAIRS, STILLS, TURNS, OwnPicture
 from tinygc.effects.reach import INPUT_REACH, INPUTS, NOWHERE, Reach
+from tinygc.effects.undo import MOST_PASSES, substituted
 
 #: what the JSON says of an effect that happens to the readings
 READINGS = "readings"
-#: rad/s: far below any register's step
-SETTLED_RPS = 1e-12
 KINDS = ("rate", "force", "earth", "register", "motion", "truth")
 SEEN_IN = ("still", "turn", "reference", "timing")
 #: what a format with a matrix or a slope can carry: add = K f, theta (9,) per g row by row; add = k (T - T0), theta (3,)
@@ -47,7 +47,8 @@ class Effect:
     reach(theta) where that depends on its parameters.
 
     Exact forms.  exact_correct(measured, movement, theta) -> (N, 3): the rate freed of the effect; without it ``distort`` is undone by
-    repeated substitution.  exact_distort(movement, theta) -> (N, 3): the rate with the effect; without it ``columns`` are all.
+    repeated substitution (``undo``), in as many ``passes`` as it declares: by itself three where it has a reach, else until each sample
+    stands still.  exact_distort(movement, theta) -> (N, 3): the rate with the effect; without it ``columns`` are all.
     basis(movement) -> (N, K): where the zero of each axis follows K known curves whatever the rate: the same as ``columns``, without the
     zeros.  Parameter i * 3 + axis is the share of curve i; a parameter of shape (3, K) has a row for each axis.
     bends(force_g (N, 3)) -> (N, 3, P): of kind "force", what each parameter adds to the specific force that is measured, linear.
@@ -59,7 +60,8 @@ class Effect:
 
     In use.  regime: variable and unit that it is drawn and located along; picture: a name of ``picture.PAIRS`` or a function;
     of_readings: the same effect where it happens to the readings, after the linear errors: both are weighed; ``on_readings``: that form.
-    wider: the same cause with more numbers; both are weighed.
+    wider: the same cause with more numbers; both are weighed.  found_at: full scale and temperature to which its constants belong, where
+    the proof of an effect tries it.
     device: its C, or why there is none; linear_in: "force" or "temperature" where a format's matrix or slope can carry it.
 
     Raises EffectError for a declaration that cannot be.
@@ -85,6 +87,7 @@ class Effect:
     occurs: Occurrence | None = None
     exact_correct: Callable[[np.ndarray, Movement, np.ndarray], np.ndarray] | None = None
     exact_distort: Callable[[Movement, np.ndarray], np.ndarray] | None = None
+    passes: int | None = None
     basis: Callable[[Movement], np.ndarray] | None = None
     bends: Callable[[np.ndarray], np.ndarray] | None = None
     picture: str | OwnPicture | None = None
@@ -92,6 +95,7 @@ class Effect:
     linear_in: str | None = None
     of_readings: Effect | None = None
     wider: Effect | None = None
+    found_at: FoundAt = ANYWHERE
     on_readings: bool = False
 
     def __post_init__(self) -> None:
@@ -107,6 +111,9 @@ class Effect:
         self._require((self.kind == "force") == (self.bends is not None), "bends", 'a function where kind is "force", else None')
         self._require(self.scan is None or isinstance(self.scan, Scan), "scan", "a Scan")
         self._require(self.gauge is None or isinstance(self.gauge, Gauge), "gauge", "a Convention or a CommonDelay")
+        self._require(isinstance(self.found_at, FoundAt), "found_at", "a FoundAt")
+        counted = self.passes is None or (type(self.passes) is int and 1 <= self.passes <= MOST_PASSES)
+        self._require(counted, "passes", f"a number from 1 to {MOST_PASSES}, or None")
         self._require(isinstance(self.device, DeviceCode), "device", "a PerAxisC, MatrixC, StageC or NoC")
         named = self.picture is None or callable(self.picture) or self.picture in PAIRS
         self._require(named, "picture", f"a function, or one of {', '.join(PAIRS)}")
@@ -139,13 +146,12 @@ class Effect:
             return self.exact_correct(measured, movement, theta)
         if self.basis is not None:
             return measured - self.basis(movement) @ self.shares(theta)
-        rate, added = measured, None
-        for _ in range(PASSES):
-            before, added = added, self._distorted(movement.with_rate(rate), theta) - rate
-            rate = measured - added
-            if before is not None and np.abs(added - before).max(initial=0.0) < SETTLED_RPS:
-                break  # what does not follow the rate is there at once
-        return rate
+        return substituted(measured, movement, lambda moved: self._distorted(moved, theta) - moved.rate, self._passes)
+
+    @property
+    def _passes(self) -> int | None:
+        """Of substitution; None where no row looks around, so that each may go on until it stands still."""
+        return self.passes if self.passes is not None or not self.reach else PASSES
 
     @property
     def has_rows(self) -> bool:
@@ -163,8 +169,8 @@ class Effect:
     def looks(self, theta: np.ndarray) -> Reach:
         """How far around a sample the rate freed of the effect depends on the log, its inputs' own means counted."""
         reach = self.reach if isinstance(self.reach, Reach) else self.reach(theta)
-        passes = 1 if self.exact_correct is not None or self.basis is not None else PASSES
-        return sum((INPUT_REACH.get(name, NOWHERE) for name in self.inputs), reach.times(passes))
+        once = self.exact_correct is not None or self.basis is not None
+        return sum((INPUT_REACH.get(name, NOWHERE) for name in self.inputs), reach.times(1 if once else self._passes or 1))
 
     @property
     def needs_rate_hz(self) -> bool:

@@ -20,11 +20,16 @@ JUMPS_REACH = Reach(before_samples=64)
 ALIKE = 0.01
 
 
-def undone_with_jumps(measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray]) -> np.ndarray:
-    """The rate (N, 3) rad/s with rate + added(movement with that rate) = measured; of several, the one that goes on as it did before."""
+def undone_with_jumps(
+    measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray], passes: int = PASSES
+) -> np.ndarray:
+    """The rate (N, 3) rad/s with rate + added(movement with that rate) = measured; of several, the one that goes on as it did before.
+
+    passes: of substitution; a strong effect needs more.
+    """
 
     def without(rate: np.ndarray) -> np.ndarray:
-        for _ in range(PASSES):
+        for _ in range(passes):
             rate = measured - added(movement.with_rate(rate))
         return rate
 

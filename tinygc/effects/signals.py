@@ -19,8 +19,9 @@ from tinygc.effects.reach import Reach
 
 #: rad/s: a hand that turns is faster, a table at rest, with a bias of a few dps, is slower
 TURNING_RPS = 10 * DEG
-#: rad/s: below this, over all axes, a reading of a calibrated rate is noise; a hand passes it within a sample or two
-MOVING_RPS = 1 * DEG
+#: rad/s: below the first, over all axes, a reading of a calibrated rate is noise; above the second it is movement.  A hand passes both
+#: within some samples.  Between them it counts the more, so that a law does not jump there: it could not be undone to more than the jump.
+MOVING_RPS, FULLY_MOVING_RPS = 1 * DEG, 3 * DEG
 #: s: means over so long, one after the other, of which the rate of temperature is taken; a package takes tens of seconds, a register's
 #: noise of 0.01 degC at 100 Hz leaves 2e-4 degC/s
 SLOPE_S = 5.0
@@ -29,6 +30,10 @@ SLOPE = Reach(before_samples=1, before_s=2 * SLOPE_S)
 FORGOTTEN = 27.0
 #: s: longer than any log
 WHOLE = Reach(before_samples=1, before_s=30 * 86400.0)
+#: s to either side over which the rate's derivative is taken, or a sample if that is longer: at 104 Hz it is the neighbours', at more it is
+#: the same.  A hand's 5 Hz lose 1 %; over a sample at 833 Hz a law of 1 ms would take off as much noise as it is given.
+DERIVATIVE_S = 0.008
+DERIVATIVE = Reach.around(samples=1, seconds=DERIVATIVE_S)
 #: s: over which gravity is taken when a log begins; a protocol's stills are a second
 LEVEL_S = 0.5
 #: of a sampling period: rows whose distances differ by less are filtered as if they were equally far apart (stamps jitter); a rest that is
@@ -37,13 +42,36 @@ EQUAL = 0.5
 
 
 def moving_rate(movement: Movement) -> np.ndarray:
-    """(N, 3) rad/s, the rate, and none where all axes together turn slower than 1 dps.
+    """(N, 3) rad/s, the rate, and none where all axes together turn slower than 1 dps; from 3 dps on all of it.
 
     At rest a reading is noise, and so is the sign, or any other bent function, of it; the means of both over a rest go together, so that
     a law of such a function would take up the noise of every rest (benchmarks/discover_nulls.py).
     """
-    turning = np.linalg.norm(movement.rate, axis=1, keepdims=True) > MOVING_RPS
-    return np.where(turning, movement.rate, 0.0)
+    square = np.sum(movement.rate**2, axis=1, keepdims=True)
+    share = (square - MOVING_RPS**2) / (FULLY_MOVING_RPS**2 - MOVING_RPS**2)
+    return np.clip(share, 0.0, 1.0) * movement.rate
+
+
+def angular_acceleration(movement: Movement) -> np.ndarray:
+    """(N, 3) rad/s^2, the derivative of the rate over ``DERIVATIVE_S`` to either side: the same at any data rate."""
+    if movement.dt_s >= DERIVATIVE_S:
+        return movement.acceleration
+    return derivative(movement.rate, movement)
+
+
+def angular_jerk(movement: Movement) -> np.ndarray:
+    """(N, 3) rad/s^3, the derivative of ``angular_acceleration``, likewise."""
+    return derivative(angular_acceleration(movement), movement)
+
+
+def derivative(values: np.ndarray, movement: Movement) -> np.ndarray:
+    """(N, …) per s, of values (N, …) that are straight between samples."""
+    t_s, flat = movement.t_s, values.reshape(len(values), -1)
+    if movement.dt_s >= DERIVATIVE_S:
+        return np.gradient(values, t_s, axis=0)
+    ahead, behind = np.minimum(t_s + DERIVATIVE_S, t_s[-1]), np.maximum(t_s - DERIVATIVE_S, t_s[0])
+    found = [(np.interp(ahead, t_s, column) - np.interp(behind, t_s, column)) / (ahead - behind) for column in flat.T]
+    return np.stack(found, axis=-1).reshape(values.shape)
 
 
 def lag_reach(tau_s: float) -> Reach:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -41,13 +44,14 @@ def use_line(result: FitResult) -> Text:
     return one_line(f"Use {result.file_to_use} ({TITLES[result.use.method or '']}): {result.use.why}.", "bold green")
 
 
-def next_line(result: FitResult) -> Text:
-    """What to run next."""
+def next_line(result: FitResult, effects: Sequence[Path] = ()) -> Text:
+    """What to run next; effects: folders of effects that the fit was given, which what comes next needs, too."""
     folder = shell_word(result.session.folder)
     if result.file_to_use is None:
         return one_line(f"next: calibrate.py check {folder}; then record more turns, to more attitudes")
     unexplained = result.goodness.excess > 1 or (result.noise is not None and result.noise.noise.unusual)
-    return one_line(f"next: calibrate.py {'explain' if unexplained else 'report'} {folder}")
+    given = "".join(f" --effects {shell_word(path)}" for path in effects)
+    return one_line(f"next: calibrate.py {'explain' if unexplained else 'report'} {folder}{given}")
 
 
 def _table(title: str, first: str, *columns: str, right: bool = False) -> Table:

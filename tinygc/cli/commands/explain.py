@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import os
+from pathlib import Path
 
+from session.common.errors import CalibrationError
 from session.common.texts import shell_word
 from session.log.array_names import is_array
 from tinygc.cli.commands._array import explain_array_folder
@@ -35,6 +38,8 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.library.explain import explain
 
     try_destinations(args, "explain")
+    if args.discover:
+        _try_effects((args.out or args.folder / "explain") / "effects")
     with progress_bar(args.quiet) as progress:
         why = explain(args.folder, seed=args.seed, use_earth=not args.no_earth, lot=args.lot, discover=args.discover, progress=progress)
     folder = why.save(args.out, pictures=_with_pictures(args))
@@ -48,6 +53,14 @@ def run(args: argparse.Namespace) -> int:
     verdict(args, why.verdict_line)
     write_json(args.json, why.to_json())
     return 1 if args.strict and why.verdict != "no_mismatch" else 0
+
+
+def _try_effects(folder: Path) -> None:
+    """Refuse before the search a place for the laws' files that is none."""
+    if os.path.lexists(folder) and not folder.is_dir():
+        raise CalibrationError(f"{folder}: that is no folder, and the laws that are found go into one; move it away, or give --out another")
+    if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
+        raise CalibrationError(f"{folder}: nothing can be written there, and the laws that are found go there; give --out another folder")
 
 
 def _with_pictures(args: argparse.Namespace) -> bool:

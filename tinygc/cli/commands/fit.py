@@ -84,7 +84,7 @@ def _fit(args: argparse.Namespace) -> Done:
     forget(checkpoints)
     output(args).print(result.page)
     output(args).print(f"models: {folder}", soft_wrap=True)
-    output(args).print(next_line(result.result), soft_wrap=True)
+    output(args).print(next_line(result.result, args.effects), soft_wrap=True)
     above = [] if args.limit is None else _above(table, args.limit)
     if above:
         complain(f"above {whose_limit(args)}: {'; '.join(above)}")

@@ -9,7 +9,7 @@ import numpy as np
 
 from tinygc.effects import Movement, Reach, signals, without_vibration
 from tinygc.effects.conditions import HAND_S
-from tinygc.effects.reach import NEIGHBOURS, NOWHERE
+from tinygc.effects.reach import NOWHERE
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +46,6 @@ class Quantity:
 
 def _scalar(values: np.ndarray) -> np.ndarray:
     return values[:, None]
-
-
-def _jerk(movement: Movement) -> np.ndarray:
-    return np.gradient(movement.acceleration, movement.t_s, axis=0) / movement.fs_rps
 
 
 def _force(movement: Movement) -> np.ndarray:
@@ -93,9 +89,9 @@ _ALL = (
         "the angular acceleration, in full scales a second",
         "1/s",
         3,
-        lambda m: m.acceleration / m.fs_rps,
-        "m.acceleration / m.fs_rps",
-        reach=NEIGHBOURS,
+        lambda m: signals.angular_acceleration(m) / m.fs_rps,
+        "signals.angular_acceleration(m) / m.fs_rps",
+        reach=signals.DERIVATIVE,
     ),
     Quantity(
         "jerk",
@@ -103,9 +99,9 @@ _ALL = (
         "the angular jerk, in full scales a second squared",
         "1/s²",
         3,
-        _jerk,
-        "np.gradient(m.acceleration, m.t_s, axis=0) / m.fs_rps",
-        reach=Reach.around(samples=2),
+        lambda m: signals.angular_jerk(m) / m.fs_rps,
+        "signals.angular_jerk(m) / m.fs_rps",
+        reach=signals.DERIVATIVE.times(2),
     ),
     Quantity(
         "temperature",

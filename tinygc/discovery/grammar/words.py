@@ -82,8 +82,14 @@ REGIMES = {
     "rate": ("rate", "dps"),
 }
 NEIGHBOURS = "i, j, k = x, y, z in turn"
-LATE = "lag(x, τ) first-order"
-ZONE = "dz(x, c) = x beyond ±c"
+#: what an equation abbreviates -> what that is
+ABBREVIATIONS = {
+    "lag": "lag(x, τ) first-order",
+    "dz": "dz(x, c) = x beyond ±c",
+    "clip": "clip(x, ±c) = x held within ±c",
+    "saw": "saw(x, c) = x / c less its nearest whole number",
+    "play": "play(x, c) = x followed with a play of ±c",
+}
 
 
 def equation(form: Form) -> str:
@@ -101,9 +107,13 @@ def equation(form: Form) -> str:
         law = {"full": "Σ_j ", "cross": "Σ_j≠i "}.get(form.pattern, "") + weight + own
     notes = [SYMBOLS[factor.quantity] for factor in form.factors]
     notes += [NEIGHBOURS] if form.pattern in ("next", "last") else []
-    notes += [LATE] if any(factor.lag_s is not None for factor in form.factors) else []
-    notes += [ZONE] if any(factor.function == "dead_zone" for factor in form.factors) else []
+    notes += abbreviations(law)
     return ", ".join([f"ω_i += {law}", *dict.fromkeys(notes)])
+
+
+def abbreviations(text: str) -> list[str]:
+    """What the abbreviations of an equation are, of those that it uses."""
+    return [meaning for name, meaning in ABBREVIATIONS.items() if f"{name}(" in text]
 
 
 def _shown(factor: Factor, index: str) -> str:
@@ -144,9 +154,10 @@ def constant_of(form: Form, number: int) -> tuple[str, float]:
 def in_words(form: Form) -> str:
     """A sentence that a person at the bench understands."""
     words = [_words(factor) for factor in form.factors]
+    late = [_late(factor) for factor in form.factors]
     waved = any(factor.through.phases > 1 or factor.of.directions > 1 for factor in form.factors)
     follows = "follows" if waved else "is proportional to"
-    product = ", times ".join(words)
+    product = ", times ".join(map(str.__add__, words, late))
     if not any(factor.vector for factor in form.factors):
         return f"The error of every axis {follows} {product}, each axis with a factor of its own."
     if form.pattern == "each":
@@ -155,11 +166,17 @@ def in_words(form: Form) -> str:
         which = "all three axes" if form.pattern == "full" else "the other two axes"
         return f"The error of each axis is a weighted sum, over {which}, of {product}."
     if form.pattern == "leant":
-        return f"The error of each axis is {words[0]} of that axis, times a weighted sum over all three axes of {words[1]}."
-    one, other = ("next", "after next") if form.pattern == "next" else ("after next", "next")
+        own = f"{words[0]} of that axis{late[0]}"
+        return f"The error of each axis is {own}, times a weighted sum over all three axes of {words[1]}{late[1]}."
+    one, other = ("the next axis", "the one after that") if form.pattern == "next" else ("the axis after the next", "the next one")
     return (
-        f"The error of each axis {follows} {words[0]} of the axis {one} to it, times {words[1]} of the axis {other} (x, y, z, x in turn)."
+        f"The error of each axis {follows} {words[0]} of {one}{late[0]}, times {words[1]} of {other}{late[1]} "
+        "(after x comes y, after y z, after z x)."
     )
+
+
+def _late(factor: Factor) -> str:
+    return "" if factor.lag_s is None else f" (through a first-order lag of {_number(factor.lag_s)} s)"
 
 
 def _words(factor: Factor) -> str:
@@ -168,8 +185,7 @@ def _words(factor: Factor) -> str:
         text = text.replace("the size of {x}", "{x}").replace("its size", "it")
     unit = PEOPLES.get(factor.quantity, ("", f" {factor.of.unit}", 1.0))
     constant = "" if factor.constant is None else f"{_number(factor.constant * unit[2])}{unit[1]}"
-    text = text.replace("{x}", SHORT.get(factor.quantity, factor.of.words)).replace("{c}", constant)
-    return text if factor.lag_s is None else f"{text} as it was some {_number(factor.lag_s)} s ago (a first-order lag)"
+    return text.replace("{x}", SHORT.get(factor.quantity, factor.of.words)).replace("{c}", constant)
 
 
 def what(form: Form) -> str:

@@ -8,11 +8,12 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from session.common.units import DEG
-from tinygc.discovery.grammar.words import LATE, NEIGHBOURS, SYMBOLS, ZONE, equation, in_words
+from tinygc.discovery.grammar.words import ABBREVIATIONS, NEIGHBOURS, SYMBOLS, equation, in_words
 from tinygc.discovery.judge.answer import Discovery, HeldOut, Law, RunnerUp
 from tinygc.discovery.told import said
 from tinygc.discovery.told.constants import constants_of
 from tinygc.discovery.told.law_code import law_code
+from tinygc.discovery.told.terms import terms_of
 from tinygc.explanation.verdict.measured import p_entry
 
 
@@ -41,6 +42,7 @@ def _law(law: Law, file: str | None) -> dict:
         "parameters": {name: parameters},
         "std": {name: std},
         "unit": unit,
+        "terms": terms_of(law.form),
         "constants": {
             each.json: {"value": each.number, "sigma": each.sigma, "unit": each.unit or "fraction"}
             for each in constants_of(law.form, law.constants_sigma)
@@ -92,6 +94,6 @@ def other_equation(each: RunnerUp) -> str:
 
 def briefly(text: str) -> str:
     """An equation without what its symbols are."""
-    for note in (*SYMBOLS.values(), NEIGHBOURS, LATE, ZONE):
+    for note in (*SYMBOLS.values(), NEIGHBOURS, *ABBREVIATIONS.values()):
         text = text.split(f", {note}")[0]
     return text

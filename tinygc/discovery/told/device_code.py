@@ -14,6 +14,7 @@ from tinygc.discovery.grammar.form import Form
 from tinygc.discovery.told import said
 from tinygc.discovery.told.constants import Constant
 from tinygc.effects.device import PASSES
+from tinygc.effects.undo import MOST_PASSES
 
 #: quantity -> why a device cannot follow it
 WHY_NOT = {
@@ -71,11 +72,13 @@ def why_not(form: Form) -> str:
     return ""
 
 
-def device_code(form: Form, constants: Sequence[Constant], name: str) -> DeviceCode:
-    """Of a form whose constants have these names; name: of the law."""
+def device_code(form: Form, constants: Sequence[Constant], name: str, passes: int | None = PASSES, fixed: Sequence[str] = ()) -> DeviceCode:
+    """Of a form whose constants have these names; name: of the law; passes: that undo it, None: none do; fixed: as of ``law_code``."""
     if why := why_not(form):
         return DeviceCode(f'NoC("{why}")')
-    return _Code(form, constants, name).all()
+    if passes is None:
+        return DeviceCode(f'NoC("it is so strong that {MOST_PASSES} passes do not undo it")')
+    return _Code(form, constants, name, passes, fixed).all()
 
 
 #: what a factor is of, in C and in NumPy: the rate as a share of full scale, or the temperature since the first sample
@@ -88,12 +91,14 @@ class _Code:
     x and y are the factors, k the coefficients, w the rate without the law, which is found in passes where the law follows it.
     """
 
-    def __init__(self, form: Form, constants: Sequence[Constant], name: str):
+    def __init__(self, form: Form, constants: Sequence[Constant], name: str, passes: int, fixed: Sequence[str]):
         #: other stages of a program have constants of their own: none begins like this
         self.form, self.name, self.c = form, name, f"LAW_{name.upper()}"
         self.own = {constant.of: constant for constant in constants}
         self.quantities = {factor.quantity for factor in form.factors}
-        self.passes = PASSES if "rate" in self.quantities else 1
+        self.passes = passes if "rate" in self.quantities else 1
+        self.full_scale = "FULL_SCALE_RPS" if "FULL_SCALE_RPS" in fixed else "known.fs_rps"
+        self.first_temp = "FIRST_TEMP_C" if "FIRST_TEMP_C" in fixed else "known.first_temp_c"
 
     def all(self) -> DeviceCode:
         """The stage of a law, and the functions that it names."""
@@ -110,8 +115,9 @@ class _Code:
         lines += ["float w[3] = {r[0], r[1], r[2]};"]
         inner = [f"float {letter}[3];" for letter in "xy"[: len(self.form.factors)]]
         if "rate" in self.quantities:
-            inner += [f"const int turns = w[0] * w[0] + w[1] * w[1] + w[2] * w[2] > {self.c}_STILL[0];"]
-        made = [f"const float u = turns ? w[i] * {self.c}_PER_FS[0] : 0.0f;"] if "rate" in self.quantities else []
+            inner += [f"const float s = (w[0] * w[0] + w[1] * w[1] + w[2] * w[2] - {self.c}_STILL[0]) * {self.c}_TURNS[0];"]
+            inner += ["const float m = s < 0.0f ? 0.0f : (s > 1.0f ? 1.0f : s);"]
+        made = [f"const float u = m * w[i] * {self.c}_PER_FS[0];"] if "rate" in self.quantities else []
         made += [f"{'xy'[number]}[i] = {text};" for number, text in enumerate(self._factors(0))]
         inner += ["for (int i = 0; i < 3; i++) {", *(f"    {line}" for line in made), "}"]
         inner += [f"w[{axis}] = r[{axis}] - ({' + '.join(self._products(axis))});" for axis in range(3)]
@@ -133,7 +139,8 @@ class _Code:
         inner = []
         if "rate" in self.quantities:
             size = " + ".join(f"w[:, {part}] * w[:, {part}]" for part in (":1", "1:2", "2:"))
-            inner += [f'turns = {size} > c["{self.c}_STILL"]', f'u = np.where(turns, w * c["{self.c}_PER_FS"], np.float32(0))']
+            inner += [f's = ({size} - c["{self.c}_STILL"]) * c["{self.c}_TURNS"]', "m = np.clip(s, np.float32(0), np.float32(1))"]
+            inner += [f'u = m * w * c["{self.c}_PER_FS"]']
         inner += [f"{'xy'[number]} = {text}" for number, text in enumerate(self._factors(1))]
         terms, each = self.form.terms(), self.form.size // 3
         picked = [
@@ -149,8 +156,10 @@ class _Code:
         """Name in C -> value: the coefficients, and what they multiply is made of."""
         given = [f'"{self.c}": theta']
         if "rate" in self.quantities:
-            given += [f'"{self.c}_PER_FS": np.array([1 / known.fs_rps])', f'"{self.c}_STILL": np.array([signals.MOVING_RPS**2])']
-        given += [f'"{self.c}_AT_C": np.array([known.first_temp_c])'] if "temperature" in self.quantities else []
+            given += [f'"{self.c}_PER_FS": np.array([1 / {self.full_scale}])', f'"{self.c}_STILL": np.array([signals.MOVING_RPS**2])']
+            turns = "1 / (signals.FULLY_MOVING_RPS**2 - signals.MOVING_RPS**2)"
+            given += [f'"{self.c}_TURNS": np.array([{turns}])']
+        given += [f'"{self.c}_AT_C": np.array([{self.first_temp}])'] if "temperature" in self.quantities else []
         own, arguments = list(self.own.values()), "theta: np.ndarray, known: Conditions"
         if len(own) == 1:
             arguments += f", {own[0].word}: float = {own[0].python}"
@@ -175,8 +184,8 @@ class _Code:
         """Of one sample."""
         products, sums, compares = (3 * sum(FUNCTIONS[factor.function][2][k] for factor in self.form.factors) for k in range(3))
         rate, size = int("rate" in self.quantities), self.form.size
-        products += size * len(self.form.factors) + 6 * rate
-        sums, compares = sums + size + 2 * rate, compares + 4 * rate
+        products += size * len(self.form.factors) + 10 * rate
+        sums, compares = sums + size + 3 * rate, compares + 2 * rate
         warm = int("temperature" in self.quantities)
         return f"Cost({self.passes * products}, {self.passes * sums + warm}, {self.passes * compares})"
 

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from math import isfinite
 from textwrap import dedent, indent, wrap
 
 import numpy as np
 
 from session.common.units import DEG
 from tinygc.discovery.grammar.form import Form
+from tinygc.discovery.grammar.some_movement import FULL_SCALE
 from tinygc.discovery.grammar.words import equation, regime, splits, what
 from tinygc.discovery.judge.answer import Law
 from tinygc.discovery.told import said
 from tinygc.discovery.told.constants import Constant, constants_of, rounded
-from tinygc.discovery.told.device_code import device_code
+from tinygc.discovery.told.device_code import device_code, why_not
 from tinygc.discovery.told.evidence_text import Where, docstring
-from tinygc.discovery.told.law_code import law_code
+from tinygc.discovery.told.law_code import SESSIONS_OWN, law_code
+from tinygc.discovery.told.passes import passes_in_c, passes_of
 from tinygc.effects import NEIGHBOURS, Reach, signals
+from tinygc.effects.device import PASSES
+from tinygc.effects.undo import MOST_PASSES
 
 #: digits of the plausible size: a prior, not a bar
 DIGITS = 2
@@ -32,21 +37,30 @@ WIDTH = 120
 def written(law: Law, where: Where, name: str | None = None) -> str:
     """The file of a law; name: behind ``discovered.`` in its id, where it is another than the form's own."""
     form, constants = rounded(law.form, law.constants_sigma), constants_of(law.form, law.constants_sigma)
-    return _File(law, form, constants, name or what(form)).text(where)
+    return _File(law, form, constants, name or what(form), where).text(where)
 
 
 class _File:
     """The parts of one file."""
 
-    def __init__(self, law: Law, form: Form, constants: list[Constant], name: str):
+    def __init__(self, law: Law, form: Form, constants: list[Constant], name: str, where: Where):
         self.law, self.form, self.constants, self.name = law, form, constants, name
         self.scanned = constants[0] if len(constants) == 1 else None
-        self.code = law_code(form, self.scanned)
-        self.device = device_code(form, constants, name)
+        used = " ".join(factor.of.source for factor in form.factors)
+        self.at = at_of(where)
+        self.fixed = tuple(constant for of_session, constant in SESSIONS_OWN.items() if of_session in used and constant in self.at)
+        self.code = law_code(form, self.scanned, self.fixed)
+        self.jumps, full_scale = said.jumps(form), self.at.get("FULL_SCALE_RPS", (FULL_SCALE, ""))[0]
+        counted = self.jumps or bool(reaches_of(form)) or any(factor.lag_s is not None for factor in form.factors)
+        #: that all rows take alike; None: not so many undo it
+        self.passes = passes_of(form, law.theta, self.jumps, full_scale) if counted else PASSES
+        in_c = passes_in_c(form, law.theta, full_scale) if not why_not(form) else None
+        self.device = device_code(form, constants, name, in_c, self.fixed)
 
     def text(self, where: Where) -> str:
         """All of it."""
-        head = [f'"""{docstring(self.law, where)}\n"""', self._imports(), self._constants()]
+        undoing = "" if self.passes is not None else TOO_STRONG
+        head = [f'"""{docstring(self.law, where, undoing)}\n"""', self._imports(), self._constants()]
         body = [self._columns(), self._correct(), self.device.functions, self._at(), self._effect()]
         return "\n\n".join(part for part in head if part) + "\n\n\n" + "\n\n\n".join(part for part in body if part) + "\n"
 
@@ -64,7 +78,7 @@ class _File:
         return "\n".join(lines)
 
     def _constants(self) -> str:
-        lines = []
+        lines = [line for name in self.fixed for line in self.at[name][1].split("\n")]
         for constant in self.constants:
             unit = constant.unit or "of full scale"
             sigma = "sigma not known" if constant.sigma is None else f"sigma {constant.sigma:.2g}"
@@ -86,10 +100,11 @@ class _File:
         if not said.jumps(self.form):
             return ""
         own = "" if self.scanned is None else f", {self.scanned.word}"
+        more = f", {self.passes}" if (self.passes or PASSES) != PASSES else ""
         return dedent(f'''\
             def _correct(measured: np.ndarray, m: Movement, theta: np.ndarray{self._given}) -> np.ndarray:
                 """Where it jumps, a reading may belong to two rates: the one that goes on smoothly."""
-                return undone_with_jumps(measured, m, lambda moved: _columns(moved{own}) @ theta)''')
+                return undone_with_jumps(measured, m, lambda moved: _columns(moved{own}) @ theta{more})''')
 
     def _at(self) -> str:
         if self.scanned is None:
@@ -116,18 +131,19 @@ class _File:
         (unit, parameter), reach, own = said.unit_of(form), self._reach(None), "" if self.scanned is None else "lambda m: "
         lines = [
             f'id="discovered.{self.name}",',
-            *_text("equation=", equation(form), ","),
+            *_text("equation=", self._anywhere(equation(form)), ","),
             f'parameter=Parameter("{parameter}", {size}, "{unit}", DEG, plausible={plausible:.{DIGITS}g} * DEG),',
             f"seen_in={_tuple(said.seen_in(form))},",
             f"columns={own}_columns(m)," if own else "columns=_columns,",
             "says=lambda theta: (",
             f'    f"{{abs(largest(theta)) / DEG:.3g}} {unit} on {{axis_of(theta)}}: "',
-            *(f"    {line}" for line in _pieces(said.follows(form))),
+            *(f"    {line}" for line in _pieces(self._anywhere(said.follows(form)))),
             "),",
             *_text("splits=", splits(form), ","),
         ]
         lines += [f"inputs={_tuple(inputs)},"] if (inputs := inputs_of(form)) else []
         lines += [f"reach={reach},"] if reach else []
+        lines += [f"passes={self.passes},"] if not self.jumps and (self.passes or PASSES) != PASSES else []
         if said.jumps(form):
             lines += (
                 ["exact_correct=_correct,"]
@@ -138,10 +154,23 @@ class _File:
         if self.scanned is not None:
             si = f", si={self.scanned.times.removeprefix(' * ')}" if self.scanned.times else ""
             lines += [f'scan=Scan("{self.scanned.json}", "{self.scanned.unit or "fraction"}", make=_at{si}, grid=_grid, smooth=True),']
+        if self.fixed:
+            given = {"FULL_SCALE_RPS": "fs_rps", "FIRST_TEMP_C": "first_temp_c"}
+            lines += [f"found_at=FoundAt({', '.join(f'{given[name]}={name}' for name in self.fixed)}),"]
         lines += [f"known_to={known_to},"] if (known_to := said.known_to(form)) else []
         lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
         lines += f"device={self.device.source},".split("\n")
         return "EFFECT = Effect(\n" + indent("\n".join(lines), "    ") + "\n)"
+
+    def _anywhere(self, text: str) -> str:
+        """Words of one session as they hold in any."""
+        if "FULL_SCALE_RPS" in self.fixed:
+            dps = f"{self.at['FULL_SCALE_RPS'][0] / DEG:.6g} dps"
+            text = text.replace("ω / FS", f"ω / ({dps})").replace("of full scale", f"of {dps}")
+        if "FIRST_TEMP_C" in self.fixed:
+            first = f"{self.at['FIRST_TEMP_C'][0]:g} °C"
+            text = text.replace("T in °C", f"T in °C, T₀ = {first}").replace("since the session's beginning", f"above {first}")
+        return text
 
     def _reach(self, lag: str | None) -> str:
         """Python of how far it looks around; lag: the name that its lag has there, else its constant's."""
@@ -151,8 +180,29 @@ class _File:
         if not said.jumps(self.form):
             return " + ".join(parts)
         # What is gone through again and again looks back each time; to the log's beginning it does at once.
-        parts = ["signals.WHOLE"] if "signals.WHOLE" in parts else [f"{part}.times(5)" for part in parts]
+        parts = ["signals.WHOLE"] if "signals.WHOLE" in parts else [f"{part}.times({(self.passes or PASSES) + 2})" for part in parts]
         return " + ".join([*parts, "JUMPS_REACH"])
+
+
+#: what a docstring says of a law that correct does not take off
+TOO_STRONG = (
+    f"it is so strong, beside how fast it follows, that {MOST_PASSES} passes of substitution do not take it off: the proof of an effect "
+    "(undo) says how much a calibration leaves; write an exact_correct if that is too much"
+)
+
+
+def at_of(where: Where) -> dict[str, tuple[float, str]]:
+    """Constant of a file -> its value, and the Python that defines it: what the law's numbers belong to."""
+    found: dict[str, tuple[float, str]] = {}
+    if (dps := where.full_scale_dps) is not None and isfinite(dps):
+        dps = float(f"{dps:.9g}")
+        line = f"#: of the session where it was found: what the law calls FS, in every session\nFULL_SCALE_RPS = {dps!r} * DEG"
+        found["FULL_SCALE_RPS"] = (dps * DEG, line)
+    if (first_c := where.first_temp_c) is not None and isfinite(first_c):
+        first_c = round(first_c, 3)
+        line = f"#: °C, at that session's first sample: what the law calls T₀, in every session\nFIRST_TEMP_C = {first_c!r}"
+        found["FIRST_TEMP_C"] = (first_c, line)
+    return found
 
 
 #: of ``tinygc.effects``, what a file may use beside ``Effect`` and ``Movement``
@@ -161,6 +211,7 @@ USED = (
         "NEIGHBOURS",
         "Conditions",
         "Cost",
+        "FoundAt",
         "NoC",
         "Parameter",
         "Reach",
@@ -217,7 +268,7 @@ def reaches_of(form: Form) -> list[Reach]:
 
 def _source(reach: Reach) -> str:
     """Python of it."""
-    named = {signals.SLOPE: "signals.SLOPE", signals.WHOLE: "signals.WHOLE", NEIGHBOURS: "NEIGHBOURS"}
+    named = {getattr(signals, name): f"signals.{name}" for name in ("SLOPE", "WHOLE", "DERIVATIVE")} | {NEIGHBOURS: "NEIGHBOURS"}
     around = Reach.around(reach.before_samples, reach.before_s) == reach
     given = {"samples": reach.before_samples, "seconds": reach.before_s} if around else vars(reach)
     call = "Reach.around" if around else "Reach"

@@ -22,12 +22,14 @@ MOST = 3
 
 @dataclass(frozen=True)
 class Where:
-    """Where a law was found: the session's name; logs, name -> sha256; version of the tool; full scale in dps."""
+    """Where a law was found: the session's name; logs, name -> sha256; version of the tool; full scale in dps
+    and temperature of the first sample in degC, to which a law's numbers belong: without them a file takes those of each session."""
 
     session: str
     logs: Mapping[str, str] = field(default_factory=dict)
     version: str = ""
     full_scale_dps: float | None = None
+    first_temp_c: float | None = None
 
 
 def plain(text: str) -> str:
@@ -37,8 +39,8 @@ def plain(text: str) -> str:
     return line.replace("\\", "/").replace('"', "'").replace("{", "(").replace("}", ")")
 
 
-def docstring(law: Law, where: Where) -> str:
-    """Between its quotes, lines that begin at the left."""
+def docstring(law: Law, where: Where, undoing: str = "") -> str:
+    """Between its quotes, lines that begin at the left; undoing: what is to be said of taking it off."""
     parts = {"Equation": equation(law.form), "Found in": _where(where), "Evidence": _evidence(law)}
     for number, each in enumerate(law.held_out):
         parts[f"Held out{' ' * number}"] = _held_out(each)
@@ -48,6 +50,8 @@ def docstring(law: Law, where: Where) -> str:
         parts[f"Else{' ' * number}"] = _runner_up(other)
     if law.learnable_from is not None:
         parts["Learnable"] = f"in 19 of 20 draws of noise the search finds it in that recording from {law.learnable_from:.2g} of its size"
+    if undoing:
+        parts["Undoing"] = undoing
     first = f"A law found in a recording.  {in_words(law.form)}"
     lines = ["\n".join(wrap(first, WIDTH)), ""]
     for name, text in parts.items():

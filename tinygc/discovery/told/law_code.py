@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tinygc.discovery.grammar.form import Factor, Form
@@ -22,8 +23,13 @@ class LawCode:
     libraries: tuple[str, ...]
 
 
-def law_code(form: Form, scanned: Constant | None = None) -> LawCode:
-    """scanned: the constant that is an argument of the function, by its word, and no constant of the module."""
+#: what a session has -> the constant of a file that has it from the session where the law was found
+SESSIONS_OWN = {"m.fs_rps": "FULL_SCALE_RPS", "m.first_temp_c": "FIRST_TEMP_C"}
+
+
+def law_code(form: Form, scanned: Constant | None = None, fixed: Sequence[str] = ()) -> LawCode:
+    """scanned: the constant that is an argument of the function, by its word, and no constant of the module; fixed: which of
+    ``SESSIONS_OWN`` are constants of the module."""
     constants = constants_of(form)
     names = [factor.quantity for factor in form.factors]
     single = len(names) == 1
@@ -32,7 +38,7 @@ def law_code(form: Form, scanned: Constant | None = None) -> LawCode:
         own = {c.lag: (c.word if scanned is not None and c.python == scanned.python else c.python) for c in constants if c.of == number}
         variable = "law" if single else (ONE, OTHER)[number]
         if factor.quantity not in names[:number]:
-            lines.append(f"{factor.quantity} = {factor.of.source}  # {factor.of.words}{_unit(factor)}")
+            lines.append(f"{factor.quantity} = {_source(factor, fixed)}  # {factor.of.words}{_unit(factor)}")
         made = re.sub(r"\b[xc]\b", lambda found: factor.quantity if found[0] == "x" else own[False], factor.through.source)  # noqa: B023
         if factor.lag_s is not None:
             made = f"signals.lagged({made}, {own[True]}, m.t_s)"
@@ -47,6 +53,13 @@ def law_code(form: Form, scanned: Constant | None = None) -> LawCode:
 
 
 HELPERS = ("before", "behind", "cross", "diagonal", "full", "rows", "without_vibration")
+
+
+def _source(factor: Factor, fixed: Sequence[str]) -> str:
+    source = factor.of.source
+    for of_session, constant in SESSIONS_OWN.items():
+        source = source.replace(of_session, constant if constant in fixed else of_session)
+    return source
 
 
 def _unit(factor: Factor) -> str:

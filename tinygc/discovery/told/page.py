@@ -10,9 +10,11 @@ from rich.text import Text
 
 from session.common.console import one_line
 from tinygc.discovery.grammar.quantities import QUANTITIES
+from tinygc.discovery.grammar.words import abbreviations
 from tinygc.discovery.judge.searched import NOISE_P
 from tinygc.discovery.told.as_json import briefly
 from tinygc.discovery.told.constants import PEOPLES
+from tinygc.discovery.told.terms import ARROW
 from tinygc.explanation.verdict.measured import measured, p_words
 
 HEADLINES = {
@@ -47,6 +49,7 @@ def discovery_page(explained: dict) -> Group:
         lines += [Text(""), *_law(law)]
     if table["laws"]:
         lines.append(Text(""))
+        lines += [one_line(f"in these equations: {short}")] if (short := abbreviated(table)) else []
         lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["beside"]]
     elif table["forms"]:
         # Names without a law are those of a part of the recording, which nothing has proved: the explanation above has named its own.
@@ -76,7 +79,7 @@ def _law(law: dict) -> list[Text]:
     if law["learnable_from"] is not None:
         lines.append(one_line(f"  {learnable_words(law['learnable_from'])}"))
     if law["same_here"]:
-        lines.append(Text(f"  the same in this recording: {_listed([briefly(text) for text in law['same_here']], MOST_SAME)}", "yellow"))
+        lines.append(Text(f"  the same in this recording: {same_words(law)}", "yellow"))
     lines += [Text(f"  could else be: {runner_up_words(each)}", "yellow") for each in law["runners_up"][:MOST_RUNNERS_UP]]
     if law["file"]:
         lines.append(one_line(f"  written as {law['file']}"))
@@ -90,8 +93,9 @@ def number_lines(law: dict) -> list[str]:
         rows = values if values and isinstance(values[0], list) else [values]
         spreads = law["std"][name] if rows is values else [law["std"][name]]
         rows, spreads = _by_axis(rows, spreads)
-        for row, spread in zip(rows, spreads, strict=True):
-            numbers = "   ".join(measured(value, std) for value, std in zip(row, spread, strict=True))
+        heads = _heads(rows, law.get("terms", []))
+        for row, spread, labels in zip(rows, spreads, heads, strict=True):
+            numbers = "   ".join(f"{label}{measured(*each)}" for label, *each in zip(labels, row, spread, strict=True))
             head = f"{name}: " if name == law["unit"] else f"{name} ({law['unit']}): "
             lines.append(f"{head if not lines else ' ' * len(head)}{numbers}")
     for name, constant in law["constants"].items():
@@ -104,6 +108,25 @@ def _without_unit(name: str) -> str:
     """``width`` of ``width_share``."""
     ending = next((f"_{unit}" for *_, unit in PEOPLES.values() if name.endswith(f"_{unit}")), "")
     return name.removesuffix(ending).replace("_", " ")
+
+
+def _heads(rows: list, terms: list[str]) -> list[list[str]]:
+    """Of each number, what stands before it: nothing where there is one for each axis; ``x ← y `` in a row's first, then ``z ``."""
+    if len(rows) == 1:
+        return [[""] * len(rows[0])]
+    given, heads = iter(terms), []
+    for row in rows:
+        own = [next(given, "") for _ in row]
+        axis, arrow, _ = own[0].partition(ARROW)
+        heads.append([f"{axis}{arrow}" * (not number) + f"{each.removeprefix(f'{axis}{arrow}')} " for number, each in enumerate(own)])
+    return heads
+
+
+def abbreviated(table: dict) -> str:
+    """What the page's equations abbreviate and do not say themselves."""
+    said = [law["equation"] for law in table["laws"]]
+    others = [text for law in table["laws"] for text in (*law["same_here"][:MOST_SAME], *(each["equation"] for each in law["runners_up"]))]
+    return "; ".join(meaning for meaning in abbreviations(" ".join([*said, *others])) if not any(meaning in text for text in said))
 
 
 def _beside(each: dict) -> str:
@@ -143,6 +166,11 @@ def learnable_words(factor: float) -> str:
     if factor <= 1:
         return f"in 19 of 20 draws of noise this search finds it here from {factor:.2g} of its size on"
     return f"in 19 of 20 draws of noise this search finds it here only from {factor:.2g} times its size on"
+
+
+def same_words(law: dict) -> str:
+    """Forms that this recording cannot tell from a law."""
+    return _listed([briefly(text) for text in law["same_here"]], MOST_SAME)
 
 
 def runner_up_words(each: dict) -> str:

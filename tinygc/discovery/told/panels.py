@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Sides = tuple[Any, Any]
 
 COLOURS = tuple(AXES.values())
+#: functions whose constant is a place along their quantity
+EDGED = ("dead_zone", "excess", "within", "beyond", "signed_beyond", "above", "hinge", "band")
 #: of the runner-up, which has one colour for all axes
 OTHER = "#555555"
 #: points of a curve
@@ -58,6 +60,8 @@ def draw_pair(e: Explanation, pair: Pair, points: list[Points], left: Axes, righ
     else:
         _levels(e, law, own, points[0], times, one, left, right)
     _laws(law, own, points, times, one, left)
+    if not along:
+        _edges(law, points, times, unit, left)
     _runner_up(e, pair, points, times, one, (left, right))
     _fit_in(left, [each.without * one for each in points])
     _fit_in(right, [each.left * one for each in points] + [each.other_left * one for each in points if each.other_left is not None])
@@ -100,12 +104,26 @@ def _laws(law: Law, own: Fitted, points: list[Points], times: float, one: float,
         return
     if points[0].along_law:
         low, high = _span(np.concatenate([each.x for each in points]))
-        axes.plot([low * times, high * times], [low * one, high * one], "-", color="black", lw=1.5, label="the law, slope 1")
+        axes.plot([low * times, high * times], [low * one, high * one], "-", color="black", lw=1.5, label="what the law says, slope 1")
         return
     for each, colour in zip(points, COLOURS, strict=False):
         at = np.linspace(*_span(each.x), POINTS)
         said = curve(main_of(law.form), at, own.theta[list(each.series.entries)]) / DEG
         axes.plot(at * times, said * one, color=colour, lw=1.8)
+
+
+def _edges(law: Law, points: list[Points], times: float, unit: str, axes: Axes) -> None:
+    """Where the law begins or ends, dotted, as far as the points reach."""
+    main = main_of(law.form)
+    if main.function not in EDGED or main.constant is None:
+        return
+    low, high = _span(np.concatenate([each.x for each in points]))
+    both = main.function not in ("above", "hinge") and low < 0
+    label = f"{main.through.constant} {'±' if both else ''}{main.constant * times:.3g} {unit}"
+    for edge in (main.constant, -main.constant) if both else (main.constant,):
+        if low <= edge <= high:
+            axes.axvline(edge * times, ls=":", lw=1.0, color=FLOOR, label=label, zorder=0)
+            label = "_"  # said once
 
 
 def _levels(e: Explanation, law: Law, own: Fitted, points: Points, times: float, one: float, left: Axes, right: Axes) -> None:
@@ -157,7 +175,7 @@ def _runner_up(e: Explanation, pair: Pair, points: list[Points], times: float, o
         if dashed and (said := other_curve(e, own, other, each.series)) is not None:
             at = np.linspace(*_span(each.x), POINTS)
             left.plot(at * times, said(at) / DEG * one, "--", color=drawn["color"], lw=1.2)
-    left.plot([], [], "D--" if dashed else "D", mfc="none", color=OTHER, label="runner-up")
+    left.plot([], [], "D--" if dashed else "D", mfc="none", color=OTHER, label="what the runner-up says")
     right.plot([], [], "D", mfc="none", color=OTHER, label="with the runner-up")
 
 

@@ -85,5 +85,5 @@ class Told:
     def _where(self) -> Where:
         session = self.explanation.session
         logs = {file_key(log.path): hash_of_log(log) for log in session.logs}
-        full_scale_dps = self.explanation.twin.movements[0].fs_rps / DEG
-        return Where(session.name, logs, VERSION, full_scale_dps)
+        movement = self.explanation.twin.movements[0]
+        return Where(session.name, logs, VERSION, movement.fs_rps / DEG, movement.first_temp_c)

@@ -28,6 +28,7 @@ from tinygc.problem.problem import Problem
 from tinygc.report.beyond_linear import beyond_linear
 from tinygc.report.html.adopted import Adopted, adopt
 from tinygc.report.html.decision import Decision, decide
+from tinygc.report.html.searched import Searched, searched
 
 #: an Allan deviation wants pieces of at least so many samples
 SHORTEST_PIECE = 16
@@ -38,7 +39,7 @@ class Evidence:
     """fit; explanation, or against_truth where the reference is a truth file, or neither;
     adopted: the calibration that is reported; decision; quantities: every number of the parameter
     tables, in the field's words; allan or None; hashes of the session's files; versions; made: when; limit_deg or None; reused: the
-    methods that were taken from what ``fit`` had saved."""
+    methods that were taken from what ``fit`` had saved; searched: what an earlier ``explain --discover`` found, or None."""
 
     fit: FitResult
     explanation: Explanation | None
@@ -52,6 +53,7 @@ class Evidence:
     made: str
     limit_deg: float | None
     reused: tuple[str, ...] = ()
+    searched: Searched | None = None
 
     @property
     def problem(self) -> Problem:
@@ -85,6 +87,7 @@ def gather(
         accelerometer=options.accelerometer,
         progress=lambda what: progress(what, 0, 1),
     )
+    beyond_catalogue = searched(folder, input_hashes(prepared.session)) if explain else None
     fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit", prepared=prepared)
     truth = fit.session.config.protocol.reference == "truth"
     if options.exclude and explain:  # what a fit leaves out is looked at all the same
@@ -113,6 +116,7 @@ def gather(
         made=_now(),
         limit_deg=limit_deg,
         reused=fit.reused,
+        searched=beyond_catalogue,
     )
 
 

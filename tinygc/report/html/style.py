@@ -75,7 +75,7 @@ strong{font-weight:640}
 .reasons b{font-weight:700;flex:none}
 figure{margin:1.5rem 0 1.9rem}
 figcaption{font-size:13.5px;line-height:1.5;margin-top:.35rem;max-width:44.5rem}
-figure svg{display:block;width:100%;height:auto}
+figure svg,figure img{display:block;width:100%;height:auto}
 .narrow{display:none}
 .keys{display:flex;flex-wrap:wrap;gap:.15rem 1.15rem;font-size:13px;color:var(--soft);margin:0 0 .5rem}
 .key{display:inline-flex;align-items:center;gap:.42rem;color:inherit}

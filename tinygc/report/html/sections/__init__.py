@@ -9,6 +9,7 @@ from tinygc.report.html.sections import (
     closure_per_segment,
     correlations,
     denoising,
+    discovery,
     explanation,
     explanation_by_truth,
     methods,
@@ -33,6 +34,7 @@ SECTIONS = tuple(
         denoising,
         explanation,
         explanation_by_truth,
+        discovery,
         application,
         provenance,
     )

@@ -1,0 +1,77 @@
+"""The way back from what an effect adds: repeated substitution, rate <- measured - added(rate).
+
+Each pass leaves a share of what was wrong before: the slope of what is added.  Where no row looks at its neighbours, each goes on until it
+stands still, so that a strong effect takes more passes than a weak one.  Where rows look around, all of them take as many passes as
+are declared: so a log in pieces gives what it gives whole, and it is known how far around a row the answer looks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tinygc.effects.movement import Movement
+
+#: a share of 0.5 is then a billionth; what leaves more in a pass is no error but another sensor
+MOST_PASSES = 30
+#: rad/s: a millionth of any register's step, a tenth of what a log in pieces and a whole one may differ by
+SETTLED_RPS = 1e-10
+#: steps of one row, one half of the other, that come no nearer
+MOST_HALVES = 4
+#: of a step, what it must have changed to say something of the slope
+TOLD, LEAST_TOLD = 0.05, 1e-28
+
+
+def substituted(measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray], passes: int | None = None) -> np.ndarray:
+    """The rate (N, 3) rad/s with rate + added(movement with that rate) = measured (N, 3).
+
+    passes: of all rows alike; None: rows are alone, and each goes on until it stands still.  A row that does not, because what is added
+    has a slope of 1 or more there, or jumps, is given the rate that came nearest to it.
+    """
+    if passes is None:
+        return _until_settled(measured, movement, added)
+    rate = measured
+    for _ in range(passes):
+        before, rate = rate, measured - added(movement.with_rate(rate))
+        if np.abs(rate - before).max(initial=0.0) < SETTLED_RPS:
+            break  # what does not follow the rate is there at once
+    return rate
+
+
+def _until_settled(measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray]) -> np.ndarray:
+    """Each row by itself, with the slope of what is added learned on the way (Broyden's method).
+
+    A first step is plain substitution; so is one after a step that came no nearer, from where it began, and then half of it.
+    """
+    rate = found = measured
+    least, left = np.full(len(measured), np.inf), np.zeros_like(measured)
+    since = np.zeros(len(measured), dtype=int)
+    inverse, step = np.broadcast_to(np.eye(3), (len(measured), 3, 3)), left
+    for _ in range(MOST_PASSES):
+        missing = measured - added(movement.with_rate(rate)) - rate
+        off = np.abs(missing).max(axis=1, initial=0.0)
+        # What is done stays as it is: a row's answer does not hang on how long another takes.
+        nearer = (off < least) & (least >= SETTLED_RPS) & (since < MOST_HALVES)
+        since = np.where(nearer, 0, since + 1)
+        if np.isfinite(least).any():
+            inverse = np.where(nearer[:, None, None], _learned(inverse, step, left - missing), np.eye(3))
+        found, left = np.where(nearer[:, None], rate, found), np.where(nearer[:, None], missing, left)
+        least = np.where(nearer, off, least)
+        # A row is done, or nothing comes nearer: what is added jumps there.
+        if not ((least >= SETTLED_RPS) & (since < MOST_HALVES)).any():
+            break
+        step = np.einsum("nij,nj->ni", inverse, left) * 0.5 ** np.maximum(since - 1, 0)[:, None]
+        rate = found + step
+    # One more substitution costs nothing where it is known already, and takes off what is smaller than ``SETTLED_RPS``, too.
+    return np.where((least < SETTLED_RPS)[:, None], found + left, found)
+
+
+def _learned(inverse: np.ndarray, step: np.ndarray, answer: np.ndarray) -> np.ndarray:
+    """The inverse slopes (N, 3, 3) once steps (N, 3) changed what they are of by ``answer`` (N, 3); as before where that says nothing."""
+    expected = np.einsum("nij,nj->ni", inverse, answer)
+    along = np.einsum("ni,ni->n", step, expected)
+    told = np.abs(along) > np.maximum(TOLD * np.einsum("ni,ni->n", step, step), LEAST_TOLD)
+    share = np.divide(1.0, along, out=np.zeros_like(along), where=told)
+    backward = np.einsum("ni,nij->nj", step, inverse)
+    return inverse + share[:, None, None] * (step - expected)[:, :, None] * backward[:, None, :]

@@ -267,9 +267,7 @@ ALLOWED = {
     ("session/recording/growing.py", "open"),
     ("session/page/server.py", "read_bytes"),
     ("tinygc/cli/commands/_page_end.py", "read_bytes"),  # the report that was just made
-    ("tinygc/challenge/examine.py", "open"),
-    ("tinygc/challenge/on_recording/examine.py", "open"),
-    ("tinygc/challenge/discover/examine.py", "open"),
+    ("tinygc/challenge/examination.py", "open"),
     ("session/dialects/rows.py", "loadtxt"),
 }
 

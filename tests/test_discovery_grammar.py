@@ -59,7 +59,6 @@ def test_units_of_text_and_back():
         (lambda: Factor("rate", lag_s=0.0), "positive number of seconds"),
         (lambda: Factor("colour"), "'colour' is no quantity"),
         (lambda: Factor("rate", "sinh"), "'sinh' is no function"),
-        (lambda: Factor.measured("rest", "decay", 20.0, "g"), "rest is in s: decay takes a scale in that unit, got 20.0 g"),
     ],
 )
 def test_what_has_no_proper_unit_cannot_be_built(made, says):
@@ -72,7 +71,6 @@ def test_a_pattern_that_the_factors_cannot_have_is_refused():
         Form((Factor("vibration"),), "full")
     with pytest.raises(ValueError, match="has no pattern 'next'"):
         Form((Factor("rate"), Factor("vibration")), "next")
-    assert Factor.measured("temperature", "beyond", 5.0, "°C").constant == 5.0
 
 
 # Words

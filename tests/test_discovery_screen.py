@@ -49,7 +49,7 @@ class Seen:
         self.fit = refit(twin, whiten, [], twin.start())
         self.replay = Replay(twin, self.fit)
         self.responses = Responses(self.replay)
-        every = enumerated(self.responses.values.largest())
+        every = enumerated(largest_of(twin.movements))
         plain = [form for form in every if len(form.factors) == 1 and not form.constants and form.pattern == "each"]
         some = [form for form in every if form.size <= 9][::23]
         self.forms = list(dict.fromkeys([*plain[:30], ROOT_CUBE, DEAD_ZONE, *some]))

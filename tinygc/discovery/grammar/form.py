@@ -40,16 +40,6 @@ class Factor:
         if self.lag_s is not None and not (isfinite(self.lag_s) and self.lag_s > 0):
             raise UnitError(f"a lag of {self.quantity} is a positive number of seconds, got {self.lag_s}")
 
-    @classmethod
-    def measured(cls, quantity: str, function: str, constant: float, unit: str, lag_s: float | None = None) -> Factor:
-        """With a constant in a stated unit.  UnitError where that is not the quantity's."""
-        made = cls(quantity, function, constant, lag_s)
-        if unit_of(unit) != unit_of(made.of.unit):
-            raise UnitError(
-                f"{quantity} is in {made.of.unit}: {function} takes a {made.through.constant} in that unit, got {constant} {unit}"
-            )
-        return made
-
     @property
     def unit(self) -> Unit:
         """Of its values."""

@@ -33,15 +33,6 @@ class Values:
         rates = np.concatenate([movement.rate for movement in self.movements])
         return np.linalg.qr(np.concatenate([rates, np.ones((len(rates), 1))], axis=1))[0]
 
-    def largest(self) -> dict[str, float]:
-        """Of every quantity, the largest size in the recording; 0 where it does not vary or is not there."""
-        found = {}
-        for name in QUANTITIES:
-            every = np.concatenate(self.quantity(name))
-            varies = np.isfinite(every).all() and np.ptp(every, axis=0).max(initial=0.0) > 0
-            found[name] = float(np.abs(every).max()) if varies else 0.0
-        return found
-
     def of(self, factor: Factor | None) -> np.ndarray:
         """(components, N), float64, as ``Factor.values`` has it; of None, which is ``plan.ONE``, ones."""
         if factor is None:

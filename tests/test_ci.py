@@ -29,6 +29,7 @@ def test_the_hosted_service_runs_the_same_script():
     oldest = re.search(r"\d+\.\d+", SETTINGS["project"]["requires-python"]).group()
     assert jobs["whole"]["strategy"]["matrix"]["python"] == [oldest, "3.x"]
     assert {"windows-latest", "macos-latest"} == set(jobs["elsewhere"]["strategy"]["matrix"]["system"])
+    assert steps(jobs["long"]) == ['python -m pip install -e ".[test]" -c constraints.txt', "python -m pytest -m long"]
     assert steps(jobs["elsewhere"]) == ['python -m pip install -e ".[test]" -c constraints.txt', 'python -m pytest -m "not slow"']
 
 

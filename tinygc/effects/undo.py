@@ -15,6 +15,8 @@ from tinygc.effects.movement import Movement
 
 #: a share of 0.5 is then a billionth; what leaves more in a pass is no error but another sensor
 MOST_PASSES = 30
+#: of plain substitution, before slopes are learned: a share of 0.03 of 5 dps is then settled, and most effects are weaker
+PLAIN_PASSES = 7
 #: rad/s: a millionth of any register's step, a tenth of what a log in pieces and a whole one may differ by
 SETTLED_RPS = 1e-10
 #: steps of one row, one half of the other, that come no nearer
@@ -40,30 +42,47 @@ def substituted(measured: np.ndarray, movement: Movement, added: Callable[[Movem
 
 
 def _until_settled(measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray]) -> np.ndarray:
-    """Each row by itself, with the slope of what is added learned on the way (Broyden's method).
+    """Each row by itself: most stand still after few substitutions, and what does not has its slope learned."""
+    rate, settled = measured, np.zeros(len(measured), dtype=bool)
+    for _ in range(PLAIN_PASSES):
+        missing = measured - added(movement.with_rate(rate)) - rate
+        # What is done stays as it is: a row's answer does not hang on how long another takes.  One more substitution costs nothing
+        # where it is known already, and takes off what is smaller than ``SETTLED_RPS``, too.
+        rate = np.where(settled[:, None], rate, rate + missing)
+        settled |= np.abs(missing).max(axis=1, initial=0.0) < SETTLED_RPS
+        if settled.all():
+            return rate
+    rows = np.flatnonzero(~settled)
+    rate = rate.copy()
+    rate[rows] = _with_slopes(measured, movement, added, rows)
+    return rate
+
+
+def _with_slopes(measured: np.ndarray, movement: Movement, added: Callable[[Movement], np.ndarray], rows: np.ndarray) -> np.ndarray:
+    """The rate (K, 3) of rows (K,), with the slope of what is added there learned on the way (Broyden's method).
 
     A first step is plain substitution; so is one after a step that came no nearer, from where it began, and then half of it.
     """
-    rate = found = measured
-    least, left = np.full(len(measured), np.inf), np.zeros_like(measured)
-    since = np.zeros(len(measured), dtype=int)
-    inverse, step = np.broadcast_to(np.eye(3), (len(measured), 3, 3)), left
+    rate, aim = measured.copy(), measured[rows]
+    here = found = aim
+    least, left = np.full(len(rows), np.inf), np.zeros_like(aim)
+    since = np.zeros(len(rows), dtype=int)
+    inverse, step = np.broadcast_to(np.eye(3), (len(rows), 3, 3)), left
     for _ in range(MOST_PASSES):
-        missing = measured - added(movement.with_rate(rate)) - rate
+        rate[rows] = here
+        missing = aim - added(movement.with_rate(rate))[rows] - here
         off = np.abs(missing).max(axis=1, initial=0.0)
-        # What is done stays as it is: a row's answer does not hang on how long another takes.
         nearer = (off < least) & (least >= SETTLED_RPS) & (since < MOST_HALVES)
         since = np.where(nearer, 0, since + 1)
         if np.isfinite(least).any():
             inverse = np.where(nearer[:, None, None], _learned(inverse, step, left - missing), np.eye(3))
-        found, left = np.where(nearer[:, None], rate, found), np.where(nearer[:, None], missing, left)
+        found, left = np.where(nearer[:, None], here, found), np.where(nearer[:, None], missing, left)
         least = np.where(nearer, off, least)
         # A row is done, or nothing comes nearer: what is added jumps there.
         if not ((least >= SETTLED_RPS) & (since < MOST_HALVES)).any():
             break
         step = np.einsum("nij,nj->ni", inverse, left) * 0.5 ** np.maximum(since - 1, 0)[:, None]
-        rate = found + step
-    # One more substitution costs nothing where it is known already, and takes off what is smaller than ``SETTLED_RPS``, too.
+        here = found + step
     return np.where((least < SETTLED_RPS)[:, None], found + left, found)
 
 

@@ -237,7 +237,7 @@ def _squared(t_s, rate, force, temp_c, size=0.0):
     return rate + size * rate**2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_whole_judge_says_a_law_of_the_size_that_is_learnable(tmp_path, monkeypatch):
     """Screening, refit, the untouched third and the refusals: at 1.5 times the size that a session with nothing in it names, and at 0.6."""
     monkeypatch.setattr(judge, "enumerated", lambda largest: FEW)

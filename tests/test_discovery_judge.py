@@ -15,6 +15,7 @@ from tinygc.discovery.judge.added import beside_calibration, correlation
 from tinygc.discovery.judge.held_out import Unseen
 from tinygc.discovery.judge.parts import FEWEST, RUN, parted, without
 from tinygc.discovery.judge.weigh import FormEvidence
+from tinygc.discovery.told.fits import pairs_of
 from tinygc.explanation.noise.components import components_of
 from tinygc.explanation.noise.undersampling import undersampling
 from tinygc.explanation.twin.twin import Twin
@@ -193,6 +194,33 @@ def test_a_law_that_no_catalogue_has_is_found(discovered):
     assert np.all(sigma < 0.002)
     assert law.chance_p < 1e-6
     assert law.held_out[0].removed > 0.97
+
+
+LEAKS = Form((Factor("acceleration", "square"),), "full")
+MATRIX = 6e-4 * np.array([[1.0, -0.6, 0.4], [0.5, -1.2, 0.3], [-0.4, 0.7, 0.9]])  #: rad/s per (rad/s²)²
+
+
+def two_laws(t_s, rate, force, temp_c):
+    """As ``rectifying``, and the angular accelerations, squared, leak into all axes: three numbers and nine."""
+    return rectifying(t_s, rate, force, temp_c) + np.gradient(rate, t_s, axis=0) ** 2 @ MATRIX.T
+
+
+@pytest.mark.long
+def test_each_of_two_laws_keeps_its_own_rivals_numbers_and_picture(simulated_with, monkeypatch):
+    monkeypatch.setattr(judge, "enumerated", lambda largest: [*FORMS, LEAKS])
+    explained = explain_session(simulated_with(two_laws, segments=30))
+    answer = judge.discover(explained)
+    assert {law.form for law in answer.laws} == {PRODUCT, LEAKS}
+    truth = {PRODUCT: np.array([0.02, -0.015, 0.01]) * FS_RPS, LEAKS: MATRIX.ravel() * FS_RPS**2}
+    for law in answer.laws:
+        off, sigma = np.abs(law.theta - truth[law.form]), np.sqrt(np.diag(law.covariance))
+        assert np.all(off < 0.05 * np.abs(truth[law.form]).max() + 4 * sigma)  # the derivative of readings is taken over 19 ms
+        assert law.chance_p < 1e-6
+        assert 0 < law.learnable_from < 1
+    drawn = pairs_of(explained, answer)
+    for pair, law in zip(drawn, answer.laws, strict=True):
+        assert pair.own.theta.shape == law.theta.shape
+        assert pair.own.theta == pytest.approx(law.theta, abs=0.05 * np.abs(law.theta).max())
 
 
 @pytest.mark.slow

@@ -121,7 +121,7 @@ def test_a_rival_whose_rate_is_unknown_is_another(monkeypatch):
     monkeypatch.setattr(verdict, "rivals", lambda *_: [same, unknown, far])
     monkeypatch.setattr(verdict, "differing", lambda *_: None)
     searched = Answered()
-    searched.round_of = lambda law: SimpleNamespace(tried=[])
+    searched.round_of, searched.tried = lambda law: None, []
     found = verdict._judged(searched, LAW)
     assert found.others == [unknown]
     assert found.same == [same]

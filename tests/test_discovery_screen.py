@@ -265,6 +265,15 @@ def _says(seen, form, theta):
     return np.sum((basis.T @ law) ** 2) > 0.98 * law @ law
 
 
+def test_a_form_has_its_neighbours_on_the_grid(null):
+    zones = [form for form in null.forms if form.factors[0].function == "dead_zone"]
+    sharp = zones[0].with_constants(np.array(zones[0].constants) * 1.1)
+    near = null.neighbours(sharp)
+    assert near[0] == zones[0]
+    assert set(near) <= set(zones)
+    assert null.neighbours(ROOT_CUBE) == [ROOT_CUBE]
+
+
 def test_what_could_have_been_found_of_each_quantity(seen, null):
     sizes = learnable(null, 0.01)
     assert {"rate", "rate_size", "force", "acceleration"} <= set(sizes)

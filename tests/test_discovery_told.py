@@ -123,6 +123,16 @@ def test_laws_that_no_turn_tells_apart_are_told_by_the_condition(e):
         assert Told(e, found(law, verdict="ambiguous")).table["next"].endswith(f": {same.splits}")
 
 
+def test_of_two_laws_each_has_its_own_numbers(e):
+    """Two orders of the same effects are one hypothesis."""
+    laws = told_law(), law_of(*LAWS["matrix"])
+    first, second = pairs_of(e, found(*laws))
+    assert first.own.theta == pytest.approx(np.array(ZONE[1]) * DEG, abs=0.2 * DEG)
+    assert second.own.theta.shape == (9,)
+    assert {pair.own.adds.closure.shape[-1] for pair in (first, second)} == {3, 9}
+
+
+
 def test_the_movement_that_is_asked_for_closes_as_differently_as_it_says(e):
     """Not to first order: the turn is integrated with what each of the two corrects, the zero then fitted to its stills."""
     (pair,) = pairs_of(e, found(told_law(runners_up=(runner_up(CUBE),))))

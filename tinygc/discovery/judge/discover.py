@@ -74,17 +74,15 @@ def discover(
     forms = enumerated(largest_of(twin.movements))
     bases = [evidence.nothing, catalogue] if catalogue.effects else [catalogue]
     rounds: list[Found] = []
-    searched = Searched(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, forms)
+    searched = Searched(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, {}, forms)
     while len(rounds) < MOST_LAWS:
         step = 1 + 2 * len(rounds)
         found = with_a_form(evidence, forms, bases, seed, _told(progress, step))
+        rounds.append(found)
         if found.best is None or found.best.score >= searched.best.score:
-            rounds.append(found)
             break
         progress("discover: refitting the constants", step, STEPS)
-        best, found = _exactly(evidence, _settled(evidence, tried, found, searched.laws), found)
-        rounds.append(found)
-        further = replace(searched, best=best)
+        further = _exactly(searched, _settled(evidence, tried, found, searched.laws))
         why = next((why for law in further.laws if (why := refused(further, law))), None)
         if why is not None:
             searched = replace(searched, why=searched.why or why)
@@ -100,12 +98,13 @@ def _told(progress: Callable[[str, int, int], None], step: int) -> Callable[[str
     return lambda what: progress(f"discover: {what}", step, STEPS)
 
 
-def _exactly(evidence: FormEvidence, have: Hypothesis, found: Found) -> tuple[Hypothesis, Found]:
-    """All laws of a hypothesis with their constants where it is most probable."""
+def _exactly(searched: Searched, have: Hypothesis) -> Searched:
+    """With all laws of a hypothesis, their constants where it is most probable; what is new among them the last round has brought."""
+    evidence, last, entered = searched.evidence, len(searched.rounds) - 1, dict[str, int]()
     for law in [effect for effect in have.effects if effect.id in evidence.forms]:
         have, own = exact(evidence, have, law)
-        found = found.also(own)
-    return have, found
+        entered[own.id] = searched.entered.get(law.id, last)
+    return replace(searched, best=have, entered=entered)
 
 
 def _settled(evidence: FormEvidence, tried: list[Effect], found: Found, before: list[Effect]) -> Hypothesis:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,16 +34,12 @@ Trial = tuple[float, Effect, Hypothesis]
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """best: the hypothesis with a form more, or None; screening: of all forms; tried: effects of forms that were weighed in its place, the
-    best first."""
+    """best: the hypothesis with a form more, or None; screening: of all forms; tried: effects of forms that were weighed as the one more,
+    the best first."""
 
     best: Hypothesis | None
     screening: Screening
     tried: list[Effect]
-
-    def also(self, law: Effect) -> Found:
-        """With a law whose constants have been refitted."""
-        return replace(self, tried=[law, *self.tried])
 
 
 def with_a_form(
@@ -68,9 +64,9 @@ def with_a_form(
     trials = _best_of_each_shape(evidence, trials)
     refitted = _refitted(evidence, trials, promised)
     best = min(refitted, key=lambda h: h.score, default=None)
-    sharper = dict.fromkeys(effect for have in refitted for effect in have.effects if effect.id in evidence.forms)
-    tried = dict.fromkeys([*sharper, *(effect for _, effect, _ in trials)])
-    return Found(best, screening, list(tried))
+    stood = {effect.id for base in bases for effect in base.effects}
+    new = [effect for have in refitted for effect in have.effects if effect.id in evidence.forms and effect.id not in stood]
+    return Found(best, screening, list(dict.fromkeys([*new, *(effect for _, effect, _ in trials)])))
 
 
 def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, float]) -> list[Hypothesis]:

@@ -24,7 +24,8 @@ NOISE_P = 0.01
 @dataclass(frozen=True, eq=False)
 class Searched:
     """evidence of what was seen; unseen; split; names: the catalogue's effects; catalogue: the best hypothesis of them; shapes: with shapes
-    that have none; best: with laws; rounds of the search; forms that were tried; why: a law was refused."""
+    that have none; best: with laws; rounds of the search; entered: of each law's id, the number of the round that brought it; forms that
+    were tried; why: a law was refused."""
 
     evidence: FormEvidence
     unseen: Unseen
@@ -34,6 +35,7 @@ class Searched:
     shapes: Hypothesis
     best: Hypothesis
     rounds: list[Found]
+    entered: dict[str, int]
     forms: list[Form]
     why: str = ""
 
@@ -59,9 +61,13 @@ class Searched:
         return self.evidence.of(tuple(effect for effect in self.best.effects if effect is not law), self.best)
 
     def chance_p(self, law: Effect) -> float:
-        """Probability that the best of all forms promises as much in noise alone as a law does beside all that stands with it."""
-        screening = self.round_of(law).screening
-        return screening.chance_p(promised_beside(screening, self.evidence.forms[law.id], self.look_without(law)))
+        """Probability that the best of all forms promises as much in noise alone as a law does beside all that stands with it.
+
+        Noise was asked with the constants of the grid; so is the law, by the best of its neighbours there.
+        """
+        screening, look = self.round_of(law).screening, self.look_without(law)
+        on_grid = screening.neighbours(self.evidence.forms[law.id])
+        return screening.chance_p(max(promised_beside(screening, form, look) for form in on_grid))
 
     def look_without(self, law: Effect) -> Look:
         """At all that stands but one of the laws, in the noise as it is with all."""
@@ -76,5 +82,10 @@ class Searched:
         return chi_square_above(float(closure @ closure), closure.size) > NOISE_P
 
     def round_of(self, law: Effect) -> Found:
-        """The last in which a law was weighed: what stands beside it stood there, too."""
-        return next(each for each in reversed(self.rounds) if law in each.tried)
+        """That in which a law was found: a later one has it as known, and nothing in its place."""
+        return self.rounds[self.entered[law.id]]
+
+    @property
+    def tried(self) -> list[Effect]:
+        """Forms that were weighed in any round."""
+        return list(dict.fromkeys(effect for each in self.rounds for effect in each.tried))

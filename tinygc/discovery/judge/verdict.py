@@ -120,7 +120,7 @@ def _by_axis(form: Form, axes: ByAxis) -> str:
 def _judged(searched: Searched, law: Effect) -> _Judged:
     evidence, best, round_ = searched.evidence, searched.best, searched.round_of(law)
     without = searched.without(law)
-    weighed = sorted(rivals(evidence, best, law, round_.tried), key=lambda rival: rival.nearest)
+    weighed = sorted(rivals(evidence, best, law, searched.tried), key=lambda rival: rival.nearest)
     near = [rival for rival in weighed if rival.nearest < STAND_IN]
     return _Judged(
         law,

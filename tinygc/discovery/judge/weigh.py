@@ -3,8 +3,9 @@
     -2 log p = ... + 2 (ln 2 · bits + log(scales / odds)) + coefficients
 
 The bits are those of the form among all that the grammar can say; that the recording shows anything outside the catalogue is as improbable
-beforehand as any one effect of it.  A constant that is sharpened pays for the choices of its grid.  This is Rissanen's two-part code,
-in natural units: bits of the form, constants to their sigma, remainder under the noise.
+beforehand as any one effect of it.  This is Rissanen's two-part code, in natural units: bits of the form, coefficients to their sigma,
+remainder under the noise.  A constant within a function, such as a width, pays for the choices of its grid alone, however sharply it is
+known; so rivals are compared by their fit as well (``rivals``).
 """
 
 from __future__ import annotations

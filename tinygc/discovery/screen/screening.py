@@ -29,6 +29,8 @@ DRAWS = 200
 MARKS = 48
 #: of a session that is screened by part of its turns: forms that are weighed with all of them
 FINALISTS = 2000
+#: forms of other constants that a law is asked with: of one constant those within a factor of five on the coarsest grid, of two a ring
+NEIGHBOURS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +87,18 @@ class Screening:
     @cached_property
     def _prices(self) -> dict[Form, float]:
         return {form.shape: float(cost) for form, cost in zip(self.forms, self.price, strict=True)}
+
+    def neighbours(self, form: Form, most: int = NEIGHBOURS) -> list[Form]:
+        """Forms that differ from one by their constants alone, the nearest first; itself where there are none."""
+        own = np.log(form.constants)
+        return sorted(self._shapes.get(form.shape, [form]), key=lambda other: np.sum((np.log(other.constants) - own) ** 2))[:most]
+
+    @cached_property
+    def _shapes(self) -> dict[Form, list[Form]]:
+        found: dict[Form, list[Form]] = {}
+        for form in self.forms:
+            found.setdefault(form.shape, []).append(form)
+        return found
 
     def sharpened(self, form: Form, look: int = -1) -> Sharpened:
         """Its constants at their best beside one of the looks."""

@@ -62,4 +62,6 @@ def _fitted(evidence: Evidence, beside: list[Effect], form: Form | None, effect:
     found = replay.columns(effect)
     adds = Channels(-found.closure, -found.still, found.length)  # effects are taken off
     left = twin.residuals(fit.state, replay.rates)
-    return Fitted(form, effect, fit, hypothesis.whiten, replay, fit.state.claims[-1].theta, left, adds)
+    # The same effects in another order are the same hypothesis, in the order of the first.
+    theta = next(claim.theta for claim in fit.state.claims if claim.effect.id == effect.id)
+    return Fitted(form, effect, fit, hypothesis.whiten, replay, theta, left, adds)

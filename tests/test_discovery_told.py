@@ -132,7 +132,6 @@ def test_of_two_laws_each_has_its_own_numbers(e):
     assert {pair.own.adds.closure.shape[-1] for pair in (first, second)} == {3, 9}
 
 
-
 def test_the_movement_that_is_asked_for_closes_as_differently_as_it_says(e):
     """Not to first order: the turn is integrated with what each of the two corrects, the zero then fitted to its stills."""
     (pair,) = pairs_of(e, found(told_law(runners_up=(runner_up(CUBE),))))

@@ -5,7 +5,8 @@
 
 A choice among n costs log2(n).  What is asked with yes or no costs one bit: is there a second factor, is it the quantity itself, is there
 a lag.  So a law of one quantity as it is costs seven bits, and a product of two functions behind lags more than thirty.  The bits are those
-of the grammar, whatever a recording has; constants count by their place on the grid.  Two to the power of minus the bits, summed over all forms, is below one, as of any code.
+of the grammar, whatever a recording has; constants count by their place on the grid.  Two to the power of minus the bits, summed over
+all forms, is below one, as of any code.
 """
 
 from __future__ import annotations

@@ -27,11 +27,11 @@ def main(arguments: list[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         with ended_by_signals():
-            words, whole = sys.argv[1:] if arguments is None else arguments, parser()
+            words = sys.argv[1:] if arguments is None else arguments
             if not words:  # who types the name alone asks what there is; a script whose variable is empty must not take it for done
-                whole.print_help()
+                parser().print_help()
                 return 2
-            args = whole.parse_args(words)
+            args = parser(words).parse_args(words)
             code = _run(args)
             with standard_output():
                 sys.stdout.flush()

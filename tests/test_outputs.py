@@ -4,6 +4,7 @@ import argparse
 import importlib
 import json
 import os
+from functools import cache
 from pathlib import Path
 
 import processes
@@ -23,6 +24,7 @@ KINDS = (path_read, file_written, log_written, folder_written)
 METAVARS = {"FILE", "DIR", "PATH", "TOML", "CSV", "FOLDER"}
 
 
+@cache
 def command_parsers() -> dict[str, argparse.ArgumentParser]:
     """The parser of each command."""
     (commands,) = (action for action in parser()._actions if isinstance(action, argparse._SubParsersAction))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 from session.common.texts import printable
@@ -32,12 +32,12 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"calibrate: {printable(message)}; see --help\n")
 
 
-def parser() -> argparse.ArgumentParser:
-    """The whole command line: every command of ``tinygc.cli.commands``."""
+def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
+    """The whole command line: every command of ``tinygc.cli.commands``; for words that begin with one, that one, which is all they ask."""
     whole = _Parser(prog="calibrate.py", description="Calibrate a MEMS gyroscope on a hand-turned table.", epilog=BEGIN)
     whole.add_argument("--version", action="version", version=_version())
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for name in COMMANDS:
+    for name in words[:1] if words and words[0] in COMMANDS else COMMANDS:
         module = importlib.import_module(f"tinygc.cli.commands.{name}")
         summary = module.SUMMARY
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")

@@ -78,6 +78,7 @@ def test_an_effect_in_one_unit_is_that_units_own_physics(tmp_path):
     assert found.fit.split.common < own[1] / 3
 
 
+@pytest.mark.long
 def test_own_excess_is_claimed_as_seldom_as_its_probability_says(tmp_path):
     """Arrays with nothing wrong: one in a hundred may be said to have a unit that errs by itself, over all units together."""
     p = []

@@ -272,7 +272,7 @@ def test_three_sensors_on_one_body(shared, tmp_path):
     assert all(np.sqrt(np.trace(unit.covariance[MOUNTING, MOUNTING])) < 0.03 * DEG for unit in fit.units[1:])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_eight_units_on_one_board(shared, tmp_path):
     """mimu: what turns miss by is common, motion beyond the data rate; a unit less the mean is below 0.10 deg; places repeat."""
     fits = [fit_array(read_array(folder)) for _, folder in zip(range(2), mimu.write_array(shared / "mimu", tmp_path), strict=False)]

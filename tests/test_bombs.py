@@ -143,7 +143,7 @@ def test_a_bomb_is_refused_in_one_line_within_a_gigabyte(taken, number):
     assert cpu_s < MOST_CPU_S
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_apply_takes_no_more_memory_for_a_longer_stream(tmp_path):
     """A day's rows through standard input would be gigabytes; fifteen times as many rows as before take the same."""
     peaks_mb = []

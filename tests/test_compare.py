@@ -26,7 +26,7 @@ def unit():
     return [calibrated(Job(500 + i, SEGMENTS, 104.0)) for i in range(SESSIONS)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sessions_of_one_unit_agree_as_often_as_they_should(unit):
     p = np.array([compare(unit[i : i + 2]).lasting.p_value for i in range(0, SESSIONS, 2)])
     assert stats.kstest(p, "uniform").pvalue > 0.01

@@ -150,7 +150,7 @@ def test_seeded_and_frozen(trained):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slope", [1.0, 0.3])
+@pytest.mark.parametrize("slope", [1.0, pytest.param(0.3, marks=pytest.mark.long)])
 def test_adamw_goes_on_from_the_linear_solution(slope):
     """Linear or bent, repeatable, with unit gain; bent, it has something to mend."""
     seen, _ = material(count=8)

@@ -119,7 +119,7 @@ def test_nothing_found_says_what_would_have_been_found(explained, tmp_path):
     assert all(less[name] > size for name, size in stated.items() if size is not None)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_lives_in_the_turns_alone_is_not_said_to_live_in_the_stills(tmp_path):
     """Closure, still rates and gravity's length share noise; whitened together, a misfit of one leaks into the others."""
 

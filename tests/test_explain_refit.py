@@ -34,7 +34,7 @@ def pulls(twin_of):
     return np.array(found)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_reported_uncertainties_hold(pulls):
     """68 % within one sigma; the effects' parameters are estimated from the same stills, so they are not independent."""
     for part in (pulls[:, :9], pulls[:, 9:]):

@@ -53,7 +53,7 @@ def write(
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
     found = [explain_truth(write(tmp_path / str(seed), seed=seed)) for seed in range(4)]
     assert sum(e.verdict == "no_mismatch" for e in found) >= 3
@@ -83,7 +83,7 @@ def test_a_bias_that_drifts(tmp_path):
     assert e.closure_rms[1] < 0.6 * e.closure_rms[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_size_that_no_gyroscope_has_is_no_name(tmp_path):
     """0.3 dps/g is a gyroscope's; 4 dps/g fits as well, but whatever it is, it is not that."""
     small, large = (explain_truth(write(tmp_path / str(size), dps_per_g=size)) for size in (0.3, 4.0))

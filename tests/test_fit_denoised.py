@@ -48,7 +48,7 @@ def test_denoised_beside_calibrated(tmp_path):
     assert len(json.loads((tmp_path / "fitted.json").read_text())["methods"]["tinygc_denoised"]["notes"]["loss"]) > 5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_net_that_is_told_the_temperature(warm, tmp_path):
     """33 parameters take most of what the linear model with one bias leaves; the model file carries it."""
     _, table = fit(warm, tmp_path, "--methods", "least_squares", "--conditions", "temperature", "--bias", "ends")

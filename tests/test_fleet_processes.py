@@ -155,6 +155,7 @@ def test_effects_that_a_process_does_not_find_end_the_run_and_fail_no_session(fl
     assert rows_of(tmp_path / "out") == 0
 
 
+@pytest.mark.long
 def test_a_dask_cluster_makes_the_same_table(fleet, reference, tmp_path, run):
     distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:

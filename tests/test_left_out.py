@@ -131,6 +131,7 @@ def test_a_scanned_shape_is_left_out_as_any_other_where_there_is_one_to_choose(e
         np.testing.assert_allclose(found[rows], (stacked_r - stacked_J @ theta)[rows], atol=1e-6 * whiten.sigma[rows].max())
 
 
+@pytest.mark.long
 def test_the_best_of_many_steps_fitted_to_noise_is_borne_out_by_chance_alone(evidence_of):
     """Found with the left-out segments it improves them: so it is found anew without them."""
     with_all, anew = [], []

@@ -71,7 +71,9 @@ def mended(table: Table, pushes) -> tuple[list[Event], object]:
 # False readings
 
 
-@pytest.mark.parametrize(("dps", "back"), [(60, False), (8, False), (60, True)])
+@pytest.mark.parametrize(
+    ("dps", "back"), [(60, False), *(pytest.param(*each, marks=pytest.mark.long) for each in ((8, False), (60, True)))]
+)
 def test_a_real_knock_is_not_mended_and_the_same_readings_without_one_are(table, rows, dps, back):
     """To the readings of the gyro, both are the same; gravity at the turn's end was turned by the one alone."""
     shown = excursions(rows, dps, back)
@@ -160,7 +162,7 @@ def test_a_jerk_in_all_channels_that_loses_nothing_is_not_mended(table, rows):
     assert found.found == {}
 
 
-@pytest.mark.parametrize("count", [4, 9])
+@pytest.mark.parametrize("count", [4, pytest.param(9, marks=pytest.mark.long)])
 def test_the_same_turns_with_samples_lost_are_mended(table, rows, count):
     lost = with_losses(sensed(table, {}), rows, count)
     found = mend(build_problem(session_of(lost)))

@@ -27,7 +27,7 @@ def ids(result):
     return {claim.effect.id for claim in result.claimed}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_effect_of_half_a_percent_is_named_where_it_is_all_that_is_left(tmp_path):
     """17 ms of skew make a hundred times the misfit of the cubic; but the cubic takes up all that the skew leaves, to the noise."""
     cubic, seconds = np.array([0.011, 0.026, -0.016]), np.array([0.0095, 0.0, 0.017])

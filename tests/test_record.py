@@ -39,7 +39,9 @@ def closures(samples: Samples, config: Config) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rate", "form", "segments", "speed"), [(416, [], 7, 8), (1667, ["--frames"], 7, 5)])
+@pytest.mark.parametrize(
+    ("rate", "form", "segments", "speed"), [(416, [], 7, 8), pytest.param(1667, ["--frames"], 7, 5, marks=pytest.mark.long)]
+)
 def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed):
     """Nothing is lost, every turn is accepted, and the session is, sample by sample, the one that can be read from its file."""
     spare = 2  # turns, so that one that is missed fails here and not by waiting for ever

@@ -167,7 +167,7 @@ def test_a_temperature_that_hardly_moves_is_a_constant():
     assert fit.terms[0] / DEG == pytest.approx(0.5, abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sigmas_are_true_over_many_seeds():
     """Slope and lag of 30 logs with wander: two thirds within a sigma, nearly all within two (benchmarks/temperature.py: 100 seeds)."""
     z = []

@@ -74,7 +74,7 @@ def test_a_diagonal_that_is_equal_is_the_clock_and_its_rivals_are_said():
         assert e.verdict == "explained"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_one_axis_that_is_late_is_the_gyros_and_the_clock_keeps_its_own():
     alone, both = (explain_truth(made(Wrong(delays_s=(0.003, 0, 0), late_s=late_s))[0]) for late_s in (0.0, 0.004))
     assert not {claim.effect.id for claim in alone.claims} - set(common_delays())

@@ -203,7 +203,7 @@ def test_all_recordings_of_the_other_bench_are_left_in_peace(shared):
     assert all(line.level == "ok" for line in lines)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_eight_sensors_on_one_hand_miss_the_same(shared, tmp_path):
     """62.5 Hz: nothing of the sensor is in it, and the sums in the table's axes agree."""
     source = shared / "mimu" / "exp_2.npz"

@@ -117,7 +117,7 @@ def sessions(simulated):
     return np.array(errors).transpose(1, 0, 2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_uncertainties_are_true_in_the_simulator(sessions):
     """End to end, from registers: 68 % of 360 errors within one sigma.  Those of one session hang together: 0.15 / sqrt(30) = 0.03."""
     with_wander, _ = sessions

@@ -56,6 +56,7 @@ def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit, tmp_path, capsys
         assert not strangers(json.loads((out / unit["explained"]).read_text(encoding="utf-8")))
 
 
+@pytest.mark.long
 def test_an_effect_in_one_unit_is_that_units_own_physics(tmp_path):
     """Unit 1's bias follows gravity: it is named there, and in no other; the others stay as they are."""
     matrix = np.array([[0.06, 0.0, 0.02], [0.0, -0.05, 0.0], [0.03, 0.0, 0.04]]) * DEG / 9.80665

@@ -105,7 +105,7 @@ def test_a_turned_frame_is_asked_for_by_gyro_and_accelerometer(tmp_path):
     assert np.linalg.norm(e.force.turned) < 0.3 * np.linalg.norm(e.force.bias)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_page_is_drawn_with_wrong_moments_and_with_next_to_nothing(tmp_path):
     pytest.importorskip("matplotlib")
     whole = explain_truth(write(tmp_path / "whole", jumps=(20.3, 40.3)))
@@ -165,7 +165,7 @@ def test_the_command_says_it_and_writes_it(tmp_path, capsys):
     assert "cannot know" in capsys.readouterr().out
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_each_day_has_its_bias_and_the_stored_one_is_the_median(tmp_path):
     """Four days, one far off: E is common, and the offsets are the days' own."""
     biases = [(0.5, -0.3, 0.6), (0.52, -0.31, 0.58), (0.49, -0.28, 0.61), (0.9, -0.7, 0.2)]

@@ -86,7 +86,7 @@ def test_the_papers_own_loss(tmp_path, more):
     assert table["methods"]["tinygc"]["holdout"]["tilt_rms_deg"] < (3.0 if "adamw" in more else 0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_interrupted_fit_repeats_no_training_that_had_ended(tmp_path, monkeypatch):
     """Ctrl-C in the second of six trainings; resumed, the numbers are those of a fit that was left alone."""
     how = ["--methods", "tinygc", "--optimizer", "adamw", "--epochs", "8", "--folds", "2"]

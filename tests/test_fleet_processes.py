@@ -115,6 +115,7 @@ def rows_of(out) -> int:
         return 0
 
 
+@pytest.mark.long
 @posix
 def test_a_run_that_is_interrupted_and_one_that_is_killed_go_on(fleet, quick, tmp_path):
     """Both wait for more folders when that happens; one is written each time, and two are under way."""

@@ -54,7 +54,7 @@ def test_what_a_model_simplifies_of_a_great_effect_gets_no_second_name(tmp_path)
     assert ids(result) <= {"timing.axis_skew", "gyro.bandwidth", "timing.gyro_accel_offset"}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_lookalike_named_while_another_was_in_the_way_gives_place(tmp_path):
     """While the cubic is not named yet, a lag describes this skew better than the skew does; beside it, the skew does."""
     cubic, seconds = np.array([-0.0085, 0.0098, -0.0065]), np.array([0.0085, 0.0, 0.0056])

@@ -121,7 +121,7 @@ def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
     assert (tmp_path / "s" / "log0001.csv").read_bytes() == log
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bad_bytes_are_counted_and_the_session_goes_on(board, tmp_path):
     port = board(*SLOW_SENSOR, "--frames", "--faults", "lost=0.001,garbage=500,torn=0.001")
     result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 2, "--json", "-")

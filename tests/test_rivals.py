@@ -33,7 +33,7 @@ def test_a_straight_line_in_temperature_keeps_its_name(tmp_path):
     assert result.findings == []
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_weak_curve_is_no_step(tmp_path):
     """So weak that a step describes it nearly as well as the curve that it is: a step may stand beside the curve, never alone."""
     result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer((temp - MIDDLE_C) ** 2, 0.11 * CURVE))

@@ -59,7 +59,7 @@ def test_three_boards_in_a_row(tmp_path):
         assert len(session.logs[0].samples) > 200
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_board_that_was_cut_short_goes_on(tmp_path):
     """Interrupted within its session: 130; the row begun again goes on with the same board."""
     folder, port, row = board_folder(tmp_path / "SN9", "SN9", 3), tmp_path / "port", tmp_path / "row"

@@ -161,7 +161,7 @@ def of_two_days(seed=7, count=24):
     return replace(batch, rate=rate), sigma
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_adamw_on_the_distance_goes_where_the_reweighting_goes():
     """The paper's loss is not squared: turns of another day pull less.  AdamW, which may bend, is at most a little lower."""
     batch, sigma = of_two_days()

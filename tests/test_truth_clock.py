@@ -58,6 +58,7 @@ def test_what_all_axes_share_looks_like_the_clock_and_goes_there(twin, name):
     assert np.sqrt(gauged.theta_covariance(0)[0, 0]) < 0.3 * np.sqrt(fit.theta_covariance(0)[0, 0]) < 0.05
 
 
+@pytest.mark.long
 def test_a_diagonal_that_is_equal_is_the_clock_and_its_rivals_are_said():
     """4.06 ms, as a public set has it: whether the truth is late or the gyro early, the recording does not tell."""
     late = explain_truth(made(Wrong(late_s=0.00406))[0])

@@ -2,6 +2,7 @@
 
 import shutil
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from session.common.units import DEG
 from session.log.folder import read_session
 from tinygc.discovery.grammar.form import Factor, Form
 from tinygc.discovery.judge import discover as judge
+from tinygc.discovery.judge import parts
 from tinygc.discovery.judge.added import beside_calibration, correlation
 from tinygc.discovery.judge.held_out import Unseen
 from tinygc.discovery.judge.parts import FEWEST, RUN, parted, without
@@ -86,15 +88,30 @@ def test_two_short_recordings_are_thinned_and_none_is_put_away_whole(simulated_w
     shutil.copytree(simulated_with(None, segments=9), folder)
     shutil.copy(simulated_with(None, segments=9, seed=4) / "log0001.csv.gz", folder / "log0002.csv.gz")
     problem = build_problem(read_session(folder))
-    split = parted(problem, 0)
-    assert split.log is None
-    assert {problem.used[i].log for i in split.parts} == {0, 1}
+    for seed in range(3):
+        split = parted(problem, seed)
+        assert split.log is None
+        assert len(split.parts) == 6
+        assert {segment.log for segment in split.seen.used} == {0, 1}
+
+
+@pytest.mark.parametrize("turns", [(15,), (16,), (20,), (21,), (48,), (3,) * 10, (4,) * 6, (5,) * 6, (6,) * 4, (30, 3, 3, 3)])
+def test_of_any_session_a_third_is_put_away_and_at_least_as_much_is_left(turns, monkeypatch):
+    """Many short logs are one session: none is counted anew."""
+    monkeypatch.setattr(parts, "without", lambda problem, held: held)
+    problem = SimpleNamespace(used=[SimpleNamespace(log=number) for number, count in enumerate(turns) for _ in range(count)])
+    drawn = [parted(problem, seed) for seed in range(12)]
+    for split in drawn:
+        rest = sum(turns) - len(split.recording)
+        assert FEWEST <= len(split.parts) <= rest / 3 + (RUN if rest > 20 else 1)
+        assert np.count_nonzero(~split.seen) >= 2 * FEWEST
+    assert len({tuple(split.parts.tolist()) for split in drawn}) == 3
 
 
 def test_few_turns_prove_nothing_and_the_answer_says_so(simulated_with):
     found = judge.discover(explain_session(simulated_with(None, segments=9)))
     assert found.verdict == "none"
-    assert found.why == "4 of 9 turns could be put away, too few to judge an equation by: record 15 or more"
+    assert found.why == "a third of 9 turns is too few to judge an equation by: record 15 or more"
 
 
 def test_a_problem_without_some_turns_is_the_same_problem_elsewhere(plain):

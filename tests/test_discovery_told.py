@@ -21,6 +21,8 @@ from tinygc import closure, explain
 from tinygc.closure.residual import Batch
 from tinygc.discovery.grammar.form import Factor, Form
 from tinygc.discovery.grammar.words import in_words
+from tinygc.discovery.judge import verdict
+from tinygc.discovery.told import next_step
 from tinygc.discovery.told.fits import pairs_of
 from tinygc.discovery.told.next_step import best_trial
 from tinygc.discovery.told.page import discovery_page
@@ -66,7 +68,8 @@ def test_every_key_is_on_the_page_and_survives_json(e, name):
     assert np.ravel(stds) == pytest.approx(0.02 * np.abs(np.ravel(LAWS[name][1])))
     assert said["unit"].startswith("dps")
     assert {each["value"] for each in said["constants"].values()} == set(law.form.constants)
-    assert said["file"] == f"effects/{said['id'].replace('.', '_')}.py"
+    assert said["id"] == law.effect.id
+    assert said["file"] is None  # until it is written
 
 
 def test_what_has_no_laws_has_the_limits(e):
@@ -201,6 +204,37 @@ def test_a_file_that_somebody_edited_stays_and_the_json_names_the_new_one(asked,
     assert law["file"] == "effects/discovered_dead_zone_rate_2.py"
     assert law["id"] == "discovered.dead_zone_rate_2"
     assert "is kept" in capsys.readouterr().out
+
+
+def test_a_file_that_is_in_use_is_neither_replaced_nor_taken_away(asked, folder, tmp_path, capsys):
+    """Named with --effects, its law is a name for this search, which therefore finds another or none."""
+    asked(found(told_law()))
+    words = ["explain", str(folder), "--discover", "--out", str(tmp_path), "--no-pictures"]
+    calibrate.main(words)
+    (used,) = (tmp_path / "effects").glob("*.py")
+    before = used.read_bytes()
+    for answer, files in ((NOTHING, 1), (found(told_law()), 2)):
+        asked(answer)
+        capsys.readouterr()
+        assert calibrate.main([*words, "--effects", str(tmp_path / "effects")]) == 0
+        assert used.read_bytes() == before
+        assert "was named with --effects, and is kept" in " ".join(capsys.readouterr().out.split())
+        assert len(list((tmp_path / "effects").glob("*.py"))) == files
+
+
+def test_a_law_has_no_name_that_a_loaded_effect_has(monkeypatch):
+    monkeypatch.setattr(verdict, "catalogue", lambda: {"discovered.dead_zone_rate": None})
+    assert verdict._free_id(ZONE[0], []) == "discovered.dead_zone_rate_2"
+    assert verdict._free_id(ZONE[0], ["discovered.dead_zone_rate_2"]) == "discovered.dead_zone_rate_3"
+    assert verdict._free_id(CUBE, []) == "discovered.cube_rate"
+
+
+def test_where_the_range_is_too_small_for_any_turn_words_tell_what_to_change(e, monkeypatch):
+    monkeypatch.setattr(next_step, "trials", lambda movement: [])
+    discovery = found(told_law(runners_up=(runner_up(CUBE),)))
+    said = next_step.next_of(e, discovery, pairs_of(e, discovery))
+    assert said.startswith("to tell ")
+    assert said.endswith(": turn slowly and quickly about the same axis")
 
 
 def test_nothing_of_a_session_folder_is_executed(asked, folder, tmp_path):

@@ -75,6 +75,12 @@ def test_it_is_not_there_where_nothing_was_searched_or_the_logs_are_others(tmp_p
     folder = explained(tmp_path, NOTHING)
     place = folder / "explain" / "explain.json"
     table = json.loads(place.read_text(encoding="utf-8"))
+    hashes = table["logs"]
+    for others in ({}, hashes | {"log0002.csv": "0" * 64}):  # one was taken away since, or was never there
+        place.write_text(json.dumps(table | {"logs": others}), encoding="utf-8")
+        assert section(Evidence(folder)) is None
+    place.write_text(json.dumps(table), encoding="utf-8")
+    assert section(Evidence(folder)) is not None
     (folder / "log0001.csv").write_text("t_us\n2\n", encoding="utf-8")
     assert section(Evidence(folder)) is None
     del table["discovery"]

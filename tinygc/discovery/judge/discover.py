@@ -57,11 +57,10 @@ def discover(
     seed: of what is put away, and of what chance draws.
     """
     whole = explanation.twin
-    split = parted(whole.problem, seed)
-    if len(split.parts) < FEWEST:
-        could = f"{len(split.parts)} of {len(whole.segments)} turns could be put away"
-        few = f"{could}, too few to judge an equation by: record {3 * FEWEST} or more"
+    if len(whole.segments) < 3 * FEWEST:
+        few = f"a third of {len(whole.segments)} turns is too few to judge an equation by: record {3 * FEWEST} or more"
         return Discovery("none", few, (), (), forms=0, distinct=0, chance_gain=0.0, best_promise=0.0)
+    split = parted(whole.problem, seed)
     twin = Twin(split.seen)
     progress("discover: the catalogue on what is seen", 0, STEPS)
     evidence, tried = FormEvidence(twin), candidates(twin)

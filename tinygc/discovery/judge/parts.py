@@ -20,7 +20,7 @@ from tinygc.problem.rejections import LEFT_OUT
 RUN = 4
 #: of three
 SEEN = 2
-#: turns by which a law can be judged: all of four improve in one of sixteen cases by chance
+#: turns by which a law can be judged: all of four improve in one of sixteen cases by chance; a session needs three times so many
 FEWEST = 5
 
 
@@ -36,20 +36,21 @@ class Parts:
 
 
 def parted(problem: Problem, seed: int) -> Parts:
-    """Of a problem's used segments; which run of three is left out is drawn, of those that leave out enough to judge by.  Of several
-    recordings the smallest that is enough to judge by is left out whole, where the others are enough to search."""
+    """Of a problem's used segments; which third is left out is drawn, in runs that are counted through all logs, or, where there are so
+    few that a third of runs may be too few to judge by, as one piece.  Of several recordings the smallest that is enough to judge by is
+    left out whole, where the others are enough to search."""
     used, rng = problem.used, np.random.default_rng(seed)
     logs = np.array([segment.log for segment in used])
     counts = np.bincount(logs)
     enough = np.flatnonzero((counts >= FEWEST) & (len(used) - counts >= 3 * FEWEST))
     whole = int(enough[np.argmin(counts[enough])]) if np.count_nonzero(counts) > 1 and len(enough) else None
-    held = np.zeros(len(used), dtype=bool)
-    for log in np.flatnonzero(counts > 0):
-        own = np.flatnonzero(logs == log)
-        if log != whole:
-            choices = [(np.arange(len(own)) + first * RUN) % (RUN * (SEEN + 1)) < RUN for first in rng.permutation(SEEN + 1)]
-            held[own] = next((each for each in choices if each.sum() >= FEWEST), max(choices, key=np.sum))
     recording = logs == whole if whole is not None else np.zeros(len(used), dtype=bool)
+    rest, first = np.flatnonzero(~recording), int(rng.permutation(SEEN + 1)[0])
+    thirds = [(np.arange(len(rest)) + shift * RUN) % (RUN * (SEEN + 1)) < RUN for shift in range(SEEN + 1)]
+    if min(map(np.count_nonzero, thirds)) < FEWEST:
+        thirds = [np.isin(np.arange(len(rest)), piece) for piece in np.array_split(np.arange(len(rest)), SEEN + 1)]
+    held = np.zeros(len(used), dtype=bool)
+    held[rest[thirds[first]]] = True
     return Parts(without(problem, held | recording), np.flatnonzero(held), np.flatnonzero(recording), whole)
 
 

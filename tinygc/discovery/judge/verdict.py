@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +23,7 @@ from tinygc.discovery.judge.searched import Searched
 from tinygc.discovery.judge.weigh import FORM, FormEvidence, rms_of
 from tinygc.discovery.screen.by_axis import ByAxis
 from tinygc.discovery.screen.learnable import learnable, learnable_from
-from tinygc.effects import Effect
+from tinygc.effects import Effect, catalogue
 from tinygc.explanation.naming.evidence import Hypothesis
 from tinygc.explanation.naming.naming import STAND_IN
 from tinygc.explanation.twin.layout import claim_slice
@@ -80,7 +80,10 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
     whole = _on_all(explanation, searched)
     names = _beside(whole.have, frozenset(whole.evidence.forms))
     progress("from what size it could have been found")
-    laws = tuple(_law(searched, each, whole, number) for number, each in enumerate(judged))
+    ids = list[str]()
+    for each in judged:
+        ids.append(_free_id(each.form, ids))
+    laws = tuple(_law(searched, each, whole, ids, number) for number, each in enumerate(judged))
     why = _undecided(judged, laws, share)
     return Discovery("ambiguous" if why else "found", why, laws, names, **common)
 
@@ -160,7 +163,15 @@ def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Besid
     return tuple(Beside(claim.effect.id, *readable(claim, have.fit.theta_covariance(number))[1:]) for number, claim in claims)
 
 
-def _law(searched: Searched, judged: _Judged, whole: _Whole, number: int) -> Law:
+def _free_id(form: Form, taken: Sequence[str]) -> str:
+    """``discovered.…``, with the first number that no other has, where the name alone is one of the catalogue's or of those taken."""
+    name, number, others = f"{FORM}{what(form)}", 1, {*catalogue(), *taken}
+    while (found := name if number == 1 else f"{name}_{number}") in others:
+        number += 1
+    return found
+
+
+def _law(searched: Searched, judged: _Judged, whole: _Whole, ids: list[str], number: int) -> Law:
     evidence, own = searched.evidence, whole.laws[number]
     form, fit = whole.evidence.forms[own.id], whole.have.fit
     at = next(i for i, effect in enumerate(whole.have.effects) if effect is own)
@@ -170,8 +181,7 @@ def _law(searched: Searched, judged: _Judged, whole: _Whole, number: int) -> Law
     sigmas = () if constants is None else constants.sigmas(form)
     gain = float(theta @ np.linalg.solve(held[part, part], theta))
     shown = learnable_from(judged.round.screening, form, theta, CHANCE, searched.best.whiten)
-    name = f"{FORM}{what(form)}" + (f"_{number + 1}" if number and what(form) == what(_form_of(searched, 0)) else "")
-    effect = as_effect(form, name, rms_of(form, evidence.twin.movements), equation(form))
+    effect = as_effect(form, ids[number], rms_of(form, evidence.twin.movements), equation(form))
     return Law(
         form,
         effect,
@@ -184,7 +194,7 @@ def _law(searched: Searched, judged: _Judged, whole: _Whole, number: int) -> Law
         judged.chance_p,
         judged.held_out,
         _same(judged, evidence),
-        tuple(_runner_up(evidence, rival) for rival in judged.others[:MOST_RUNNERS_UP]),
+        tuple(_runner_up(evidence, rival, ids) for rival in judged.others[:MOST_RUNNERS_UP]),
         None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + SURE_SIGMAS) / np.sqrt(gain))),
     )
 
@@ -199,13 +209,9 @@ def _same(judged: _Judged, evidence: FormEvidence) -> tuple[Form, ...]:
     return tuple(found.values())
 
 
-def _form_of(searched: Searched, number: int) -> Form:
-    return searched.evidence.form_in(searched.best.effects)[number]
-
-
-def _runner_up(evidence: FormEvidence, rival: Rival) -> RunnerUp:
+def _runner_up(evidence: FormEvidence, rival: Rival, ids: list[str]) -> RunnerUp:
     form = evidence.forms.get(rival.effect.id)
     if form is None:
         return RunnerUp(None, rival.effect, rival.nearest, rival.correlation, rival.effect.splits)
-    effect = replace(rival.effect, id=f"{FORM}{what(form)}", equation=equation(form), splits=splits(form))
+    effect = replace(rival.effect, id=_free_id(form, ids), equation=equation(form), splits=splits(form))
     return RunnerUp(form, effect, rival.nearest, rival.correlation, splits(form))

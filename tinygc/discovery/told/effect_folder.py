@@ -19,10 +19,11 @@ from session.common.texts import printable
 from session.files.reading import MB, read_bytes
 from session.files.results import write_text_whole
 from session.files.writing import naming, result_folder
-from tinygc.discovery.grammar.words import what
 from tinygc.discovery.judge.answer import Law
+from tinygc.discovery.judge.weigh import FORM
 from tinygc.discovery.told.effect_file import written
 from tinygc.discovery.told.evidence_text import Where
+from tinygc.effects.discovery import loaded_folders
 
 #: folder of a session's ``explain``
 FOLDER = "effects"
@@ -46,13 +47,16 @@ def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> Saved:
     Without a law the folder is not made, and left only with what is a person's.  Raises StorageError, or an OSError with the file's name,
     where it cannot be written.
     """
-    earlier = sorted(path for path in folder.glob("discovered_*.py") if is_own(path)) if folder.is_dir() else []
+    own = sorted(path for path in folder.glob("discovered_*.py") if is_own(path)) if folder.is_dir() else []
+    # What was named with --effects was a name of the catalogue for this search: it looked for other laws.
+    named = folder.resolve() in [each.resolve() for each in loaded_folders()]
+    earlier = [] if named else own
     files: list[Path] = []
-    says = []
+    says = [f"{printable(str(path))} was named with --effects, and is kept" for path in own if named]
     if laws:
         with result_folder(folder):
             for law in laws:
-                first = what(law.form)
+                first = law.effect.id.removeprefix(FORM)
                 name = _free(folder, first, earlier, files)
                 files.append(folder / f"discovered_{name}.py")
                 write_text_whole(files[-1], sealed(written(law, where, name)))

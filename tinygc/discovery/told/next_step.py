@@ -51,9 +51,10 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
 
 def _splitting(pair: Pair) -> str:
     words = pair.law.runners_up[0].splits
-    if pair.other is None:
+    best = None if pair.other is None else best_trial(pair.own, pair.other)
+    if best is None:
         return words
-    trial, sigmas = best_trial(pair.own, pair.other)
+    trial, sigmas = best
     turns = ceil((TOLD_APART / sigmas) ** 2) if sigmas > 0 else MOST_TURNS + 1
     if turns > MOST_TURNS:
         return words
@@ -61,8 +62,11 @@ def _splitting(pair: Pair) -> str:
     return f"{trial.words}: they differ there by {sigmas:.1f} sigmas, {often}; or {words}"
 
 
-def best_trial(own: Fitted, other: Fitted) -> tuple[Trial, float]:
-    """The movement for which the two differ most, and by how many sigmas: of its closure and of its stills, whatever the zero is then."""
+def best_trial(own: Fitted, other: Fitted) -> tuple[Trial, float] | None:
+    """The movement for which the two differ most, and by how many sigmas: of its closure and of its stills, whatever the zero is then.
+
+    None where the gyroscope's range is too small for any.
+    """
     whiten, tried = own.whiten, trials(own.replay.twin.movements[0])
     of_closure, of_still = (float(np.median(whiten.sigma[whiten.parts[name]])) for name in ("closure", "still"))
     found = []
@@ -73,8 +77,8 @@ def best_trial(own: Fitted, other: Fitted) -> tuple[Trial, float]:
         bias = np.concatenate([trial.sensitivity.sum(axis=0) / of_closure, *[np.eye(3) / of_still] * len(rests)])
         seen = np.concatenate([closes, *rests])
         found.append(float(np.linalg.norm(seen - bias @ np.linalg.lstsq(bias, seen, rcond=None)[0])))
-    best = int(np.argmax(found))
-    return tried[best], found[best]
+    best = int(np.argmax(found)) if found else None
+    return None if best is None else (tried[best], found[best])
 
 
 def _corrected(by: Fitted, movement: Movement) -> np.ndarray:

@@ -13,7 +13,6 @@ from session.common.units import DEG
 from session.common.version import VERSION
 from session.files.writing import naming
 from session.log.hashes import file_key, hash_of_log
-from tinygc.discovery.grammar.words import what
 from tinygc.discovery.judge.answer import Discovery
 from tinygc.discovery.told.as_json import to_json
 from tinygc.discovery.told.effect_folder import FOLDER, save_laws
@@ -37,8 +36,8 @@ class Told:
 
     def __init__(self, explanation: Explanation, discovery: Discovery):
         self.explanation, self.discovery = explanation, discovery
-        #: of each law, relative to the folder of the explanation; a file that somebody has edited changes the name, once they are saved
-        self._files = [f"{FOLDER}/discovered_{what(law.form)}.py" for law in discovery.laws]
+        #: of each law, relative to the folder of the explanation; None until they are saved
+        self._files: list[str | None] = [None for _ in discovery.laws]
         #: lines for whoever looks for the files
         self.says: tuple[str, ...] = ()
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from session.common.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
-from session.log.hashes import input_hashes
+from session.log.hashes import file_key, hash_of_log, input_hashes
 from tinygc.closure.allan import AllanCurve, allan_curve, angle_random_walk, bias_instability
 from tinygc.explanation.noise.session_noise import known_whitener
 from tinygc.explanation.truth.explain import explain_truth
@@ -87,7 +87,8 @@ def gather(
         accelerometer=options.accelerometer,
         progress=lambda what: progress(what, 0, 1),
     )
-    beyond_catalogue = searched(folder, input_hashes(prepared.session)) if explain else None
+    logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain else {}
+    beyond_catalogue = searched(folder, logs) if explain else None
     fit = fit_session(folder, options, progress, saved=fit_folder or folder / "fit", prepared=prepared)
     truth = fit.session.config.protocol.reference == "truth"
     if options.exclude and explain:  # what a fit leaves out is looked at all the same

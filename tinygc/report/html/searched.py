@@ -62,8 +62,8 @@ class Searched:
     picture: bytes | None
 
 
-def searched(folder: Path, hashes: Mapping[str, str]) -> Searched | None:
-    """Of ``explain`` in a session's folder; hashes of its files by name.
+def searched(folder: Path, logs: Mapping[str, str]) -> Searched | None:
+    """Of ``explain`` in a session's folder; logs: the hashes of the session's logs by name.
 
     None where nothing was searched, or in other logs.  FormatError for an explanation that cannot be read.
     """
@@ -72,8 +72,8 @@ def searched(folder: Path, hashes: Mapping[str, str]) -> Searched | None:
     if not path.exists():
         return None
     explained = read_required(path, SHAPE, DO)
-    table, logs = explained.get("discovery"), explained.get("logs", {})
-    if table is None or not all(hashes.get(name) == sha256 for name, sha256 in logs.items()):
+    table = explained.get("discovery")
+    if table is None or explained.get("logs") != dict(logs):
         return None
     for number, law in enumerate(table["laws"]):
         _require_numbers(law, f"{path.name}: discovery.laws[{number}]")

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as calibrate.py has it; before NumPy is there
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # each worker has a core's share; before torch is there
 os.environ["TINYGC_DEFAULTS"] = ""  # what whoever runs the tests has set for a bench of their own must not be in an answer
 
 import numpy as np

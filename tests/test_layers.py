@@ -130,7 +130,9 @@ def without_own_parts(folder: str, edges: dict[str, set[str]]) -> dict[str, set[
     return {name: others - {OWN} if f"{folder}.{name}" in OWN_PARTS else others for name, others in edges.items()}
 
 
-PARENTS = sorted(module for module in graph() if "." in module and sub_folders(module, graph()))
+PARENTS = sorted(
+    module_of(path) for package in PACKAGES for path in (ROOT / package).glob("*/**/__init__.py") if any(path.parent.glob("*/__init__.py"))
+)
 
 
 @pytest.mark.parametrize("folder", PARENTS)

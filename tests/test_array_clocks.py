@@ -56,6 +56,7 @@ def test_a_clock_is_recovered_within_its_sigmas_whatever_the_mounting(body):
     assert np.abs(pulls).max() < 5
 
 
+@pytest.mark.long
 def test_interpolated_noise_pulls_no_clock(body):
     """Between two readings an interpolated one is quieter; least squares without its correction would move a clock there."""
     found = []

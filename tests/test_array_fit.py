@@ -248,6 +248,7 @@ def test_a_unit_that_cannot_be_used_is_left_out_and_said(made, tmp_path, capsys)
     assert "\n" not in fit.left_out[0].why
 
 
+@pytest.mark.long
 def test_a_turn_that_is_left_out_in_one_unit_counts_in_none(made):
     simulation, folder, fit = made(seed=4, clock_rate=0.01, clock_offset_ms=900.0)
     array, truth = read_array(folder), simulation.truths[1]

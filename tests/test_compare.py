@@ -35,7 +35,7 @@ def test_sessions_of_one_unit_agree_as_often_as_they_should(unit):
     assert np.sum(bias < 0.05) <= 4
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_all_sessions_at_once_agree(unit):
     found = compare(unit)
     assert found.lasting.freedom == 9 * (SESSIONS - 1)

@@ -199,7 +199,7 @@ def simulated_with(tmp_path_factory):
     return make
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_law_that_no_catalogue_has_is_found(discovered):
     answer = discovered(rectifying)
     assert answer.verdict == "found"

@@ -187,7 +187,7 @@ def test_what_is_not_in_the_catalogue_gets_no_name_from_it(explained):
     assert float(re.search(r"period of ([\d.]+) s", periodic["says"])[1]) == pytest.approx(30, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_weak_delay_has_lookalikes_and_a_movement_that_would_tell(explained):
     """0.8 and 1.2 ms between the axes: a delay, a lag, a sensitivity to angular acceleration, and axes that make a third read
     are the same to first order."""

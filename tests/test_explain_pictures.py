@@ -177,7 +177,7 @@ def recorded(shared):
     return cache(lambda name: explain_session(shared / "concealed" / name))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_loss_is_filled_where_the_stamps_had_no_gap(recorded):
     explanation = recorded("case019")
     count = explanation.claimed[0].parameters["length"]

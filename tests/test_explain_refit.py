@@ -42,7 +42,7 @@ def test_reported_uncertainties_hold(pulls):
         assert np.abs(part).max() < 5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_recovered_parameters_have_no_bias(pulls):
     """Means over 30 seeds, in sigmas of a mean."""
     assert np.abs(pulls.mean(axis=0) * np.sqrt(len(pulls))).max() < 4

@@ -98,6 +98,7 @@ def test_a_size_that_no_gyroscope_has_is_no_name(tmp_path):
     assert "more than such a gyro has" in refusals(large)[0]
 
 
+@pytest.mark.long
 def test_a_turned_frame_is_asked_for_by_gyro_and_accelerometer(tmp_path):
     e = explain_truth(write(tmp_path, frame_deg=(2.0, -1.0, 0.5)))
     claim = next(claim for claim in e.claims if claim.effect.id == "reference.truth_frame")

@@ -76,7 +76,13 @@ def test_the_published_variant_has_26(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "more", [[], ["--parts", "3"], ["--variant", "published", "--still-rates"], ["--optimizer", "adamw", "--epochs", "3"]]
+    "more",
+    [
+        [],
+        ["--parts", "3"],
+        pytest.param(["--variant", "published", "--still-rates"], marks=pytest.mark.long),
+        pytest.param(["--optimizer", "adamw", "--epochs", "3"], marks=pytest.mark.long),
+    ],
 )
 def test_the_papers_own_loss(tmp_path, more):
     """On one day it is nearly the squared loss; it goes with every kind of net and of training."""

@@ -171,7 +171,7 @@ def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strang
     assert run("export", folder, "--to", "ros", "--model", "physics", "--effects", FOREIGN, "--out", tmp_path / "ros")[0] == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_another_process_is_told_the_folders(made, known):
     """As the challenge starts one for each session."""
     injected = made("gyro.thermal_curvature")
@@ -179,7 +179,7 @@ def test_another_process_is_told_the_folders(made, known):
         assert [effect["id"] for effect in explained(injected.folder)["effects"]] == ["gyro.thermal_curvature"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_report_takes_it_over(made, known, strangers, run, tmp_path):
     injected, out = made("gyro.thermal_curvature"), tmp_path / "report.html"
     code, _, err = run("report", injected.folder, "--methods", "least_squares", "--effects", FOREIGN, "--out", out)

@@ -170,7 +170,7 @@ def test_explain_where_nothing_is_missing_and_plan(folder, tmp_path):
     assert_on_page(told("plan", folder, tmp_path / "x.json"), "tinygc-plan/1")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_explain_where_something_is_missing(missing_physics, tmp_path):
     table = told("explain", missing_physics, "--no-pictures", tmp_path / "x.json")
     assert {effect["id"] for effect in table["effects"]} >= {"gyro.g_sensitivity", "data.glitches"}

@@ -61,6 +61,7 @@ def at(name: str, values) -> np.ndarray:
     return made
 
 
+@pytest.mark.long
 def test_a_lot_with_nothing_in_it_names_nothing(monkeypatch):
     """Family-wise 5 %: of 120 lots of 30 units at most 5 % + 3 sigmas of that (binomial) name anything."""
     monkeypatch.setattr("tinygc.lot.pooling.DRAWS", 400)

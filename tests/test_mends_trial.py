@@ -134,6 +134,7 @@ def test_an_event_that_closure_cannot_decide_is_what_most_of_the_others_are(tria
     assert verdict.chance[-1] == pytest.approx(share, abs=0.1)
 
 
+@pytest.mark.long
 def test_a_row_that_no_sensor_gives_needs_no_closure(trial_of, rows):
     trial = trial_of(rows)
     event = replace(resting(trial), accel=True)

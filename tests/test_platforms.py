@@ -102,6 +102,7 @@ def fitted(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_session_is_checked_replayed_and_its_model_applied(fitted, tmp_path):
     assert calibrate("check", fitted).returncode == 0
     log, out = fitted / "log0001.csv.gz", tmp_path / "again"

@@ -134,6 +134,7 @@ def test_one_sweep_tells_no_lag_and_no_hysteresis():
     assert fit.examined.by == "stretches"
 
 
+@pytest.mark.long
 def test_the_order_that_held_out_sweeps_ask_for_is_that_of_the_truth():
     for bend, order in ((0.0, 1), (2e-4, 2)):
         orders = [fit_one(rest_log(seed, bend_dps_per_c2=bend))[0].order for seed in range(6)]

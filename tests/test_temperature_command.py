@@ -85,6 +85,7 @@ def test_the_order_can_be_held_down(rests, tmp_path, run):
     assert {axis["order"] for axis in json.loads((tmp_path / "x.json").read_text())["gyro"]} == {1}
 
 
+@pytest.mark.long
 def test_a_session_with_its_rest_logs(folder, rests, tmp_path, run):
     shutil.copy(rests / "rest0001.csv.gz", folder)
     code, out, err = run("fit", folder, "--temperature", "--json", tmp_path / "x.json")

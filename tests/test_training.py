@@ -65,7 +65,7 @@ def test_what_is_known_of_where_it_begins_need_not_be_found_again():
     np.testing.assert_allclose(known.loss, found.loss, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_noise_seldom_bends_it():
     """On linear recordings the linear solution is mostly kept, and where it is not, little is lost on fresh turns."""
     kept, worse = [], []
@@ -139,7 +139,7 @@ def test_same_data_same_numbers():
     np.testing.assert_array_equal(first.net.vector, second.net.vector)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_adamw_starts_at_the_identity_and_approaches_the_second_order_loss():
     batch, sigma = recording(4, count=8)
     identity = np.mean((closure.segment_residuals(batch, CalibrationNet.identity()(batch.rate)) * (2 / sigma)[:, None]) ** 2)

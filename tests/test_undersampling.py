@@ -195,7 +195,7 @@ def test_recordings_whose_motion_is_slow_enough_are_left_in_peace(shared, name):
     assert all(line.level == "ok" for line in check_folder(shared / name) if line.what == "fast motion")
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_all_recordings_of_the_other_bench_are_left_in_peace(shared):
     folders = [ROOT / "data" / "session1", *sorted((shared / "concealed").glob("case*"))]
     lines = [line for folder in folders for line in check_folder(folder) if line.what == "fast motion"]

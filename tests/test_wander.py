@@ -127,7 +127,7 @@ def test_uncertainties_are_true_in_the_simulator(sessions):
     np.testing.assert_allclose(np.mean(with_wander**2, axis=0), 1, atol=4 * np.sqrt(2 / 30))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_without_the_wander_the_bias_would_seem_too_well_known(sessions):
     """What the wander is for: the bias' squared errors are some twice those that noise alone predicts, and then they are right."""
     with_wander, without = (np.mean(errors[:, 9:] ** 2) for errors in sessions)

@@ -207,6 +207,7 @@ def test_what_explain_found_is_planned_recorded_and_reported(at, tmp_path):
     done("fit", folder, *QUICK, "--physics", "auto", "--out", tmp_path / "fit", codes=(0, 1))
 
 
+@pytest.mark.long
 def test_rest_logs_are_checked_and_join_a_session(at, tmp_path):
     done("check", at / "rest")
     done("fit", at / "simulate", at / "rest", "--temperature", "--out", tmp_path / "fit")

@@ -5,6 +5,7 @@ Files with the most ``slow`` tests begin, so that no worker is left with a long 
 
 from __future__ import annotations
 
+import gc
 import os
 import random
 import sys
@@ -56,6 +57,8 @@ def _length(tests: list) -> tuple[int, int]:
 
 
 def pytest_collection_finish():
+    gc.collect()
+    gc.freeze()  # thousands of tests stay to the end: no collection needs to look at them again
     for module in list(sys.modules.values()):
         if Path(getattr(module, "__file__", None) or "").parent == HERE:
             generators = [value for value in vars(module).values() if isinstance(value, np.random.Generator)]

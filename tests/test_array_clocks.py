@@ -38,6 +38,7 @@ def injected(unit: Unit, first: Unit, about_s: float) -> tuple[float, float]:
     return on_first - about_s, rate
 
 
+@pytest.mark.long
 def test_a_clock_is_recovered_within_its_sigmas_whatever_the_mounting(body):
     random, pulls = np.random.default_rng(5), []
     for seed in range(60):

@@ -28,6 +28,7 @@ def hit(tmp_path_factory):
     return made, write_array(made, tmp_path_factory.mktemp("explained") / "array")
 
 
+@pytest.mark.long
 def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit, tmp_path, capsys):
     made, folder = hit
     out, table = tmp_path / "out", tmp_path / "x.json"

@@ -83,7 +83,7 @@ def test_the_seal_cannot_be_read_and_not_be_changed(tmp_path):
         closed.open()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_same_seed_same_questions_and_same_answers(small, tmp_path):
     folder, result, _ = small
     assert draw_cases(40, 5) == draw_cases(40, 5)

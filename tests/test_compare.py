@@ -44,7 +44,7 @@ def test_all_sessions_at_once_agree(unit):
     assert not found.moved
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("ppm", [600.0, -900.0])
 def test_a_changed_scale_factor_is_found_and_named(unit, ppm):
     changed = calibrated(Job(700, SEGMENTS, 104.0, scale_ppm=ppm))

@@ -208,7 +208,7 @@ def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen, null):
     assert two == pytest.approx(one / 2, rel=0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_said_to_be_learnable_is(seen, null):
     """Of fresh noise, the law on top and above chance in most cases at 1.2 times the size that is said, in few at 0.3 of it."""
     theta = np.array([1.0, 1.0, -1.0]) * DEG

@@ -94,7 +94,7 @@ def test_gravitys_length_is_straightened(explained):
     assert max(map(abs, explanation.claimed[0].parameters["bias_mg"])) > 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_earth_gathers_in_the_table(explained):
     explanation, _ = explained("earth")
     axes = drawn(explanation, 0)
@@ -193,7 +193,7 @@ def test_a_loss_is_filled_where_the_stamps_had_no_gap(recorded):
     assert np.median(line(axes, "filled")[:, 1]) < 0.03
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stills_that_were_none_run_away(recorded):
     explanation = recorded("case022")
     axes = drawn(explanation, 0)

@@ -68,6 +68,7 @@ def test_two_processes_make_the_same_table_in_any_order(fleet, reference, tmp_pa
     assert content(tmp_path) == reference
 
 
+@pytest.mark.long
 @posix
 def test_a_process_that_is_killed_loses_nothing_and_one_that_always_is_fails_alone(fleet, quick, tmp_path, started_processes):
     """unit1's process is killed whenever it begins with it, and unit3's the first time."""

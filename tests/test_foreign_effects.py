@@ -59,8 +59,8 @@ def all_but(quick: str) -> list:
     return [pytest.param(name, marks=[pytest.mark.long] * (name != quick)) for name in IDS]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", all_but("gyro.shock_recovery"))
+@pytest.mark.long
+@pytest.mark.parametrize("name", IDS)
 def test_the_proof_passes(name, known):
     report = check(known[name])
     assert report.ok, str(report)
@@ -70,8 +70,8 @@ def test_the_proof_passes(name, known):
 BROKEN_PART = {"gyro.thermal_curvature": "c", "gyro.rate_memory": "live", "gyro.shock_recovery": "units"}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", all_but("gyro.rate_memory"))
+@pytest.mark.long
+@pytest.mark.parametrize("name", IDS)
 def test_the_proof_fails_three_that_are_broken(name, known):
     """A sign in the C, a memory that is longer than it says, a unit of the moment that is another."""
     effect = known[name]

@@ -72,6 +72,7 @@ def test_a_true_effect_improves_what_was_left_out(evidence_of, seed):
     assert improvement(evidence, [TRUE, "gyro.scale_nonlinearity"]) < 0.1 * BORNE_OUT_P
 
 
+@pytest.mark.long
 def test_an_effect_fitted_to_noise_does_not_except_by_chance(evidence_of):
     """Every one of them fits better, with as many numbers as it has; of twenty, chance bears out one."""
     p, gained = [], []

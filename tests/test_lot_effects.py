@@ -169,6 +169,7 @@ def of_lot(**effects) -> object:
     return lot(effects={f"gyro.{name}": effect for name, effect in effects.items()})
 
 
+@pytest.mark.long
 def test_explain_with_a_lot_says_how_probable_its_effect_is_here_and_what_it_is_worth(session, tmp_path):
     names = component_names(catalogue()["gyro.g_sensitivity"])
     truth = dict(zip(names, map(float, np.ravel(G_SENSITIVITY) * DEG), strict=True))

@@ -31,7 +31,7 @@ def plugged(folder, port):
     return started(command, text=True, stdout=PIPE, stderr=DEVNULL)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_three_boards_in_a_row(tmp_path):
     """The third is the first again, which is said and not recorded; Ctrl-C ends the row, and all is kept."""
     first, second = (board_folder(tmp_path / name, name, seed) for seed, name in enumerate(("SN1", "SN2"), 1))

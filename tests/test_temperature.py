@@ -156,6 +156,7 @@ def nothing(seed, **options):
     return fit_one(rest_log(seed, slope_dps_per_c=0.0, bend_dps_per_c2=0.0, **options))[0]
 
 
+@pytest.mark.long
 def test_where_temperature_does_nothing_nothing_is_claimed():
     fits = [nothing(seed, cycles=2.0, random_walk_dps_rts=2e-5) for seed in range(15)]
     assert sum(fit.order > 0 for fit in fits) <= 2

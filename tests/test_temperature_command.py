@@ -28,6 +28,7 @@ def fitted(rests, tmp_path_factory):
     return folder, json.loads((folder.parent / "x.json").read_text())
 
 
+@pytest.mark.long
 def test_a_folder_of_rest_logs_is_fitted_by_itself(rests, tmp_path, run):
     folder = tmp_path / "rests"
     shutil.copytree(rests, folder)

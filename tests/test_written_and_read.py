@@ -199,6 +199,7 @@ def test_a_model_gets_a_bias_of_the_day(model, at, tmp_path):
     done("apply", tmp_path / "fit" / "model_rebiased.json", at / "record" / "log0001.csv", "-o", tmp_path / "out.csv")
 
 
+@pytest.mark.long
 def test_what_explain_found_is_planned_recorded_and_reported(at, tmp_path):
     folder = at / "simulate"
     assert json.loads((folder / "explain" / "explain.json").read_text(encoding="utf-8"))["schema"] == "tinygc-explain/1"

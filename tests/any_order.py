@@ -33,11 +33,7 @@ def pytest_xdist_auto_num_workers(config):
     return cores + 1
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    for item in items:
-        if item.get_closest_marker("long"):
-            item.add_marker("slow")  # so that -m "not slow" leaves it out, too
     seed = config.getoption("--shuffle")
     files: dict[Path, list] = {}
     for item in items:
@@ -52,8 +48,7 @@ def pytest_collection_modifyitems(config, items):
 
 def _length(tests: list) -> tuple[int, int]:
     """Of a file, by its number of slow test functions, however many parameters each has, and of all tests."""
-    slow = {test.nodeid.split("[")[0] for test in tests if test.get_closest_marker("slow") and not test.get_closest_marker("long")}
-    return len(slow), len(tests)
+    return len({test.nodeid.split("[")[0] for test in tests if test.get_closest_marker("slow")}), len(tests)
 
 
 def pytest_collection_finish():

@@ -98,7 +98,7 @@ def test_a_zero_of_half_a_g_is_found():
     np.testing.assert_allclose(found.accelerometer.bias_mps2, BIAS + bias, atol=0.3 * MG * 3)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_stated_sigmas_hold_what_is_found():
     """chi-square of nine numbers over many drawings, and 68 % within one sigma."""
     truth, within = [], []

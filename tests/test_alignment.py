@@ -126,10 +126,10 @@ SEEDS = 20
 @pytest.mark.parametrize(
     "wrong",
     [
-        pytest.param(Wrong(late_s=0.00406), marks=pytest.mark.long),
+        pytest.param(Wrong(late_s=0.00406), marks=pytest.mark.slow),
         Wrong(turns=10),
-        pytest.param(Wrong(sigma_deg=0.2, every_s=0.5), marks=pytest.mark.long),
-        pytest.param(Wrong(mounting_deg=(3, -2, 1), frame="enu"), marks=pytest.mark.long),
+        pytest.param(Wrong(sigma_deg=0.2, every_s=0.5), marks=pytest.mark.slow),
+        pytest.param(Wrong(mounting_deg=(3, -2, 1), frame="enu"), marks=pytest.mark.slow),
     ],
 )
 def test_sigmas_are_what_they_say_and_none_is_claimed_that_is_not_there(wrong):
@@ -148,7 +148,7 @@ def test_sigmas_are_what_they_say_and_none_is_claimed_that_is_not_there(wrong):
     assert claimed == (SEEDS if wrong.late_s else 0)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_parameters_behind_a_found_clock_and_mounting_are_within_their_sigmas():
     wrong, pulls = Wrong(late_s=0.00406, mounting_deg=(3, -2, 1), frame="enu", sense="world_to_body"), []
     mounting = Rotation.from_rotvec(np.multiply(wrong.mounting_deg, DEG)).as_matrix()

@@ -105,7 +105,7 @@ def test_turns_of_units_that_agree_differ_by_their_noise_alone(body):
     assert expected < 0.1 * DEG
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_all_eight_units_of_mimu_beat_and_the_beats_come_back(shared, tmp_path):
     beats, shrunk = [], []
     for folder in islice(mimu.write_array(shared / "mimu", tmp_path), 2):

@@ -38,7 +38,7 @@ def injected(unit: Unit, first: Unit, about_s: float) -> tuple[float, float]:
     return on_first - about_s, rate
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_clock_is_recovered_within_its_sigmas_whatever_the_mounting(body):
     random, pulls = np.random.default_rng(5), []
     for seed in range(60):
@@ -57,7 +57,7 @@ def test_a_clock_is_recovered_within_its_sigmas_whatever_the_mounting(body):
     assert np.abs(pulls).max() < 5
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_interpolated_noise_pulls_no_clock(body):
     """Between two readings an interpolated one is quieter; least squares without its correction would move a clock there."""
     found = []

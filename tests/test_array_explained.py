@@ -28,7 +28,7 @@ def hit(tmp_path_factory):
     return made, write_array(made, tmp_path_factory.mktemp("explained") / "array")
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit, tmp_path, capsys):
     made, folder = hit
     out, table = tmp_path / "out", tmp_path / "x.json"
@@ -57,7 +57,7 @@ def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit, tmp_path, capsys
         assert not strangers(json.loads((out / unit["explained"]).read_text(encoding="utf-8")))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_effect_in_one_unit_is_that_units_own_physics(tmp_path):
     """Unit 1's bias follows gravity: it is named there, and in no other; the others stay as they are."""
     matrix = np.array([[0.06, 0.0, 0.02], [0.0, -0.05, 0.0], [0.03, 0.0, 0.04]]) * DEG / 9.80665
@@ -80,7 +80,7 @@ def test_an_effect_in_one_unit_is_that_units_own_physics(tmp_path):
     assert found.fit.split.common < own[1] / 3
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_own_excess_is_claimed_as_seldom_as_its_probability_says(tmp_path):
     """Arrays with nothing wrong: one in a hundred may be said to have a unit that errs by itself, over all units together."""
     p = []

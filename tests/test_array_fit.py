@@ -248,7 +248,7 @@ def test_a_unit_that_cannot_be_used_is_left_out_and_said(made, tmp_path, capsys)
     assert "\n" not in fit.left_out[0].why
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_turn_that_is_left_out_in_one_unit_counts_in_none(made):
     simulation, folder, fit = made(seed=4, clock_rate=0.01, clock_offset_ms=900.0)
     array, truth = read_array(folder), simulation.truths[1]
@@ -273,7 +273,7 @@ def test_three_sensors_on_one_body(shared, tmp_path):
     assert all(np.sqrt(np.trace(unit.covariance[MOUNTING, MOUNTING])) < 0.03 * DEG for unit in fit.units[1:])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_eight_units_on_one_board(shared, tmp_path):
     """mimu: what turns miss by is common, motion beyond the data rate; a unit less the mean is below 0.10 deg; places repeat."""
     fits = [fit_array(read_array(folder)) for _, folder in zip(range(2), mimu.write_array(shared / "mimu", tmp_path), strict=False)]

@@ -126,7 +126,7 @@ def test_three_degrees_and_thirty_are_told_apart(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("true", "least"), [pytest.param(3.0, 0.4, marks=pytest.mark.long), (10.0, 0.8)])
+@pytest.mark.parametrize(("true", "least"), [pytest.param(3.0, 0.4, marks=pytest.mark.slow), (10.0, 0.8)])
 def test_inject_and_recover(true, least, tmp_path):
     """24 sessions: unbiased within half a stated sigma, and the stated sigma is the scatter's.  3 degrees an hour are hardly seen in 21
     stills: what cannot be negative scatters less than it may be wrong by."""
@@ -137,7 +137,7 @@ def test_inject_and_recover(true, least, tmp_path):
     assert np.mean(found[:, 2] > true) > 0.85
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_no_wander_is_not_seen(tmp_path):
     """An estimate that cannot be negative stands above zero by its sigma; hardly any says that it sees something."""
     found = estimates(0.0, range(100, 124), tmp_path)

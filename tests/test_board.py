@@ -73,7 +73,7 @@ def test_a_board_in_physical_units_is_recorded_as_well(tmp_path):
     assert INFO in [event for event in events if isinstance(event, Info)]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_resets_and_a_pulled_cable_begin_new_logs(tmp_path):
     board, recorder, events = recorded_from(
         tmp_path, Source(smooth_registers(60_000), INFO), speed=10.0, frames=True, faults=Faults(reset=5.0, unplug=14.0, garbage=100)

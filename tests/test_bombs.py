@@ -144,7 +144,7 @@ def taken(request, tmp_path_factory):
 @pytest.mark.parametrize(
     "number",
     [
-        pytest.param(number, id=f"{bomb.place}-{bomb.name}", marks=[pytest.mark.long] * (number not in QUICK))
+        pytest.param(number, id=f"{bomb.place}-{bomb.name}", marks=[pytest.mark.slow] * (number not in QUICK))
         for number, bomb in enumerate(BOMBS)
     ],
 )
@@ -156,7 +156,7 @@ def test_a_bomb_is_refused_in_one_line_within_a_gigabyte(taken, number):
     assert cpu_s < MOST_CPU_S
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_apply_takes_no_more_memory_for_a_longer_stream(tmp_path):
     """A day's rows through standard input would be gigabytes; fifteen times as many rows as before take the same."""
     peaks_mb = []

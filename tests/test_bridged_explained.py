@@ -61,7 +61,7 @@ def test_nothing_is_named_that_is_not_there_and_what_was_done_is_said(folder, ch
     assert any(warning["what"] == f"weighed down ({cause})" for warning in table["warnings"])
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_samples_that_are_lost_unseen_are_still_found_beside_gaps(folder, tmp_path):
     """Gaps that the stamps tell are bridged; losses over which the stamps have closed up are explain's to find."""
     import shutil

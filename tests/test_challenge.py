@@ -40,7 +40,6 @@ def _files(folder):
     return {path.name for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.slow
 def test_every_session_is_explained_and_scored(small):
     _, result, _ = small
     assert [each.name for each in result.scores] == [f"case{i + 1:03d}" for i in range(CASES)]
@@ -83,7 +82,7 @@ def test_the_seal_cannot_be_read_and_not_be_changed(tmp_path):
         closed.open()
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_same_seed_same_questions_and_same_answers(small, tmp_path):
     folder, result, _ = small
     assert draw_cases(40, 5) == draw_cases(40, 5)

@@ -243,7 +243,7 @@ def test_what_the_untouched_recording_has_is_neither_right_nor_wrong():
 # From end to end
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_quick_run_names_what_it_concealed_and_the_folder_is_blind(folder, tmp_path, monkeypatch):
     wanted = ("gyro.g_sensitivity", "gyro.scale_asymmetry", "data.glitches")
     draw = examination.draw_trials

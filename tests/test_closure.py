@@ -61,7 +61,7 @@ def test_with_known_yaw_it_is_the_papers_distance():
     np.testing.assert_allclose(squared(closure.residual(p, q, True)), nearer, rtol=1e-12)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_with_gravity_alone_it_is_the_distance_to_the_nearest_yaw():
     """Brute force over yaw, sharpened by a search, for attitudes at any distance."""
     p, q = unit(30, 3), unit(30, 4)
@@ -243,7 +243,7 @@ def test_the_earths_rate_is_taken_off(turns):
     assert angle == pytest.approx(19.9 * np.linalg.norm(earth), rel=1e-9)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_nearest_yaw_is_nearest():
     p, q = unit(20, 1), unit(20, 2)
     for near, tilt in zip(p, q, strict=True):

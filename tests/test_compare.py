@@ -26,7 +26,7 @@ def unit():
     return [calibrated(Job(500 + i, SEGMENTS, 104.0)) for i in range(SESSIONS)]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_sessions_of_one_unit_agree_as_often_as_they_should(unit):
     p = np.array([compare(unit[i : i + 2]).lasting.p_value for i in range(0, SESSIONS, 2)])
     assert stats.kstest(p, "uniform").pvalue > 0.01
@@ -35,7 +35,7 @@ def test_sessions_of_one_unit_agree_as_often_as_they_should(unit):
     assert np.sum(bias < 0.05) <= 4
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_all_sessions_at_once_agree(unit):
     found = compare(unit)
     assert found.lasting.freedom == 9 * (SESSIONS - 1)
@@ -44,7 +44,7 @@ def test_all_sessions_at_once_agree(unit):
     assert not found.moved
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("ppm", [600.0, -900.0])
 def test_a_changed_scale_factor_is_found_and_named(unit, ppm):
     changed = calibrated(Job(700, SEGMENTS, 104.0, scale_ppm=ppm))

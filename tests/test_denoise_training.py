@@ -149,7 +149,7 @@ def test_seeded_and_frozen(trained):
     assert train_denoiser(seen, calibration, DenoiseOptions()).model.calibration is calibration
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("slope", [1.0, 0.3])
 def test_adamw_goes_on_from_the_linear_solution(slope):
     """Linear or bent, repeatable, with unit gain; bent, it has something to mend."""

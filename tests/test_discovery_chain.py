@@ -31,7 +31,6 @@ def sessions(tmp_path_factory):
     return first, hidden("cross", folder / "second", segments=12, warm_up_c=0.0, seed=6, vigour=1.4)
 
 
-@pytest.mark.slow
 def test_a_law_that_is_found_is_named_and_calibrated_away_elsewhere(sessions, tmp_path, monkeypatch):
     first, second = sessions
     monkeypatch.setattr(judge, "enumerated", lambda largest: FORMS)

@@ -199,7 +199,7 @@ def simulated_with(tmp_path_factory):
     return make
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_law_that_no_catalogue_has_is_found(discovered):
     answer = discovered(rectifying)
     assert answer.verdict == "found"
@@ -222,7 +222,7 @@ def two_laws(t_s, rate, force, temp_c):
     return rectifying(t_s, rate, force, temp_c) + np.gradient(rate, t_s, axis=0) ** 2 @ MATRIX.T
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_each_of_two_laws_keeps_its_own_rivals_numbers_and_picture(simulated_with, monkeypatch):
     monkeypatch.setattr(judge, "enumerated", lambda largest: [*FORMS, LEAKS])
     explained = explain_session(simulated_with(two_laws, segments=30))

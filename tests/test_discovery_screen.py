@@ -208,7 +208,7 @@ def test_a_law_of_twice_the_size_is_learnable_at_half_of_it(seen, null):
     assert two == pytest.approx(one / 2, rel=0.05)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_what_is_said_to_be_learnable_is(seen, null):
     """Of fresh noise, the law on top and above chance in most cases at 1.2 times the size that is said, in few at 0.3 of it."""
     theta = np.array([1.0, 1.0, -1.0]) * DEG
@@ -237,7 +237,7 @@ def _squared(t_s, rate, force, temp_c, size=0.0):
     return rate + size * rate**2
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_whole_judge_says_a_law_of_the_size_that_is_learnable(tmp_path, monkeypatch):
     """Screening, refit, the untouched third and the refusals: at 1.5 times the size that a session with nothing in it names, and at 0.6."""
     monkeypatch.setattr(judge, "enumerated", lambda largest: FEW)

@@ -29,11 +29,10 @@ DRIFT, ASYMMETRY = catalogue()["gyro.bias_drift"], catalogue()["gyro.scale_asymm
 
 
 def by_night(names, quick) -> list:
-    """Parameters, of which all but the quick ones are long."""
-    return [pytest.param(name, marks=[pytest.mark.long] * (name not in quick)) for name in names]
+    """Parameters, of which all but the quick ones are slow."""
+    return [pytest.param(name, marks=[pytest.mark.slow] * (name not in quick)) for name in names]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", by_night(FITTED, QUICK))
 def test_the_effects_that_are_fitted_pass(name):
     report = check(catalogue()[name])
@@ -43,7 +42,7 @@ def test_the_effects_that_are_fitted_pass(name):
     assert unchecked == (set() if catalogue()[name].kind == "rate" else {"undo", "live"})
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REGISTER)
 def test_the_effects_that_are_found_before_any_fit_pass(name, tmp_path):
     """Concealed by the challenge's own code, which no effect has a part in."""
@@ -88,7 +87,6 @@ BROKEN = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("part", by_night(PARTS, QUICK_BROKEN))
 def test_a_broken_effect_fails_just_its_part(part):
     report = check(BROKEN[part])

@@ -79,7 +79,6 @@ int main(void)
 )
 
 
-@pytest.mark.slow
 def test_what_is_streamed_is_the_session(tmp_path):
     options = SimulationOptions(segments=3, closure_s=0.0, odr_hz=416)
     unit = with_its_own_rate(unit_of(options), options.odr_hz)

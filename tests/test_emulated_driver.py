@@ -76,7 +76,7 @@ def test_a_port_that_carries_a_rate_carries_its_quickest_unit():
     assert bandwidth.share(6667.0, 2_000_000) == pytest.approx(0.834, abs=0.001)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_faults_cost_what_they_must_and_falsify_nothing(elf):
     """One after the other within two seconds, at 1667 Hz; at the end a sensor that resets itself."""
     kinds = [("parity", {}), ("tag_count", {}), ("tag_unknown", {}), ("missing", {}), ("swapped", {})]

@@ -119,7 +119,7 @@ def test_nothing_found_says_what_would_have_been_found(explained, tmp_path):
     assert all(less[name] > size for name, size in stated.items() if size is not None)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_what_lives_in_the_turns_alone_is_not_said_to_live_in_the_stills(tmp_path):
     """Closure, still rates and gravity's length share noise; whitened together, a misfit of one leaks into the others."""
 
@@ -187,7 +187,7 @@ def test_what_is_not_in_the_catalogue_gets_no_name_from_it(explained):
     assert float(re.search(r"period of ([\d.]+) s", periodic["says"])[1]) == pytest.approx(30, rel=0.1)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_weak_delay_has_lookalikes_and_a_movement_that_would_tell(explained):
     """0.8 and 1.2 ms between the axes: a delay, a lag, a sensitivity to angular acceleration, and axes that make a third read
     are the same to first order."""

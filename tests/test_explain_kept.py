@@ -39,7 +39,7 @@ def whiteners_of(evidence: Evidence) -> int:
     return sum(type(each) is Whitener and each.white is evidence.whiteners.white.white for each in gc.get_objects())
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_as_many_factors_are_held_whether_one_hypothesis_is_weighed_or_six(evidence):
     """White noise alone, what is known beforehand, and those that were asked for last."""
     for name in WEIGHED:

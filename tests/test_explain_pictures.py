@@ -94,7 +94,7 @@ def test_gravitys_length_is_straightened(explained):
     assert max(map(abs, explanation.claimed[0].parameters["bias_mg"])) > 2
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_earth_gathers_in_the_table(explained):
     explanation, _ = explained("earth")
     axes = drawn(explanation, 0)
@@ -177,7 +177,7 @@ def recorded(shared):
     return cache(lambda name: explain_session(shared / "concealed" / name))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_loss_is_filled_where_the_stamps_had_no_gap(recorded):
     explanation = recorded("case019")
     count = explanation.claimed[0].parameters["length"]
@@ -193,7 +193,7 @@ def test_a_loss_is_filled_where_the_stamps_had_no_gap(recorded):
     assert np.median(line(axes, "filled")[:, 1]) < 0.03
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_stills_that_were_none_run_away(recorded):
     explanation = recorded("case022")
     axes = drawn(explanation, 0)

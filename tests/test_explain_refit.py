@@ -34,7 +34,7 @@ def pulls(twin_of):
     return np.array(found)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_reported_uncertainties_hold(pulls):
     """68 % within one sigma; the effects' parameters are estimated from the same stills, so they are not independent."""
     for part in (pulls[:, :9], pulls[:, 9:]):
@@ -42,7 +42,7 @@ def test_reported_uncertainties_hold(pulls):
         assert np.abs(part).max() < 5
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_recovered_parameters_have_no_bias(pulls):
     """Means over 30 seeds, in sigmas of a mean."""
     assert np.abs(pulls.mean(axis=0) * np.sqrt(len(pulls))).max() < 4

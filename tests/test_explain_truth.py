@@ -53,7 +53,7 @@ def write(
     return folder
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_wrong(tmp_path):
     found = [explain_truth(write(tmp_path / str(seed), seed=seed)) for seed in range(4)]
     assert sum(e.verdict == "no_mismatch" for e in found) >= 3
@@ -83,7 +83,7 @@ def test_a_bias_that_drifts(tmp_path):
     assert e.closure_rms[1] < 0.6 * e.closure_rms[0]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_size_that_no_gyroscope_has_is_no_name(tmp_path):
     """0.3 dps/g is a gyroscope's; 4 dps/g fits as well, but whatever it is, it is not that."""
     small, large = (explain_truth(write(tmp_path / str(size), dps_per_g=size)) for size in (0.3, 4.0))
@@ -98,7 +98,7 @@ def test_a_size_that_no_gyroscope_has_is_no_name(tmp_path):
     assert "more than such a gyro has" in refusals(large)[0]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_turned_frame_is_asked_for_by_gyro_and_accelerometer(tmp_path):
     e = explain_truth(write(tmp_path, frame_deg=(2.0, -1.0, 0.5)))
     claim = next(claim for claim in e.claims if claim.effect.id == "reference.truth_frame")
@@ -106,7 +106,7 @@ def test_a_turned_frame_is_asked_for_by_gyro_and_accelerometer(tmp_path):
     assert np.linalg.norm(e.force.turned) < 0.3 * np.linalg.norm(e.force.bias)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_page_is_drawn_with_wrong_moments_and_with_next_to_nothing(tmp_path):
     pytest.importorskip("matplotlib")
     whole = explain_truth(write(tmp_path / "whole", jumps=(20.3, 40.3)))
@@ -166,7 +166,7 @@ def test_the_command_says_it_and_writes_it(tmp_path, capsys):
     assert "cannot know" in capsys.readouterr().out
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_each_day_has_its_bias_and_the_stored_one_is_the_median(tmp_path):
     """Four days, one far off: E is common, and the offsets are the days' own."""
     biases = [(0.5, -0.3, 0.6), (0.52, -0.31, 0.58), (0.49, -0.28, 0.61), (0.9, -0.7, 0.2)]

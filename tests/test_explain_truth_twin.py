@@ -58,7 +58,7 @@ def test_the_truths_noise_is_what_it_is_and_not_what_is_stated(tmp_path, stated_
     assert noise.size(WANDER) / DEG < 0.02
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("late_s", [0.003, -0.008])
 def test_a_clock_is_said_and_not_a_lag_that_all_axes_share(tmp_path, late_s):
     e = explain_truth(write(tmp_path, seed=3, late_s=late_s))

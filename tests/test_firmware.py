@@ -90,7 +90,7 @@ def test_a_folder_without_a_model_is_named(tmp_path):
         measure.build("tinygc.elf", tmp_path / "none", tmp_path / "build")
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @needs_board
 def test_a_recorder_needs_no_model_and_other_options_are_built_anew(tmp_path):
     """For the first recording, before there is a model.  What was built for another rate is not taken for this one."""

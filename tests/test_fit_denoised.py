@@ -48,7 +48,7 @@ def test_denoised_beside_calibrated(tmp_path):
     assert len(json.loads((tmp_path / "fitted.json").read_text())["methods"]["tinygc_denoised"]["notes"]["loss"]) > 5
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_net_that_is_told_the_temperature(warm, tmp_path):
     """33 parameters take most of what the linear model with one bias leaves; the model file carries it."""
     _, table = fit(warm, tmp_path, "--methods", "least_squares", "--conditions", "temperature", "--bias", "ends")
@@ -80,8 +80,8 @@ def test_the_published_variant_has_26(tmp_path):
     [
         [],
         ["--parts", "3"],
-        pytest.param(["--variant", "published", "--still-rates"], marks=pytest.mark.long),
-        pytest.param(["--optimizer", "adamw", "--epochs", "3"], marks=pytest.mark.long),
+        pytest.param(["--variant", "published", "--still-rates"], marks=pytest.mark.slow),
+        pytest.param(["--optimizer", "adamw", "--epochs", "3"], marks=pytest.mark.slow),
     ],
 )
 def test_the_papers_own_loss(tmp_path, more):
@@ -92,7 +92,7 @@ def test_the_papers_own_loss(tmp_path, more):
     assert table["methods"]["tinygc"]["holdout"]["tilt_rms_deg"] < (3.0 if "adamw" in more else 0.02)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_interrupted_fit_repeats_no_training_that_had_ended(tmp_path, monkeypatch):
     """Ctrl-C in the second of six trainings; resumed, the numbers are those of a fit that was left alone."""
     how = ["--methods", "tinygc", "--optimizer", "adamw", "--epochs", "8", "--folds", "2"]

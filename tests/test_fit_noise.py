@@ -176,7 +176,7 @@ def test_the_command_says_which_and_what_noise(drifting, run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("bias", "instability_dph"),
-    [("stills", 20.0), *(pytest.param(*each, marks=pytest.mark.long) for each in (("stills", 0.0), ("ends", 0.0), ("ends", 20.0)))],
+    [("stills", 20.0), *(pytest.param(*each, marks=pytest.mark.slow) for each in (("stills", 0.0), ("ends", 0.0), ("ends", 20.0)))],
 )
 def test_sigmas_hold_though_nobody_tells_how_far_the_bias_wanders(simulated, instability_dph, bias):
     """68 % of 108 errors within one sigma; those of a session hang together, so that the share is known to about 5 %."""

@@ -68,7 +68,7 @@ def test_two_processes_make_the_same_table_in_any_order(fleet, reference, tmp_pa
     assert content(tmp_path) == reference
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @posix
 def test_a_process_that_is_killed_loses_nothing_and_one_that_always_is_fails_alone(fleet, quick, tmp_path, started_processes):
     """unit1's process is killed whenever it begins with it, and unit3's the first time."""
@@ -116,7 +116,7 @@ def rows_of(out) -> int:
         return 0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @posix
 def test_a_run_that_is_interrupted_and_one_that_is_killed_go_on(fleet, quick, tmp_path):
     """Both wait for more folders when that happens; one is written each time, and two are under way."""
@@ -157,7 +157,7 @@ def test_effects_that_a_process_does_not_find_end_the_run_and_fail_no_session(fl
     assert rows_of(tmp_path / "out") == 0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_dask_cluster_makes_the_same_table(fleet, reference, tmp_path, run):
     distributed = pytest.importorskip("distributed", reason="the extra fleet is not installed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:

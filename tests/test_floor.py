@@ -56,7 +56,6 @@ def drawn(turns):
     return np.array(angles)
 
 
-@pytest.mark.slow
 def test_covariance_of_the_angles_is_the_floor(turns, drawn):
     """Each entry within 5 standard errors of 3000 trials: variances, correlation of roll and pitch, and of neighbours."""
     floor = made_floor(turns)

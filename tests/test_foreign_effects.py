@@ -56,10 +56,10 @@ def made(known, tmp_path_factory):
 
 def all_but(quick: str) -> list:
     """Parameters, of which all but one are tried at night."""
-    return [pytest.param(name, marks=[pytest.mark.long] * (name != quick)) for name in IDS]
+    return [pytest.param(name, marks=[pytest.mark.slow] * (name != quick)) for name in IDS]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IDS)
 def test_the_proof_passes(name, known):
     report = check(known[name])
@@ -70,7 +70,7 @@ def test_the_proof_passes(name, known):
 BROKEN_PART = {"gyro.thermal_curvature": "c", "gyro.rate_memory": "live", "gyro.shock_recovery": "units"}
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("name", IDS)
 def test_the_proof_fails_three_that_are_broken(name, known):
     """A sign in the C, a memory that is longer than it says, a unit of the moment that is another."""
@@ -86,7 +86,6 @@ def test_the_proof_fails_three_that_are_broken(name, known):
     assert report.failed == (BROKEN_PART[name],), str(report)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", all_but("gyro.shock_recovery"))
 def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strangers, run, tmp_path):
     injected, effect = made(name), known[name]
@@ -171,7 +170,7 @@ def test_it_is_named_fitted_applied_drawn_and_exported(name, made, known, strang
     assert run("export", folder, "--to", "ros", "--model", "physics", "--effects", FOREIGN, "--out", tmp_path / "ros")[0] == 2
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_another_process_is_told_the_folders(made, known):
     """As the challenge starts one for each session."""
     injected = made("gyro.thermal_curvature")
@@ -179,7 +178,7 @@ def test_another_process_is_told_the_folders(made, known):
         assert [effect["id"] for effect in explained(injected.folder)["effects"]] == ["gyro.thermal_curvature"]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_report_takes_it_over(made, known, strangers, run, tmp_path):
     injected, out = made("gyro.thermal_curvature"), tmp_path / "report.html"
     code, _, err = run("report", injected.folder, "--methods", "least_squares", "--effects", FOREIGN, "--out", out)

@@ -170,7 +170,7 @@ def test_explain_where_nothing_is_missing_and_plan(folder, tmp_path):
     assert_on_page(told("plan", folder, tmp_path / "x.json"), "tinygc-plan/1")
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_explain_where_something_is_missing(missing_physics, tmp_path):
     table = told("explain", missing_physics, "--no-pictures", tmp_path / "x.json")
     assert {effect["id"] for effect in table["effects"]} >= {"gyro.g_sensitivity", "data.glitches"}
@@ -287,7 +287,7 @@ def test_a_key_that_is_not_on_the_page_is_found():
     assert strangers({"schema": "tinygc-model/1", "net": net}) == ["net: colour"]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_rest_logs_and_what_is_made_of_them(folder, tmp_path):
     """A rest log alone; joined to a session; the model's file; the truth of the simulation."""
     from tinygc.simulation.options import SimulationOptions

@@ -54,7 +54,7 @@ def test_a_hostile_text_injects_nothing(name):
     assert {text: count for text in texts if (count := injected(PLACES[name], text))} == {}
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(TEXTS)
 def test_no_text_at_all_injects_anything(text):

@@ -131,7 +131,6 @@ def test_the_limit_decides(simulated, tmp_path, capfd, limit, code, word):
     assert ("above --limit" in capfd.readouterr().err) == bool(code)
 
 
-@pytest.mark.slow
 def test_what_fit_saved_is_taken_again_and_only_if_it_is_the_same(simulated, tmp_path):
     folder = tmp_path / "s"
     shutil.copytree(simulated(), folder)

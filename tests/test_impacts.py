@@ -88,7 +88,7 @@ def test_impacts_that_did_nothing_cost_nothing():
     assert sum(map(bool, widened)) <= 2
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_parameters_stay_within_their_sigmas():
     """Weighed down, five bad turns of twenty-four leave a calibration with right sigmas; counted in full, they spoil it."""
     pulls, spoilt = [], []

@@ -216,7 +216,7 @@ def test_a_wide_prior_is_no_prior_and_a_narrow_one_is_given(given):
     np.testing.assert_allclose((wide.x / units(GRAVITY))[shears], (free.x / units(GRAVITY))[shears], atol=2e-3 * MG)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_all_21_are_within_their_sigmas():
     """benchmarks/joint_coverage.py does it for hundreds; here the chi-square of a dozen sessions together."""
     results = [one_session((300 + seed, 40)) for seed in range(12)]

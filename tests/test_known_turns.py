@@ -270,7 +270,7 @@ def test_swarm_and_net_use_the_circles_too(ferraris_folder):
     assert max(left["least_squares"], left["pso"], left["tinygc"]) < 0.2
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_sigmas_hold_over_ferraris_sessions(tmp_path):
     """Each stop drawn with its repeatability; sigmas hold the accelerometer's allowance besides, which is not drawn here.
 

@@ -170,7 +170,6 @@ def many_fits(bench):
     return np.array(errors), found
 
 
-@pytest.mark.slow
 def test_uncertainties_are_true(many_fits):
     """160 recordings: 68 ± 5 % of all errors within one sigma, and none of the parameters far off by itself."""
     errors, _ = many_fits

@@ -72,7 +72,7 @@ def test_a_true_effect_improves_what_was_left_out(evidence_of, seed):
     assert improvement(evidence, [TRUE, "gyro.scale_nonlinearity"]) < 0.1 * BORNE_OUT_P
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_effect_fitted_to_noise_does_not_except_by_chance(evidence_of):
     """Every one of them fits better, with as many numbers as it has; of twenty, chance bears out one."""
     p, gained = [], []
@@ -132,7 +132,7 @@ def test_a_scanned_shape_is_left_out_as_any_other_where_there_is_one_to_choose(e
         np.testing.assert_allclose(found[rows], (stacked_r - stacked_J @ theta)[rows], atol=1e-6 * whiten.sigma[rows].max())
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_best_of_many_steps_fitted_to_noise_is_borne_out_by_chance_alone(evidence_of):
     """Found with the left-out segments it improves them: so it is found anew without them."""
     with_all, anew = [], []

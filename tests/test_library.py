@@ -165,7 +165,7 @@ def test_all_names_are_there_and_no_other():
         tinygc.fitt  # noqa: B018
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_story_runs(capsys):
     pytest.importorskip("matplotlib")
     known = runpy.run_path(str(ROOT / "docs" / "story.py"))

@@ -61,7 +61,7 @@ def at(name: str, values) -> np.ndarray:
     return made
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_lot_with_nothing_in_it_names_nothing(monkeypatch):
     """Family-wise 5 %: of 120 lots of 30 units at most 5 % + 3 sigmas of that (binomial) name anything."""
     monkeypatch.setattr("tinygc.lot.pooling.DRAWS", 400)
@@ -169,7 +169,7 @@ def of_lot(**effects) -> object:
     return lot(effects={f"gyro.{name}": effect for name, effect in effects.items()})
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_explain_with_a_lot_says_how_probable_its_effect_is_here_and_what_it_is_worth(session, tmp_path):
     names = component_names(catalogue()["gyro.g_sensitivity"])
     truth = dict(zip(names, map(float, np.ravel(G_SENSITIVITY) * DEG), strict=True))

@@ -96,7 +96,7 @@ def test_likelihood_equals_analysis_of_variance_on_a_balanced_study():
     assert variances(cells_of(*flat(y)))[0] == pytest.approx(components(table), rel=2e-3)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_unbalanced_study_recovers_what_was_put_in():
     """Trials left out by chance; over seeds the mean of each variance is the one put in, within three of its own errors."""
     truth = np.array([1.0, 0.25, 0.0, 0.09])

@@ -30,7 +30,7 @@ def one_number(sigmas):
     return by
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_clean_lot_has_none():
     """20 lots, one in a hundred by chance: two at most, p = 0.001."""
     assert sum(len(found(simulated_lot(80, seed, [1, 2]))) > 0 for seed in range(20)) <= 2

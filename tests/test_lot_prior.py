@@ -141,7 +141,7 @@ def test_where_it_is_open_the_sigmas_cover_both(eight, drawn, file, monkeypatch)
     np.testing.assert_allclose(np.diag(between.covariance), np.diag(expected), rtol=0.05)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize(("tails", "law"), [(np.inf, "normal"), (5.0, "heavy")])
 def test_the_distance_has_the_distribution_that_it_is_said_to_have(tails, law):
     """Units of the lot, seen through noise in some directions only: p-values are uniform, and few are called foreign."""
@@ -186,7 +186,7 @@ def test_a_lot_without_any_spread_is_left_in_finite_sigmas():
     assert np.isfinite(sigmas)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_broken_file_and_options_without_a_prior_are_refused_in_one_line(eight, file, tmp_path):
     (tmp_path / "broken.json").write_text('{"schema": "tinygc-lot/1"')
     for words, says in (

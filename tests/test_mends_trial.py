@@ -72,7 +72,7 @@ def mended(table: Table, pushes) -> tuple[list[Event], object]:
 
 
 @pytest.mark.parametrize(
-    ("dps", "back"), [(60, False), *(pytest.param(*each, marks=pytest.mark.long) for each in ((8, False), (60, True)))]
+    ("dps", "back"), [(60, False), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((8, False), (60, True)))]
 )
 def test_a_real_knock_is_not_mended_and_the_same_readings_without_one_are(table, rows, dps, back):
     """To the readings of the gyro, both are the same; gravity at the turn's end was turned by the one alone."""
@@ -134,7 +134,7 @@ def test_an_event_that_closure_cannot_decide_is_what_most_of_the_others_are(tria
     assert verdict.chance[-1] == pytest.approx(share, abs=0.1)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_row_that_no_sensor_gives_needs_no_closure(trial_of, rows):
     trial = trial_of(rows)
     event = replace(resting(trial), accel=True)
@@ -163,7 +163,7 @@ def test_a_jerk_in_all_channels_that_loses_nothing_is_not_mended(table, rows):
     assert found.found == {}
 
 
-@pytest.mark.parametrize("count", [4, pytest.param(9, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [4, pytest.param(9, marks=pytest.mark.slow)])
 def test_the_same_turns_with_samples_lost_are_mended(table, rows, count):
     lost = with_losses(sensed(table, {}), rows, count)
     found = mend(build_problem(session_of(lost)))

@@ -27,7 +27,7 @@ def ids(result):
     return {claim.effect.id for claim in result.claimed}
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_effect_of_half_a_percent_is_named_where_it_is_all_that_is_left(tmp_path):
     """17 ms of skew make a hundred times the misfit of the cubic; but the cubic takes up all that the skew leaves, to the noise."""
     cubic, seconds = np.array([0.011, 0.026, -0.016]), np.array([0.0095, 0.0, 0.017])
@@ -41,7 +41,7 @@ def test_an_effect_of_half_a_percent_is_named_where_it_is_all_that_is_left(tmp_p
     assert np.abs(errors).max() < 4
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_what_a_model_simplifies_of_a_great_effect_gets_no_second_name(tmp_path):
     """A low-pass of second order, another on each axis, is neither a delay nor a lag of first order; what they leave is no effect."""
 
@@ -54,7 +54,7 @@ def test_what_a_model_simplifies_of_a_great_effect_gets_no_second_name(tmp_path)
     assert ids(result) <= {"timing.axis_skew", "gyro.bandwidth", "timing.gyro_accel_offset"}
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_lookalike_named_while_another_was_in_the_way_gives_place(tmp_path):
     """While the cubic is not named yet, a lag describes this skew better than the skew does; beside it, the skew does."""
     cubic, seconds = np.array([-0.0085, 0.0098, -0.0065]), np.array([0.0085, 0.0, 0.0056])
@@ -67,7 +67,7 @@ def test_a_lookalike_named_while_another_was_in_the_way_gives_place(tmp_path):
     assert set(skew.equivalent) <= {"gyro.bandwidth"}  # 30 turns leave it a chance, and say which
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_product_of_rates_that_turns_like_a_skew_is_said_beside_it(tmp_path):
     """To first order no closure tells two axes that make a third read from two that are read too late."""
     size = 0.0035 * np.array([-1.0, -0.7, 1.3])

@@ -139,7 +139,7 @@ def test_its_columns_are_the_derivatives():
         np.testing.assert_allclose(2 * error[1:3] / error[0] / step, tilts[:, k], atol=1e-4)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_sigmas_of_the_nine_are_those_of_the_fit():
     """200 sessions of 20 stills with white noise: what the fit of lengths is off by, beside the sigma that the coach counts with."""
     noise, seconds = Noise(np.full(3, 1e-4), np.full(3, 0.2 * MG)), 2.0

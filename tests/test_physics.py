@@ -96,7 +96,7 @@ def test_the_saved_model_says_how_well_it_is_known(warm):
     assert isinstance(load(path), type(load(folder / "fit" / "model_physics.json")))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_what_explain_refuses_is_not_fitted(tmp_path, capsys):
     """In no catalogue: taken for one thing by naming alone, it would be saved as that."""
 

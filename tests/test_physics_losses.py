@@ -81,7 +81,7 @@ def test_without_a_loss_there_is_one_floor_and_no_word(whole, tmp_path, capsys):
     assert "lost" not in printed
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_report_says_it_beside_the_run_that_fails(lossy, tmp_path):
     folder, _ = lossy
     out = tmp_path / "r.html"

@@ -102,7 +102,7 @@ def fitted(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_session_is_checked_replayed_and_its_model_applied(fitted, tmp_path):
     assert calibrate("check", fitted).returncode == 0
     log, out = fitted / "log0001.csv.gz", tmp_path / "again"
@@ -114,7 +114,7 @@ def test_a_session_is_checked_replayed_and_its_model_applied(fitted, tmp_path):
     assert (tmp_path / "out.csv").stat().st_size > 0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_session_is_explained_reported_and_exported(fitted, tmp_path):
     explain = calibrate("explain", fitted, "--no-pictures", "--out", tmp_path / "why")
     assert explain.returncode == 0, explain.stderr

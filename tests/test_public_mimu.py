@@ -110,7 +110,7 @@ def test_mimu_refuses_other_arrays_and_other_names(tmp_path, capsys):
     refused(capsys, ["mimu", tmp_path], "exp_one.npz", "number")
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_the_decoded_recordings_become_folders_to_the_register(shared, tmp_path, number):
     """What lies beside the checkout was decoded from the same files: it gives 8 folders that hold its registers."""

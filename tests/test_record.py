@@ -38,9 +38,8 @@ def closures(samples: Samples, config: Config) -> tuple[np.ndarray, np.ndarray]:
     return tuple(closure_angles(problem.batch, run_method(name, problem, FitOptions()).model) for name in ("raw", "least_squares"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("rate", "form", "segments", "speed"), [(416, [], 7, 8), pytest.param(1667, ["--frames"], 7, 5, marks=pytest.mark.long)]
+    ("rate", "form", "segments", "speed"), [(416, [], 7, 8), pytest.param(1667, ["--frames"], 7, 5, marks=pytest.mark.slow)]
 )
 def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed):
     """Nothing is lost, every turn is accepted, and the session is, sample by sample, the one that can be read from its file."""
@@ -77,7 +76,6 @@ def test_from_the_board_to_the_fit(board, tmp_path, rate, form, segments, speed)
     assert json.loads(fit.stdout)["segments"]["used"] == segments
 
 
-@pytest.mark.slow
 def test_a_pulled_cable_costs_one_turn_and_no_more(board, tmp_path):
     """Unplugged every 15 s of device time: it reconnects by itself, in new logs, until all segments are there."""
     port = board(*SLOW_SENSOR, "--frames", "--faults", "unplug=15")
@@ -91,7 +89,6 @@ def test_a_pulled_cable_costs_one_turn_and_no_more(board, tmp_path):
     assert sum(len(log.samples) for log in session.logs) == told["samples"]
 
 
-@pytest.mark.slow
 def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
     port = board(*SLOW_SENSOR)
     words = ["record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 5]
@@ -121,7 +118,7 @@ def test_ctrl_c_keeps_everything_and_resume_goes_on(board, tmp_path):
     assert (tmp_path / "s" / "log0001.csv").read_bytes() == log
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_bad_bytes_are_counted_and_the_session_goes_on(board, tmp_path):
     port = board(*SLOW_SENSOR, "--frames", "--faults", "lost=0.001,garbage=500,torn=0.001")
     result = calibrate("record", "--port", port, "--out", tmp_path / "s", "--like", tmp_path / "bench.toml", "--segments", 2, "--json", "-")

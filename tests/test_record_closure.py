@@ -44,7 +44,7 @@ def fitted(folder) -> dict:
     return json.loads(result.stdout)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_whole_session_with_a_raw_accelerometer(boards, tmp_path):
     """14 turns, the way to the mark, the run: what is recorded is fitted without an [accelerometer], and the run closes at its floor."""
     port = boards("a", *SENSOR, "--segments", 14)
@@ -69,7 +69,6 @@ def test_a_whole_session_with_a_raw_accelerometer(boards, tmp_path):
     assert run["raw"]["rmse_deg"] > 1
 
 
-@pytest.mark.slow
 def test_a_cable_pulled_in_the_run_and_ctrl_c_after_it_lose_nothing(boards, tmp_path):
     """The cable is pulled every 34 s of device time, which is in the run: no broken run bears its name; resumed, it asks for the run."""
     session, run = recorded_twice(tmp_path)
@@ -101,7 +100,7 @@ def test_a_cable_pulled_in_the_run_and_ctrl_c_after_it_lose_nothing(boards, tmp_
     assert "resumed:" not in again.stderr  # nothing is asked for any more
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_keys_on_a_terminal(boards, tmp_path):
     """A note, a turn that is dropped, a pause: all of it stands where fit and a replay find it."""
     port = boards("a", "--rate", 104, "--segments", 60)

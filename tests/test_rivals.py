@@ -17,7 +17,7 @@ def explained(folder, distort):
     return explain_session(write_session(OPTIONS, folder / "session", distort=distort))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_zero_with_a_turning_point_in_temperature_is_given_no_name(tmp_path):
     """Steps, drifts and lines can be put together so that they take up 98 % of it: a smooth curve takes up all, with half the numbers."""
     result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer((temp - MIDDLE_C) ** 2, CURVE))
@@ -33,7 +33,7 @@ def test_a_straight_line_in_temperature_keeps_its_name(tmp_path):
     assert result.findings == []
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_weak_curve_is_no_step(tmp_path):
     """So weak that a step describes it nearly as well as the curve that it is: a step may stand beside the curve, never alone."""
     result = explained(tmp_path, lambda t, rate, force, temp: rate + np.outer((temp - MIDDLE_C) ** 2, 0.11 * CURVE))

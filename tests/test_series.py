@@ -31,7 +31,7 @@ def plugged(folder, port):
     return started(command, text=True, stdout=PIPE, stderr=DEVNULL)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_three_boards_in_a_row(tmp_path):
     """The third is the first again, which is said and not recorded; Ctrl-C ends the row, and all is kept."""
     first, second = (board_folder(tmp_path / name, name, seed) for seed, name in enumerate(("SN1", "SN2"), 1))
@@ -59,7 +59,7 @@ def test_three_boards_in_a_row(tmp_path):
         assert len(session.logs[0].samples) > 200
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_board_that_was_cut_short_goes_on(tmp_path):
     """Interrupted within its session: 130; the row begun again goes on with the same board."""
     folder, port, row = board_folder(tmp_path / "SN9", "SN9", 3), tmp_path / "port", tmp_path / "row"

@@ -225,7 +225,7 @@ def test_export_refuses_it_and_takes_the_one_for_any_time(fitted, tmp_path, caps
     assert calibrate.main([*words, "physics_at_end"]) == 0
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_report_offers_the_model_for_any_time(fitted, tmp_path):
     folder, other, _ = fitted
     page = report_of(folder, tmp_path / "r.html", "--methods", "least_squares", "--quiet").read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ import soak
 from soak_day import day
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_twenty_rounds_lose_no_more_than_a_read_in_hand(tmp_path):
     table = soak.rounds(20, 1, tmp_path)
     for row in table:

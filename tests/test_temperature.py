@@ -134,7 +134,7 @@ def test_one_sweep_tells_no_lag_and_no_hysteresis():
     assert fit.examined.by == "stretches"
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_order_that_held_out_sweeps_ask_for_is_that_of_the_truth():
     for bend, order in ((0.0, 1), (2e-4, 2)):
         orders = [fit_one(rest_log(seed, bend_dps_per_c2=bend))[0].order for seed in range(6)]
@@ -156,7 +156,7 @@ def nothing(seed, **options):
     return fit_one(rest_log(seed, slope_dps_per_c=0.0, bend_dps_per_c2=0.0, **options))[0]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_where_temperature_does_nothing_nothing_is_claimed():
     fits = [nothing(seed, cycles=2.0, random_walk_dps_rts=2e-5) for seed in range(15)]
     assert sum(fit.order > 0 for fit in fits) <= 2
@@ -169,7 +169,7 @@ def test_a_temperature_that_hardly_moves_is_a_constant():
     assert fit.terms[0] / DEG == pytest.approx(0.5, abs=0.01)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_sigmas_are_true_over_many_seeds():
     """Slope and lag of 30 logs with wander: two thirds within a sigma, nearly all within two (benchmarks/temperature.py: 100 seeds)."""
     z = []

@@ -28,7 +28,7 @@ def fitted(rests, tmp_path_factory):
     return folder, json.loads((folder.parent / "x.json").read_text())
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_folder_of_rest_logs_is_fitted_by_itself(rests, tmp_path, run):
     folder = tmp_path / "rests"
     shutil.copytree(rests, folder)
@@ -86,7 +86,7 @@ def test_the_order_can_be_held_down(rests, tmp_path, run):
     assert {axis["order"] for axis in json.loads((tmp_path / "x.json").read_text())["gyro"]} == {1}
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_session_with_its_rest_logs(folder, rests, tmp_path, run):
     shutil.copy(rests / "rest0001.csv.gz", folder)
     code, out, err = run("fit", folder, "--temperature", "--json", tmp_path / "x.json")

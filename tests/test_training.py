@@ -65,7 +65,7 @@ def test_what_is_known_of_where_it_begins_need_not_be_found_again():
     np.testing.assert_allclose(known.loss, found.loss, rtol=1e-9)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_noise_seldom_bends_it():
     """On linear recordings the linear solution is mostly kept, and where it is not, little is lost on fresh turns."""
     kept, worse = [], []
@@ -139,7 +139,7 @@ def test_same_data_same_numbers():
     np.testing.assert_array_equal(first.net.vector, second.net.vector)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_adamw_starts_at_the_identity_and_approaches_the_second_order_loss():
     batch, sigma = recording(4, count=8)
     identity = np.mean((closure.segment_residuals(batch, CalibrationNet.identity()(batch.rate)) * (2 / sigma)[:, None]) ** 2)
@@ -161,7 +161,7 @@ def of_two_days(seed=7, count=24):
     return replace(batch, rate=rate), sigma
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_adamw_on_the_distance_goes_where_the_reweighting_goes():
     """The paper's loss is not squared: turns of another day pull less.  AdamW, which may bend, is at most a little lower."""
     batch, sigma = of_two_days()

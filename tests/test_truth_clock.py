@@ -58,7 +58,7 @@ def test_what_all_axes_share_looks_like_the_clock_and_goes_there(twin, name):
     assert np.sqrt(gauged.theta_covariance(0)[0, 0]) < 0.3 * np.sqrt(fit.theta_covariance(0)[0, 0]) < 0.05
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_diagonal_that_is_equal_is_the_clock_and_its_rivals_are_said():
     """4.06 ms, as a public set has it: whether the truth is late or the gyro early, the recording does not tell."""
     late = explain_truth(made(Wrong(late_s=0.00406))[0])
@@ -75,7 +75,7 @@ def test_a_diagonal_that_is_equal_is_the_clock_and_its_rivals_are_said():
         assert e.verdict == "explained"
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_one_axis_that_is_late_is_the_gyros_and_the_clock_keeps_its_own():
     alone, both = (explain_truth(made(Wrong(delays_s=(0.003, 0, 0), late_s=late_s))[0]) for late_s in (0.0, 0.004))
     assert not {claim.effect.id for claim in alone.claims} - set(common_delays())

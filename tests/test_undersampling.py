@@ -195,7 +195,7 @@ def test_recordings_whose_motion_is_slow_enough_are_left_in_peace(shared, name):
     assert all(line.level == "ok" for line in check_folder(shared / name) if line.what == "fast motion")
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_all_recordings_of_the_other_bench_are_left_in_peace(shared):
     folders = [ROOT / "data" / "session1", *sorted((shared / "concealed").glob("case*"))]
     lines = [line for folder in folders for line in check_folder(folder) if line.what == "fast motion"]
@@ -203,7 +203,7 @@ def test_all_recordings_of_the_other_bench_are_left_in_peace(shared):
     assert all(line.level == "ok" for line in lines)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_eight_sensors_on_one_hand_miss_the_same(shared, tmp_path):
     """62.5 Hz: nothing of the sensor is in it, and the sums in the table's axes agree."""
     source = shared / "mimu" / "exp_2.npz"

@@ -117,7 +117,7 @@ def sessions(simulated):
     return np.array(errors).transpose(1, 0, 2)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_uncertainties_are_true_in_the_simulator(sessions):
     """End to end, from registers: 68 % of 360 errors within one sigma.  Those of one session hang together: 0.15 / sqrt(30) = 0.03."""
     with_wander, _ = sessions
@@ -127,7 +127,7 @@ def test_uncertainties_are_true_in_the_simulator(sessions):
     np.testing.assert_allclose(np.mean(with_wander**2, axis=0), 1, atol=4 * np.sqrt(2 / 30))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_without_the_wander_the_bias_would_seem_too_well_known(sessions):
     """What the wander is for: the bias' squared errors are some twice those that noise alone predicts, and then they are right."""
     with_wander, without = (np.mean(errors[:, 9:] ** 2) for errors in sessions)

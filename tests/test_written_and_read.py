@@ -199,7 +199,7 @@ def test_a_model_gets_a_bias_of_the_day(model, at, tmp_path):
     done("apply", tmp_path / "fit" / "model_rebiased.json", at / "record" / "log0001.csv", "-o", tmp_path / "out.csv")
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_what_explain_found_is_planned_recorded_and_reported(at, tmp_path):
     folder = at / "simulate"
     assert json.loads((folder / "explain" / "explain.json").read_text(encoding="utf-8"))["schema"] == "tinygc-explain/1"
@@ -208,7 +208,7 @@ def test_what_explain_found_is_planned_recorded_and_reported(at, tmp_path):
     done("fit", folder, *QUICK, "--physics", "auto", "--out", tmp_path / "fit", codes=(0, 1))
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_rest_logs_are_checked_and_join_a_session(at, tmp_path):
     done("check", at / "rest")
     done("fit", at / "simulate", at / "rest", "--temperature", "--out", tmp_path / "fit")

@@ -44,6 +44,8 @@ LAWS = {
     "anisoelastic": 1.5,
     "rectified_acceleration": 1.5,
     "last_turn": 1.5,
+    "overload": 1.5,
+    "turn_hysteresis": 1.5,
     "warm_square": 10.0,
 }
 #: seeds of what is hidden, and of the two sessions; how vigorously they are turned

@@ -61,18 +61,19 @@ def test_forms_are_many_and_none_is_another_on_any_movement(movement, forms):
 
 #: what a search promises to try (docs/discover.md): functions of quantities as they are, and such as are looked at behind a lag
 PROMISED = {
-    "rate": "itself size root square signed_square cube dead_zone beyond signed_beyond wave sign",
+    "rate": "itself size root square signed_square cube dead_zone beyond signed_beyond wave sign latch",
     "force": "itself size root square cube dead_zone beyond wave sign",
     "temperature": "itself size root square cube dead_zone beyond wave decay",
     "time": "itself root square cube beyond decay wave clock",
     "rest": "itself root square cube beyond decay",
     "acceleration": "itself size root square cube dead_zone beyond sign",
+    "acceleration_size": "itself root square cube beyond",
     "jerk": "itself size root square cube dead_zone beyond sign",
     "vibration": "itself root square cube beyond",
     "turned": "itself size root square cube wave",
     "sense": "itself",
 }
-PROMISED_LATE = ("rate", "rate_size", "force", "acceleration", "temperature", "vibration", "sense")
+PROMISED_LATE = ("rate", "rate_size", "force", "acceleration", "acceleration_size", "temperature", "vibration", "sense")
 
 
 def test_what_a_search_promises_is_a_form_or_is_held(forms):
@@ -244,6 +245,9 @@ LAWS = {
     "supply that settles, on the scale factor": (lambda o: o.c * o.w * np.exp(-o.t / 21.0)[:, None], "rate time"),
     "periodic load": (lambda o: o.to_all(np.sin(2 * np.pi * o.t / 7.3 + 0.4)), "time"),
     "magnetic field": (lambda o: signals.world_directions(o.m) @ (0.2, 0.1, -0.43), "world"),
+    "loops that wind up": (lambda o: o.to_all(o.after((o.speed > 0.9).astype(float), 2.1)), "rate_size"),
+    "friction of the die in its glue": (lambda o: o.c * signals.latched(o.w, 0.4), "rate"),
+    "rectified angular acceleration": (lambda o: o.to_all(np.linalg.norm(signals.angular_acceleration(o.m), axis=1)), "acceleration_size"),
     "resonance far above the hand": (lambda o: o.c * np.gradient(o.m.acceleration, o.t, axis=0), "jerk"),
     "strain of the package": (lambda o: o.to_all(signals.temperature_rate(o.m)), "temperature_rate"),
     "thermal hysteresis": (lambda o: o.to_all(signals.play(o.warm, 2.7)), "temperature"),

@@ -11,6 +11,7 @@ from simulated_twins import make_twin_of
 
 from session.common.units import DEG
 from tinygc.discovery.grammar.as_effect import as_effect
+from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.enumeration import enumerated
 from tinygc.discovery.grammar.form import PATTERNS, Factor, Form
 from tinygc.discovery.grammar.largest import largest_of
@@ -53,7 +54,7 @@ class Seen:
         plain = [form for form in every if len(form.factors) == 1 and not form.constants and form.pattern == "each"]
         some = [form for form in every if form.size <= 9][::23]
         self.forms = list(dict.fromkeys([*plain[:30], ROOT_CUBE, DEAD_ZONE, *some]))
-        self.bits = np.full(len(self.forms), np.log2(len(self.forms)))
+        self.bits = np.array([bits(form) for form in self.forms])
 
     def law(self, seed, form=None, theta=None):
         noise = np.random.default_rng(seed).standard_normal(self.responses.channels)
@@ -172,7 +173,8 @@ def test_the_tail_goes_on_where_draws_end():
 def test_noise_that_is_larger_than_stated_raises_no_alarm(seen, null):
     fit = seen.law(7)
     usual, loud = (seen.screened(replace(fit, r=scale * fit.r), draws=2) for scale in (1.0, 1.6))
-    assert loud.promise.max() > usual.promise.max() + 8
+    assert loud.gain == pytest.approx(1.6**2 * usual.gain, rel=1e-4, abs=1e-4)
+    assert loud.promise.max() > usual.promise.max() + 5
     assert loud.tested.max() == pytest.approx(usual.tested.max(), abs=1.0)
     assert null.chance_p(loud.tested.max()) > 0.01
 

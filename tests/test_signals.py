@@ -102,6 +102,13 @@ def test_the_last_sense_stays_after_a_turn_and_is_nothing_before_one():
         assert np.array_equal(sense[last >= 0, axis], np.sign(movement.rate[last[last >= 0], axis]))
 
 
+def test_a_latch_keeps_the_sign_of_what_was_last_beyond_its_threshold():
+    values = np.array([0.0, 0.9, 1.1, 0.2, -0.9, -1.2, 0.0, 1.0, 3.0, -0.5])
+    expected = [0, 0, 1, 1, 1, -1, -1, -1, 1, 1]
+    assert signals.latched(values, 1.0).tolist() == expected
+    assert signals.latched(np.outer(values, [1.0, -1.0]), 1.0).T.tolist() == [expected, [-each for each in expected]]
+
+
 def test_the_angle_turned_about_one_axis_is_that_angle():
     movement = hand()
     turned = signals.angle_turned(replace(movement, rate=np.outer(np.sin(movement.t_s), [1.0, 0, -2.0])))

@@ -143,9 +143,15 @@ def seconds_at_rest(movement: Movement) -> np.ndarray:
 
 def last_sense(movement: Movement) -> np.ndarray:
     """(N, 3) +1 or -1, the sense in which each axis last turned, faster than 10 dps; 0 before it has."""
-    turning = np.abs(movement.rate) > TURNING_RPS
-    rows = np.maximum.accumulate(np.where(turning, np.arange(len(turning))[:, None], 0), axis=0)
-    return np.take_along_axis(np.where(turning, np.sign(movement.rate), 0.0), rows, axis=0)
+    return latched(movement.rate, TURNING_RPS)
+
+
+def latched(values: np.ndarray, threshold: float) -> np.ndarray:
+    """(N, …) +1 or -1, the sign that each column of the values (N, …) had when it was last beyond ±threshold; 0 before it was."""
+    beyond = np.abs(values) > threshold
+    number = np.arange(len(values)).reshape(-1, *[1] * (np.ndim(values) - 1))
+    rows = np.maximum.accumulate(np.where(beyond, number, 0), axis=0)
+    return np.take_along_axis(np.where(beyond, np.sign(values), 0.0), rows, axis=0)
 
 
 def play(values: np.ndarray, width: float) -> np.ndarray:

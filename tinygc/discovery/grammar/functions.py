@@ -247,5 +247,14 @@ _WITH_CONSTANT = (
         power=Fraction(1),
         memory=True,
     ),
+    Function(
+        "latch",
+        "latch({x}, {c})",
+        "the sign that {x} had when its size was last above {c}",
+        signals.latched,
+        "signals.latched(x, c)",
+        constant="threshold",
+        memory=True,
+    ),
 )
 FUNCTIONS: dict[str, Function] = {function.name: function for function in _PLAIN + _WITH_CONSTANT}

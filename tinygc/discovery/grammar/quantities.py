@@ -94,6 +94,17 @@ _ALL = (
         reach=signals.DERIVATIVE,
     ),
     Quantity(
+        "acceleration_size",
+        "|u′|",
+        "the size of the angular acceleration, in full scales a second",
+        "1/s",
+        1,
+        lambda m: _scalar(np.linalg.norm(signals.angular_acceleration(m), axis=1) / m.fs_rps),
+        "np.linalg.norm(signals.angular_acceleration(m), axis=1) / m.fs_rps",
+        reach=signals.DERIVATIVE,
+        positive=True,
+    ),
+    Quantity(
         "jerk",
         "u″_{i}",
         "the angular jerk, in full scales a second squared",

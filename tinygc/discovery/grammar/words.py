@@ -9,6 +9,7 @@ SYMBOLS = {
     "rate": "u = ω / FS",
     "rate_size": "u = ω / FS",
     "acceleration": "u = ω / FS",
+    "acceleration_size": "u = ω / FS",
     "jerk": "u = ω / FS",
     "force": "f in g",
     "temperature": "T in °C",
@@ -26,6 +27,7 @@ SHORT = {
     "rate": "the rate",
     "rate_size": "the size of the whole rate",
     "acceleration": "the angular acceleration",
+    "acceleration_size": "the size of the whole angular acceleration",
     "jerk": "the angular jerk",
     "temperature": "the temperature since the session's beginning",
     "time": "the time since the session began",
@@ -35,11 +37,12 @@ PEOPLES = {
     "rate": ("", " of full scale", 1.0),
     "rate_size": ("", " of full scale", 1.0),
     "acceleration": ("/s", " full scales a second", 1.0),
+    "acceleration_size": ("/s", " full scales a second", 1.0),
     "jerk": ("/s²", " full scales a second squared", 1.0),
     "turned": ("°", "°", 57.29577951308232),
 }
 #: a quantity in a name
-NAMES = {"rate_size": "speed", "temperature_rate": "warming"}
+NAMES = {"rate_size": "speed", "acceleration_size": "jolt", "temperature_rate": "warming"}
 #: a function and a quantity in a name that would be too long
 BRIEF = {
     **{"signed_square": "ssq", "size_cube": "acube", "signed_root": "sroot", "root_cube": "r32", "size_root_cube": "a32"},
@@ -53,6 +56,7 @@ SPLITS = {
     "rate_size": "turn slowly and fast, and look at the axes that do not turn",
     "force": "hold each axis up, down and level, and turn it there",
     "acceleration": "start and stop turns softly and briskly",
+    "acceleration_size": "start and stop turns softly and briskly, and look at the axes that do not turn",
     "jerk": "start and stop turns softly and briskly",
     "temperature": "let the sensor warm up, and cool, while you record",
     "temperature_rate": "change the temperature fast, then hold it",
@@ -78,6 +82,7 @@ REGIMES = {
     "force": ("attitude", "g"),
     "jerk": ("angular acceleration", "rad/s²"),
     "acceleration": ("angular acceleration", "rad/s²"),
+    "acceleration_size": ("angular acceleration", "rad/s²"),
     "rate_size": ("rate", "dps"),
     "rate": ("rate", "dps"),
 }
@@ -89,6 +94,7 @@ ABBREVIATIONS = {
     "clip": "clip(x, ±c) = x held within ±c",
     "saw": "saw(x, c) = x / c less its nearest whole number",
     "play": "play(x, c) = x followed with a play of ±c",
+    "latch": "latch(x, c) = the sign of x when it was last beyond ±c",
 }
 
 

@@ -11,9 +11,10 @@ from tinygc.discovery.grammar.functions import FUNCTIONS
 from tinygc.discovery.grammar.words import equation, in_words
 
 #: quantities that are zero at rest, and functions that are not zero there
-OF_TURNS, NOT_AT_ZERO = ("rate", "rate_size", "acceleration", "jerk"), ("decay", "wave", "clock")
+OF_TURNS = ("rate", "rate_size", "acceleration", "acceleration_size", "jerk")
+NOT_AT_ZERO = ("decay", "wave", "clock")
 #: quantities that follow the rate sample by sample
-OF_THE_RATE = ("rate", "rate_size", "acceleration", "jerk")
+OF_THE_RATE = ("rate", "rate_size", "acceleration", "acceleration_size", "jerk")
 #: of the energy that the accelerometer passes (gyro.vibration_rectification, benchmarks/vibration.py)
 VIBRATION_KNOWN_TO = 0.1
 #: of all that a function gives between minus and plus three, what it changes by from one of so many steps to the next where it jumps
@@ -55,7 +56,9 @@ def follows(form: Form) -> str:
 
 def seen_in(form: Form) -> tuple[str, ...]:
     """Turns alone, where a factor is zero at rest and remembers nothing."""
-    of_turns = any(f.quantity in OF_TURNS and f.lag_s is None and f.function not in NOT_AT_ZERO for f in form.factors)
+    of_turns = any(
+        f.quantity in OF_TURNS and f.lag_s is None and not f.through.memory and f.function not in NOT_AT_ZERO for f in form.factors
+    )
     return ("turn",) if of_turns else ("still", "turn")
 
 
@@ -78,7 +81,5 @@ def _jumps(factor: Factor) -> bool:
 @cache
 def function_jumps(name: str) -> bool:
     """Whether a function jumps somewhere: a threshold, a sign, a rounding."""
-    if FUNCTIONS[name].memory:
-        return False
     values = FUNCTIONS[name].of(np.linspace(-3.0, 3.0, STEPS), 1.0)
     return bool(np.abs(np.diff(values, axis=0)).max() > JUMP * np.ptp(values))

@@ -21,7 +21,8 @@ class Function:
     of(x, c) -> the same shape, or with ``phases`` numbers for each as a further last axis; source: Python of ``x`` and ``c``;
     constant: the constant's name in JSON where it has one, which has the quantity's unit; odd: whether it changes sign with x;
     power: of the quantity's unit, that of what it makes: 0 where it divides by its constant or asks for a sign; memory: whether it
-    looks back over the whole log, whose samples are the first axis.
+    looks back over the whole log, whose samples are the first axis; decided: whether the constant decides at a few moments alone, so that
+    what it makes changes by steps with it.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Function:
     phases: int = 1
     power: Fraction = Fraction(0)
     memory: bool = False
+    decided: bool = False
 
 
 def _wave(x: np.ndarray, c: float) -> np.ndarray:
@@ -255,6 +257,7 @@ _WITH_CONSTANT = (
         "signals.latched(x, c)",
         constant="threshold",
         memory=True,
+        decided=True,
     ),
 )
 FUNCTIONS: dict[str, Function] = {function.name: function for function in _PLAIN + _WITH_CONSTANT}

@@ -30,7 +30,7 @@ TIMES_A_TURN = (0.5, 1.0, 2.0, 3.0, 4.0, 6.0)
 #: of a register, over the largest size: half a step more or less moves the last by no more
 COUNTS = tuple(np.arange(2.0, 32.25, 0.5).tolist())
 
-PERIODIC, FADING, STEPPED = ("wave", "clock"), ("decay", "signed_decay", "settle"), ("beyond", "signed_beyond", "above", "band")
+PERIODIC, FADING, STEPPED = ("wave", "clock"), ("decay", "signed_decay", "settle"), ("beyond", "signed_beyond", "above", "band", "latch")
 
 
 def places(quantity: str, function: str, few: bool = False) -> tuple[float, ...]:

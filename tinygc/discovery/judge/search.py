@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.form import Form
-from tinygc.discovery.judge.believable import believable
+from tinygc.discovery.judge.believable import believable, takes_calibration
 from tinygc.discovery.judge.exact import one_step
 from tinygc.discovery.judge.weigh import FormEvidence
 from tinygc.discovery.screen.screening import Screening, screened
@@ -22,6 +23,8 @@ from tinygc.explanation.twin.replay import Replay
 #: shapes that are sharpened and weighed by their linear columns, of each look: benchmarks/discover.py finds the law among the first three
 #: in nearly all sessions
 MOST_SHARPENED = 14
+#: most promising forms that are asked, in each look, whether they would take the calibration's place
+MOST_ASKED = 60
 #: of those, refitted exactly and believed; and tried, where some are not
 MOST_EXACT, MOST_TRIED = 4, 12
 #: refitted exactly for their promise alone
@@ -54,8 +57,10 @@ def with_a_form(
     trials: list[Trial] = []
     promised: dict[str, float] = {}
     for number, (base, _) in enumerate(whitens):
-        for at in _first_of_each_shape(forms, screening.promise[number]):
-            sharp = sharpened_in(forms[at], screening.all_responses, screening.all_looks[number])
+        look, fit = screening.all_looks[number], looks[number][1]
+        takes = partial(takes_calibration, responses=screening.all_responses, look=look, fit=fit)
+        for at in _first_of_each_shape(forms, screening.promise[number], takes):
+            sharp = sharpened_in(forms[at], screening.all_responses, look)
             effect = evidence.effect_of(sharp.form)
             promised[effect.id] = float(screening.tested[at])
             trials.append((evidence.guess(base, add=effect).score, effect, base))
@@ -89,13 +94,19 @@ def _refitted(evidence: FormEvidence, trials: list[Trial], promised: dict[str, f
     return found
 
 
-def _first_of_each_shape(forms: Sequence[Form], promise: np.ndarray) -> list[int]:
-    """Numbers of the most promising forms, of those that differ by their constants alone the first."""
+def _first_of_each_shape(forms: Sequence[Form], promise: np.ndarray, takes_calibration: Callable[[Form], bool]) -> list[int]:
+    """Numbers of the most promising forms that leave the calibration its place, of those that differ by their constants alone the first."""
     found: dict[Form, int] = {}
+    asked = 0
     for number in np.argsort(-promise, kind="stable"):
+        form = forms[number]
         if promise[number] <= 0 or len(found) >= MOST_SHARPENED:
             break
-        found.setdefault(forms[number].shape, int(number))
+        if form.shape in found:
+            continue
+        asked += 1
+        if asked > MOST_ASKED or not takes_calibration(form):
+            found[form.shape] = int(number)
     return list(found.values())
 
 

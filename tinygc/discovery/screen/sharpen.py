@@ -19,6 +19,8 @@ from tinygc.explanation.twin.whitening import Whitener
 REACH = 2.5
 #: columns of one form that may be made, all in all, and those of each constant that are spread over its reach before
 MOST_EVALUATIONS, SCANNED = 40, 9
+#: those of a constant on which a few moments hang: with thirty turns its gain stands level over a fifteenth of it or so
+DECIDED_SCANNED = 81
 #: ln of a constant: a peak is found to this, which is a tenth of a sigma for constants that are known to a per cent
 PRECISION = 1e-3
 #: a curvature is taken where the gain has fallen by one, a sigma; how near is near enough, and steps towards it
@@ -52,19 +54,20 @@ def sharpened_in(form: Form, responses: Responses, look: Look, reach: float | np
 
     if not len(begin):
         return Sharpened(form, gain(begin), ())
-    at = _highest(gain, begin, np.broadcast_to(np.log(reach), begin.shape))
+    scanned = DECIDED_SCANNED if any(factor.through.decided for factor in form.factors) else SCANNED
+    at = _highest(gain, begin, np.broadcast_to(np.log(reach), begin.shape), scanned)
     sigma = _sigmas(gain, at) * np.exp(at)
     return Sharpened(form.with_constants(np.exp(at)), gain(at), tuple(sigma.tolist()))
 
 
-def _highest(gain: Callable[[np.ndarray], float], begin: np.ndarray, reach: np.ndarray) -> np.ndarray:
+def _highest(gain: Callable[[np.ndarray], float], begin: np.ndarray, reach: np.ndarray, scanned: int) -> np.ndarray:
     """(constants,) ln: each is scanned over its reach, then all are followed uphill together."""
     from scipy.optimize import minimize, minimize_scalar
 
     at, highest = begin.copy(), gain(begin)
-    spacing = 2 * reach / (SCANNED - 1)
+    spacing = 2 * reach / (scanned - 1)
     for number in range(len(begin)):
-        for shift in np.linspace(-reach[number], reach[number], SCANNED):
+        for shift in np.linspace(-reach[number], reach[number], scanned):
             trial = at.copy()
             trial[number] = begin[number] + shift
             found = gain(trial)

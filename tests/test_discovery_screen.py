@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -14,11 +14,14 @@ from tinygc.discovery.grammar.as_effect import as_effect
 from tinygc.discovery.grammar.bits import bits
 from tinygc.discovery.grammar.enumeration import enumerated
 from tinygc.discovery.grammar.form import PATTERNS, Factor, Form
+from tinygc.discovery.grammar.grids import constant_at, places
 from tinygc.discovery.grammar.largest import largest_of
 from tinygc.discovery.judge import discover as judge
 from tinygc.discovery.judge.added import beside_calibration as rate_beside_calibration
+from tinygc.discovery.judge.believable import takes_calibration
 from tinygc.discovery.judge.parts import without
 from tinygc.discovery.screen import spread
+from tinygc.discovery.screen.alike import basis_of
 from tinygc.discovery.screen.chance import Chance
 from tinygc.discovery.screen.learnable import learnable, learnable_from
 from tinygc.discovery.screen.looks import Look
@@ -192,6 +195,30 @@ def test_forms_that_are_the_same_here_are_said(seen):
     assert square not in screening.same_as(plain)
     assert screening.leaders[:4].tolist() == [3, 2, 2, 3]
     assert screening.distinct <= np.sum(screening.rank[-1] > 0) - 2
+
+
+def test_a_form_that_needs_the_calibrations_place_is_told_from_a_law(seen):
+    """What one turn alone has is said by the rate of all the others, and a scale factor that makes up for it."""
+    first = Form((Factor("rate"), Factor("time", "beyond", 6.0)))
+    fit = seen.law(4, first, np.array([0.5, 0.5, -0.5]) * seen.twin.movements[0].fs_rps)
+    look = Look(seen.twin, seen.whiten, fit)
+    assert takes_calibration(first, seen.responses, look, fit)
+    fit = seen.law(4, ROOT_CUBE, np.array([3.0, -2.0, 2.5]) * DEG)
+    assert not takes_calibration(ROOT_CUBE, seen.responses, Look(seen.twin, seen.whiten, fit), fit)
+
+
+def test_the_threshold_of_a_latch_is_found_where_its_gain_is_level(seen):
+    """Between the peaks of the turns its gain is level, and beyond each it falls by a step: what is near says nothing of where to go."""
+    grid = [constant_at("rate", "latch", place, largest_of(seen.twin.movements)["rate"]) for place in places("rate", "latch")]
+    theta = np.array([2.0, -1.5, 1.0]) * DEG
+    for below, above in pairwise(grid[8:12]):
+        for share in (0.25, 0.5, 0.75):
+            law = Form((Factor("rate", "latch", float(below * (above / below) ** share)),))
+            fit = seen.law(5, law, theta)
+            look = Look(seen.twin, seen.whiten, fit)
+            basis = basis_of(law, seen.responses, look)
+            found = sharpened(law.with_constants((below if share < 0.5 else above,)), seen.whiten, fit, seen.replay)
+            assert found.gain > np.sum((basis.T @ look.residual) ** 2) - 20
 
 
 def test_constants_are_sharpened_within_their_sigma(seen):

@@ -14,7 +14,7 @@ from tinygc.effects import Movement
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
-COUNTS = {"forms": 41234, "distinct": 10987, "chance_gain": 31.4, "best_promise": 812.5}
+COUNTS = {"forms": 41234, "distinct": 10987, "chance_promise": 31.4, "best_promise": 812.5}
 LEARNABLE = {"rate": 0.011 * DEG, "force": 0.0042 * DEG, "vibration": None}
 DECIDED = HeldOut(0.21 * DEG, 0.0131 * DEG, 0.0117 * DEG, 0.9953, 3.2e-9, 0.4, 13)
 OTHER_LOG = HeldOut(0.24 * DEG, 0.0151 * DEG, 0.0121 * DEG, None, 0.0, 0.2, 12, "log0002.csv")

@@ -80,7 +80,7 @@ class Discovery:
     or they leave more than noise; "none": no equation of this grammar; why: one line, of the last two.
 
     laws; beside: the catalogue's effects that stand with them, or alone; forms: how many were enumerated, distinct: how many of them differ
-    in this recording; chance_gain: what the best form of all takes up in noise alone, 95 % of the time less, in the units of ``promise``;
+    in this recording; chance_promise: what the best form of all promises in noise alone, 95 % of the time less;
     best_promise: of the recording itself; learnable: quantity -> size, rms rad/s, from which a law of it alone is found here in 19 of 20
     draws of noise, None where not at all.
     """
@@ -91,7 +91,7 @@ class Discovery:
     beside: tuple[Beside, ...]
     forms: int
     distinct: int
-    chance_gain: float
+    chance_promise: float
     best_promise: float
     learnable: dict[str, float | None] = field(default_factory=dict)
 

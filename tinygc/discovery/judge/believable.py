@@ -10,6 +10,7 @@ from tinygc.discovery.screen.responses import Responses
 from tinygc.explanation.naming.evidence import Hypothesis
 from tinygc.explanation.twin.layout import LINEAR
 from tinygc.explanation.twin.refit import Refit
+from tinygc.models.linear import MATRIX
 
 #: of residuals in sigmas, mean square: one by the noise that was estimated with them, unless the fit has not arrived there
 MOST_LEFT = 2.0
@@ -36,4 +37,4 @@ def takes_calibration(form: Form, responses: Responses, look: Look, fit: Refit) 
     columns = look.whitened(responses.columns(form))
     theta = np.linalg.lstsq(look.free_of(columns), look.residual, rcond=None)[0]
     moved = np.linalg.lstsq(fit.J, columns @ theta, rcond=None)[0]
-    return bool(np.abs(moved[LINEAR][:9]).max() > MOST_TAKEN_LINEARLY)
+    return bool(np.abs(moved[LINEAR][MATRIX]).max() > MOST_TAKEN_LINEARLY)

@@ -59,7 +59,7 @@ def discover(
     whole = explanation.twin
     if len(whole.segments) < 3 * FEWEST:
         few = f"a third of {len(whole.segments)} turns is too few to judge an equation by: record {3 * FEWEST} or more"
-        return Discovery("none", few, (), (), forms=0, distinct=0, chance_gain=0.0, best_promise=0.0)
+        return Discovery("none", few, (), (), forms=0, distinct=0, chance_promise=0.0, best_promise=0.0)
     split = parted(whole.problem, seed)
     twin = Twin(split.seen)
     progress("discover: the catalogue on what is seen", 0, STEPS)

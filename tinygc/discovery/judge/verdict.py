@@ -61,7 +61,7 @@ def answer(explanation: Explanation, searched: Searched, progress: Callable[[str
     common: dict[str, Any] = {
         "forms": len(searched.forms),
         "distinct": first.distinct,
-        "chance_gain": first.chance.level(0.05),
+        "chance_promise": first.chance.level(0.05),
         "best_promise": first.best_beside_last,
     }
     share = taken(searched)

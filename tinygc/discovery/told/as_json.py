@@ -26,7 +26,7 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
         "beside": [vars(each) for each in discovery.beside],
         "forms": discovery.forms,
         "distinct": discovery.distinct,
-        "chance": discovery.chance_gain,
+        "chance": discovery.chance_promise,
         "best": discovery.best_promise,
         "learnable": {name: {"size_dps": None if size is None else size / DEG} for name, size in discovery.learnable.items()},
     }

@@ -69,21 +69,24 @@ def _law(law: dict) -> list[Text]:
         one_line(f"  {law['in_words']}"),
     ]
     lines += [Text(f"  {line}") for line in number_lines(law)]
-    lines.append(
-        one_line(
-            f"  takes up {law['chi_square']:.0f} of chi-square, and makes the recording more probable by {law['better_by']:.4g} in −2 log "
-            f"evidence; in noise alone a search finds as much with p {p_words(max(law['chance_p'], LEAST_P), law['chance_p'] < LEAST_P)}"
-        )
-    )
-    lines += [one_line(f"  {held_out_words(each)}") for each in law["held_out"]]
-    if law["learnable_from"] is not None:
-        lines.append(one_line(f"  {learnable_words(law['learnable_from'])}"))
+    lines += [one_line(f"  {words}") for words in evidence_words(law)]
     if law["same_here"]:
         lines.append(Text(f"  the same in this recording: {same_words(law)}", "yellow"))
     lines += [Text(f"  could else be: {runner_up_words(each)}", "yellow") for each in law["runners_up"][:MOST_RUNNERS_UP]]
     if law["file"]:
         lines.append(one_line(f"  written as {law['file']}"))
     return lines
+
+
+def evidence_words(law: dict) -> list[str]:
+    """What speaks for a law: what it takes up, what chance does, what the search never saw, and from what size on it is found."""
+    chance = p_words(max(law["chance_p"], LEAST_P), law["chance_p"] < LEAST_P)
+    found = [
+        f"takes up {law['chi_square']:.0f} of chi-square, and makes the recording more probable by {law['better_by']:.4g} in −2 log "
+        f"evidence; in noise alone a search finds as much with p {chance}",
+        *(held_out_words(each) for each in law["held_out"]),
+    ]
+    return found + ([learnable_words(law["learnable_from"])] if law["learnable_from"] is not None else [])
 
 
 def number_lines(law: dict) -> list[str]:

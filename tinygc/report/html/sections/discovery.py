@@ -6,19 +6,16 @@ from base64 import b64encode
 
 from session.common.texts import shell_word
 from tinygc.discovery.told.page import (
-    LEAST_P,
     MOST_RUNNERS_UP,
     abbreviated,
+    evidence_words,
     headline,
-    held_out_words,
-    learnable_words,
     number_lines,
     runner_up_words,
     same_words,
 )
 from tinygc.report.html.evidence import Evidence
 from tinygc.report.html.markup import Section, code, escape, paragraph
-from tinygc.report.html.numbers import probability
 
 
 def section(evidence: Evidence) -> Section | None:
@@ -61,13 +58,7 @@ def _law(law: dict) -> str:
     says = law["in_words"]
     html = f'<div class="found"><h3>{escape(law["id"])}</h3>{paragraph(escape(says))}{code(law["equation"])}'
     html += code("\n".join(number_lines(law)))
-    chance = "p &lt; 0.0001" if law["chance_p"] < LEAST_P else probability(law["chance_p"])
-    evidence = [
-        f"takes up {law['chi_square']:.0f} of chi-square, and makes the recording more probable by {law['better_by']:.4g} in −2 log "
-        f"evidence; in noise alone a search finds as much with {chance}",
-        *(escape(held_out_words(each)) for each in law["held_out"]),
-    ]
-    evidence += [escape(learnable_words(law["learnable_from"]))] if law["learnable_from"] is not None else []
+    evidence = [escape(words) for words in evidence_words(law)]
     evidence += [f"the same in this recording: {escape(same_words(law))}"] if law["same_here"] else []
     evidence += [f"could else be: {escape(runner_up_words(each))}" for each in law["runners_up"][:MOST_RUNNERS_UP]]
     evidence += [f"written as <code>explain/{escape(law['file'])}</code>"] if law["file"] else []

@@ -30,7 +30,7 @@ from tinygc.discovery.screen.responses import Responses
 from tinygc.discovery.screen.screening import screened
 from tinygc.discovery.screen.sharpen import sharpened
 from tinygc.discovery.screen.weighing import FAINT
-from tinygc.effects import signals
+from tinygc.effects import catalogue, signals
 from tinygc.explanation.naming.selection import left_of, orthonormal
 from tinygc.explanation.twin import thinned
 from tinygc.explanation.twin.refit import refit
@@ -102,6 +102,18 @@ def test_columns_are_the_twins(seen, form):
     double = seen.responses.block(hub / np.abs(hub).max(), partner / np.abs(partner).max())
     for one, other in ((single.closure, double.closure), (single.still, double.still)):
         assert np.abs(one - other).max() <= 1e-5 * np.abs(other).max()
+
+
+def test_products_of_two_rates_that_sum_to_nothing_close_as_a_skew_of_the_axes_does(seen):
+    """By parts, delays d close as w x (d w): the product of the two other rates, d_z - d_y on x and so on.  No closure tells them apart."""
+    look = Look(seen.twin, seen.whiten, seen.fit)
+    skews = look.seen(seen.replay.columns(catalogue()["timing.axis_skew"]).stacked())
+    products = look.seen(seen.responses.columns(Form((Factor("rate"), Factor("rate")), "next")))
+    by_products = np.linalg.lstsq(products, skews, rcond=None)[0]
+    left = np.linalg.norm(skews - products @ by_products, axis=0) / np.linalg.norm(skews, axis=0)
+    assert left.max() < 0.005
+    one, other = by_products[1, 0], by_products[2, 0]
+    assert by_products == pytest.approx((other - one) / 2 * np.array([[0, 1, -1], [-1, 0, 1], [1, -1, 0]]), abs=0.01 * abs(one))
 
 
 def test_gains_are_those_of_the_catalogues_ranking(seen):

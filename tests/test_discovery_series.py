@@ -1,7 +1,9 @@
 """Which factor of a law is drawn along, and which beside it."""
 
+import pytest
+
 from tinygc.discovery.grammar.form import Factor, Form
-from tinygc.discovery.told.series import component_beside, main_of, other_of
+from tinygc.discovery.told.series import component_beside, has_curve, main_of, other_of
 
 RATE, FORCE = Factor("rate", "itself"), Factor("force", "itself")
 
@@ -22,3 +24,10 @@ def test_the_factor_that_bends_is_the_main_one_wherever_it_stands():
     form = Form((FORCE, Factor("rate", "size")), "next")
     assert (main_of(form).quantity, other_of(form).quantity) == ("rate", "force")
     assert component_beside(form, form.terms()[0]) == 1
+
+
+@pytest.mark.parametrize("function", ["latch", "play"])
+def test_what_remembers_has_no_curve_along_its_quantity(function):
+    """On the way up and on the way down it is another."""
+    assert not has_curve(Form((Factor("rate", function, 0.07),)))
+    assert has_curve(Form((Factor("rate", "dead_zone", 0.07),)))

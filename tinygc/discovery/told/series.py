@@ -63,9 +63,10 @@ def series_of(form: Form) -> list[Series]:
 
 
 def has_curve(form: Form) -> bool:
-    """Whether the main factor can be drawn along its own quantity: no lag, which remembers, and no direction fixed in the world."""
+    """Whether the main factor can be drawn along its own quantity: nothing that remembers, and no direction fixed in the world."""
     main = main_of(form)
-    return all(factor.lag_s is None for factor in form.factors) and main.of.directions == 1
+    remembers = any(factor.lag_s is not None or factor.through.memory for factor in form.factors)
+    return not remembers and main.of.directions == 1
 
 
 def values_of(factor: Factor, movement: Movement, component: int) -> np.ndarray:
